@@ -1,0 +1,44 @@
+"""Everything this package raises on purpose.
+
+Messages say what is wrong, with the values, and what to do.
+"""
+
+
+class PmclError(Exception):
+    """Root of the package's exceptions."""
+
+
+class SettingsError(PmclError):
+    """A parameter, a YAML file or a calibration is impossible or incomplete."""
+
+
+class CameraError(PmclError):
+    """A capture or its metadata cannot be read."""
+
+
+class LightFieldError(PmclError):
+    """A light field cannot be made from what was given."""
+
+
+class VolumeError(PmclError):
+    """A depth likelihood volume cannot be made from, or is not, what was given."""
+
+
+class ObjectModelError(PmclError):
+    """A mesh or an object description cannot be used."""
+
+
+class RenderError(PmclError):
+    """No OpenGL context, or the renderer refused its work."""
+
+
+class LocalizationError(PmclError):
+    """The pose search was asked for something impossible."""
+
+
+class MessageError(PmclError):
+    """A ROS message does not hold what its topic promises."""
+
+
+class BagError(PmclError):
+    """A bag cannot be written, or is not what was expected."""

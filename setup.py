@@ -1,0 +1,44 @@
+from itertools import groupby
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'pmcl_ros'
+ROOT = Path(__file__).parent
+
+
+def data_files():
+    """Every file of the folders that a user needs at run time, and what ament looks for."""
+    files = sorted(path.relative_to(ROOT) for folder in ('config', 'launch', 'models')
+                   for path in (ROOT / folder).rglob('*')
+                   if path.is_file() and '__pycache__' not in path.parts)
+    shared = [(f'share/{NAME}/{folder}', [str(path) for path in paths])
+              for folder, paths in groupby(files, lambda path: path.parent)]
+    return [('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+            (f'share/{NAME}', ['package.xml']), *shared]
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Plenoptic Monte Carlo Object Localization with a light-field camera',
+    license='Apache-2.0',
+    maintainer='pmcl_ros maintainers',
+    maintainer_email='maintainers@pmcl-ros.org',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=data_files(),
+    python_requires='>=3.10',
+    # What requirements.txt lists comes with apt (rosdep) or pip, whichever a machine uses; the ROS
+    # wheels must not be pulled into a machine that has /opt/ros.
+    install_requires=['setuptools'],
+    zip_safe=True,
+    entry_points={'console_scripts': [
+        'lytro_driver = pmcl_ros.nodes.lytro_driver:main',
+        'subaperture_node = pmcl_ros.nodes.subaperture_node:main',
+        'dlv_node = pmcl_ros.nodes.dlv_node:main',
+        'pmcl_node = pmcl_ros.nodes.pmcl_node:main',
+        'pmcl_bringup = pmcl_ros.nodes.bringup:main',
+        'pmcl_replay = pmcl_ros.nodes.replay:main',
+        'pmcl = pmcl_ros.cli:main',
+    ]},
+)
