@@ -1,0 +1,1 @@
+"""What can yield a RawFrame."""

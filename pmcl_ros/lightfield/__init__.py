@@ -1,0 +1,1 @@
+"""RawFrame -> LightField: lattice, calibration, view synthesis, the geometry of views."""
