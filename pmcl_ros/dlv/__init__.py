@@ -1,0 +1,1 @@
+"""LightField -> DepthLikelihoodVolume: cost volume, likelihood, truncation, edges."""

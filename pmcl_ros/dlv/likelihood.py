@@ -1,0 +1,112 @@
+"""From cost to likelihood, and its truncation to a few maxima (paper, section V.A)."""
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from pmcl_ros.kernels import LOCK, compiled
+
+_NOTHING = np.float32(1e-30)  # a sum of costs this small has no reciprocal
+
+
+def log_likelihood(cost: NDArray[np.float32]) -> NDArray[np.float32]:
+    """L(x, l) = log((max_l C - C(x, l)) / sum_l C + 1), (height, width, labels) float32.
+
+    cost: (labels, height, width) float32, not negative. The worst label of a pixel gets 0; so does
+    every label of a pixel that has no cost at all.
+    """
+    labels, height, width = cost.shape
+    likelihood = np.empty((height, width, labels), np.float32)
+    with LOCK:
+        _log_likelihood(cost, likelihood)
+    return likelihood
+
+
+def truncate(likelihood: NDArray[np.float32], maxima: int, neighbours: int) -> NDArray[np.float32]:
+    """Keep the `maxima` highest local maxima of each pixel (N_lm), set the rest to 0.
+
+    likelihood: (height, width, labels) float32. `neighbours` labels each side of a maximum are
+    kept with it (K_lm). The first and the last label may be maxima; equal neighbours are one, in
+    their middle; of equally high maxima the one at the lower label is kept first.
+    """
+    kept = np.zeros_like(likelihood)
+    with LOCK:
+        _truncate(likelihood, maxima, neighbours, kept)
+    return kept
+
+
+@compiled()
+def _log1p(x):  # type: ignore[no-untyped-def]
+    """log(1 + x) for x in [0, 1], 2 artanh(x / (2 + x)): a library's would not run on vectors."""
+    s = x / (np.float32(2) + x)
+    q = s * s
+    series = np.float32(1 / 13)
+    for n in (11, 9, 7, 5, 3, 1):
+        series = series * q + np.float32(1) / np.float32(n)
+    return (s + s) * series
+
+
+@compiled(parallel=True)
+def _log_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
+    for y in prange(cost.shape[1]):
+        _row_likelihood(cost[:, y], likelihood[y])
+
+
+@compiled()
+def _row_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
+    labels, width = cost.shape
+    most = np.zeros(width, np.float32)
+    total = np.zeros(width, np.float32)
+    for row in cost:
+        for x in range(width):
+            most[x] = row[x] if row[x] > most[x] else most[x]
+            total[x] += row[x]
+    for x in range(width):
+        total[x] = np.float32(1) / total[x] if total[x] > _NOTHING else np.float32(0)
+    rows = np.empty((labels, width), np.float32)
+    for label in range(labels):
+        row, out = cost[label], rows[label]
+        for x in range(width):
+            out[x] = _log1p((most[x] - row[x]) * total[x])
+    for x in range(width):
+        for label in range(labels):
+            likelihood[x, label] = rows[label, x]
+
+
+@compiled(parallel=True)
+def _truncate(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
+    for y in prange(len(likelihood)):
+        _truncate_row(likelihood[y], maxima, neighbours, kept[y])
+
+
+@compiled()
+def _truncate_row(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
+    labels = likelihood.shape[1]
+    places = np.empty(labels, np.int64)
+    heights = np.empty(labels, np.float32)
+    for x in range(len(likelihood)):
+        ray = likelihood[x]
+        count = _peaks(ray, places, heights)
+        for _ in range(min(maxima, count)):
+            best = np.argmax(heights[:count])
+            heights[best] = -1
+            first = max(places[best] - neighbours, 0)
+            end = min(places[best] + neighbours + 1, labels)
+            kept[x, first:end] = ray[first:end]
+
+
+@compiled()
+def _peaks(ray, places, heights):  # type: ignore[no-untyped-def]
+    """Write down the local maxima above 0; returns how many there are."""
+    labels, count, first = len(ray), 0, 0
+    while first < labels:
+        last = first
+        while last + 1 < labels and ray[last + 1] == ray[first]:
+            last += 1
+        rises = first == 0 or ray[first - 1] < ray[first]
+        falls = last == labels - 1 or ray[last + 1] < ray[last]
+        if rises and falls and ray[first] > 0:
+            places[count], heights[count] = (first + last) // 2, ray[first]
+            count += 1
+        first = last + 1
+    return count

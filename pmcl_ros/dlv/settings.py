@@ -1,0 +1,56 @@
+"""Parameters of the depth likelihood volume."""
+
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from pmcl_ros.settings import Settings
+
+
+class DlvSettings(Settings):
+    """LightField -> DepthLikelihoodVolume; the symbols are those of the paper's section V.A."""
+
+    near: float = Field(0.3, ge=0.01, le=100, description='depth of the nearest label [m]')
+    far: float = Field(0.9, ge=0.01, le=1000, description='depth of the farthest label [m]')
+    labels: int = Field(75, ge=3, le=1000,
+                        description='number of depth labels, uniform in inverse depth [labels]')
+    views: int = Field(7, ge=3, le=99,
+                       description='side of the square of inner views compared, odd [views]')
+    window: int = Field(5, ge=1, le=99,
+                        description='side of the square R_x over which costs are summed, odd [px]')
+    beta: float = Field(0.5, ge=0, le=1,
+                        description='share of the colour cost, the rest is the gradient cost [1]')
+    tau_color: float = Field(0.5, ge=0.001, le=10,
+                             description='colour distance that counts no further, tau_1 [1]')
+    tau_gradient: float = Field(
+        0.5, ge=0.001, le=10,
+        description='gradient difference that counts no further, tau_2 [1/px]')
+    color_cost: Literal['l2', 'sad'] = Field(
+        'l2', description='colour distance over RGB: l2 as in the paper, or sad, the sum of '
+        'absolute differences')
+    interpolation: Literal['phase', 'bilinear'] = Field(
+        'bilinear', description='how views are sampled between pixels: phase shifts them exactly '
+        '(the paper; many seconds); bilinear is fast, but averages noise and so favours labels of '
+        'half-pixel displacement on flat pixels')
+    truncate: bool = Field(
+        False, description='keep only the highest local maxima of each pixel, set the rest to 0')
+    maxima: int = Field(2, ge=1, le=100,
+                        description='local maxima kept when truncating, N_lm [labels]')
+    neighbours: int = Field(
+        2, ge=0, le=100,
+        description='labels kept each side of a maximum when truncating, K_lm [labels]')
+    edge_labels: int = Field(24, ge=2, le=1000,
+                             description='number of depth labels of the edge volume [labels]')
+
+    @field_validator('views', 'window')
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            raise ValueError('must be odd, to have a centre')
+        return value
+
+    @model_validator(mode='after')
+    def _ordered(self) -> 'DlvSettings':
+        if self.near >= self.far:
+            raise ValueError(f'near {self.near} m must be smaller than far {self.far} m')
+        return self

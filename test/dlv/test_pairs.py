@@ -1,0 +1,70 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dlv_fields import make_grid, noise_field
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.errors import VolumeError
+
+
+def with_weights(grid, weights):
+    return replace(grid, weights=np.asarray(weights, np.float32))
+
+
+def test_inner_views_without_the_centre():
+    grid = make_grid((9, 9))
+    pairs = StereoPairs.of(grid, 7)
+    assert len(pairs.indices) == 48
+    assert pairs.indices.min() == 1
+    assert pairs.indices.max() == 7
+    assert [4, 4] not in pairs.indices.tolist()
+
+
+def test_a_smaller_grid_is_used_whole_and_dark_views_are_left_out():
+    grid = with_weights(make_grid(), [[0, 1, 0], [0.3, 1, 1], [0, 0.01, 0]])
+    assert StereoPairs.of(grid, 7).indices.tolist() == [[0, 1], [1, 0], [1, 2], [2, 1]]
+
+
+def test_gamma_is_the_share_of_the_horizontal_offset():
+    pairs = StereoPairs.of(make_grid((5, 5)), 5)
+    gamma = dict(zip(map(tuple, pairs.indices), pairs.gamma, strict=True))
+    assert gamma[2, 4] == 1
+    assert gamma[0, 2] == 0
+    assert gamma[1, 1] == 0.5
+    assert gamma[1, 4] == pytest.approx(2 / 3)
+
+
+def test_shifts_are_those_of_the_view_grid():
+    grid = make_grid((3, 5), jitter=0.1)
+    pairs = StereoPairs.of(grid, 5)
+    point = np.array([0.02, -0.01, 0.5])
+    seen = grid.pinhole.project(point)
+    for index, shift in zip(pairs.indices, pairs.shifts(np.array([0.5, 0.7])), strict=True):
+        centre_of_light = np.append(grid.positions[tuple(index)] * grid.baseline, 0)
+        np.testing.assert_allclose(seen + shift[0], grid.pinhole.project(point - centre_of_light))
+
+
+@pytest.mark.parametrize('interpolation', ['bilinear', 'phase'])
+@pytest.mark.parametrize(('weights', 'message'), [
+    (np.zeros((3, 3)), 'centre view has weight 0'),
+    (np.diag([0, 1, 0]), 'only the centre has light'),
+])
+def test_dark_light_fields_are_refused(weights, message, interpolation):
+    field = noise_field(with_weights(make_grid(), weights))
+    with pytest.raises(VolumeError, match=message):
+        build_volume(field, DlvSettings(interpolation=interpolation))
+
+
+@pytest.mark.parametrize('interpolation', ['bilinear', 'phase'])
+def test_a_single_view_is_refused(interpolation):
+    field = noise_field(make_grid((1, 1)))
+    with pytest.raises(VolumeError, match='of 1x1 views only the centre has light'):
+        build_volume(field, DlvSettings(interpolation=interpolation))
+
+
+def test_depths_that_shift_views_out_of_the_image_are_refused():
+    with pytest.raises(VolumeError, match=r'at 0\.03 m .* 33 px.*choose a larger near'):
+        build_volume(noise_field(make_grid()), DlvSettings(near=0.03))
