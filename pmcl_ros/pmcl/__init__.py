@@ -1,0 +1,1 @@
+"""DepthLikelihoodVolume -> PoseEstimate: particles, motion, renderer, scores, the filter, the estimate."""

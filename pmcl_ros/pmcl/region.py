@@ -1,0 +1,79 @@
+"""The region of interest: a box in the camera's optical frame that holds the object's origin."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.zbuffers import Window
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box: center and size [m], camera's optical frame."""
+
+    center: tuple[float, float, float]
+    size: tuple[float, float, float]
+
+    def __post_init__(self) -> None:
+        if not np.isfinite([*self.center, *self.size]).all() or min(self.size) <= 0:
+            raise LocalizationError(f'region of interest at {self.center} m of size {self.size} m: every number must be '
+                                    'finite and every size positive')
+        if self.near <= 0.02:
+            raise LocalizationError(f'region of interest begins at {self.near:.3f} m: it must lie in front of the camera '
+                                    '(z forward)')
+
+    @property
+    def near(self) -> float:
+        """Smallest depth of the box [m]."""
+        return self.center[2] - self.size[2] / 2
+
+    @property
+    def far(self) -> float:
+        """Largest depth of the box [m]."""
+        return self.center[2] + self.size[2] / 2
+
+    def grown(self, radius: float) -> tuple[float, float]:
+        """Depths (near, far) that hold an object of this radius whose origin is in the box [m]."""
+        return max(self.near - radius, 0.2 * self.near), self.far + radius
+
+    def depths(self, step: float) -> NDArray[np.float64]:
+        """Depths over the box, a factor of about 1 + step apart, [m]."""
+        count = max(1, math.ceil(math.log(self.far / self.near) / math.log1p(step)))
+        edges = np.geomspace(self.near, self.far, count + 1)
+        return np.sqrt(edges[1:] * edges[:-1])
+
+    def footprint(self, pinhole: Pinhole, depth: float) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom pixel of the box at a depth, not cut at the image's border."""
+        x, y, _ = np.array(self.center)
+        half_x, half_y = self.size[0] / 2, self.size[1] / 2
+        corners = pinhole.project(np.array([[x - half_x, y - half_y, depth], [x + half_x, y + half_y, depth]]))
+        return corners[0, 0], corners[0, 1], corners[1, 0], corners[1, 1]
+
+    def window(self, pinhole: Pinhole, radius: float) -> Window:
+        """The part of the image that an object of this radius with its origin in the box can cover.
+
+        Raises LocalizationError when that is outside the image.
+        """
+        sides = np.array([self.footprint(pinhole, depth) for depth in (self.near, self.far)])
+        grow = radius / max(self.near - radius, 0.2 * self.near) * np.array([pinhole.fx, pinhole.fy] * 2)
+        low, high = np.floor(sides.min(axis=0) - grow), np.ceil(sides.max(axis=0) + grow)
+        left, top = max(0, int(low[0])), max(0, int(low[1]))
+        right, bottom = min(pinhole.width, int(high[2]) + 1), min(pinhole.height, int(high[3]) + 1)
+        if left >= right or top >= bottom:
+            raise LocalizationError(f'the region of interest at {self.center} m of size {self.size} m is outside the image '
+                                    f'({pinhole.width}x{pinhole.height}); it is in the camera\'s optical frame: x right, y down')
+        return Window(left, top, (right - left, bottom - top))
+
+    def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """(n,) which points (n, 3) lie in the box."""
+        reach = np.array(self.size) / 2 + 1e-9
+        return (np.abs(points - np.array(self.center)) <= reach).all(axis=-1)
+
+    def clip(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Points (n, 3), those outside the box moved onto its surface."""
+        half = np.array(self.size) / 2
+        return np.clip(points, np.array(self.center) - half, np.array(self.center) + half)

@@ -1,0 +1,46 @@
+"""Parameters of the pose search."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from pmcl_ros.settings import Settings
+
+Mode = Literal['default', 'faithful']
+_Size = Annotated[float, Field(gt=0, le=10)]
+
+
+class PmclSettings(Settings):
+    """DepthLikelihoodVolume -> PoseEstimate."""
+
+    mode: Mode = Field(
+        'default', description='default: contour evidence, proposals over the whole region, '
+        'annealed particles; faithful: the paper\'s filter on the mean likelihood')
+    object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
+    roi_center: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.55),
+        description='centre of the box that holds the object\'s origin, camera frame [m]')
+    roi_size: tuple[_Size, _Size, _Size] = Field(
+        (0.16, 0.16, 0.16), description='size of that box [m]')
+    seed: int = Field(
+        0, ge=0, le=2 ** 31 - 1,
+        description='of the random numbers: the same seed gives the same pose')
+    proposals: int = Field(
+        48, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
+    particles: int = Field(192, ge=2, le=100_000, description='default mode: particles')
+    moves: int = Field(
+        3, ge=1, le=1000,
+        description='default mode: moves of the particles in each round of the tournament')
+    least_evidence: float = Field(
+        0.7, ge=0, le=2, description='default mode: mean edge evidence along the contour (at most '
+        '2) below which the object counts as lost')
+    faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
+    faithful_iterations: int = Field(
+        500, ge=1, le=100_000, description='faithful mode: iterations at most')
+    faithful_threshold: float = Field(
+        0.01, gt=0, le=10, description='faithful mode: the search ends when the mean weight, that '
+        'is the mean likelihood, passes this')
+    faithful_sigma_translation: float = Field(
+        0.005, gt=0, le=1, description='faithful mode: of the perturbation along x, y, z [m]')
+    faithful_sigma_rotation: float = Field(
+        0.05, gt=0, le=3, description='faithful mode: of the perturbation about x, y, z [rad]')

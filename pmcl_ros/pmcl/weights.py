@@ -1,0 +1,68 @@
+"""Importance weights, in log space."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import LocalizationError
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of n particles.
+
+    log: (n,) unnormalised log weights; NaN counts as no weight at all.
+    """
+
+    log: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        clean = np.where(np.isnan(self.log), -np.inf, np.asarray(self.log, float))
+        if clean.ndim != 1 or not len(clean):
+            raise LocalizationError(f'weights must be one row of numbers, got shape {self.log.shape}')
+        if not np.isfinite(clean.max()):
+            # No particle explains anything: all are as good as each other.
+            clean = np.zeros(len(clean))
+        object.__setattr__(self, 'log', clean - clean.max())
+
+    @classmethod
+    def of(cls, values: NDArray[np.floating]) -> 'Weights':
+        """Weights proportional to non-negative values."""
+        with np.errstate(divide='ignore', invalid='ignore'):
+            return cls(np.log(np.asarray(values, float)))
+
+    @classmethod
+    def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float) -> 'Weights':
+        """exp(beta score) with the beta up to `largest` that leaves about `effective` (0..1) of the particles effective.
+
+        Annealing: the nearer the particles are to each other in score, the more the score decides.
+        """
+        low, high = 0.0, largest
+        if cls(high * scores).effective_size >= effective * len(scores):
+            return cls(high * scores)
+        for _ in range(40):
+            beta = (low + high) / 2
+            if cls(beta * scores).effective_size >= effective * len(scores):
+                low = beta
+            else:
+                high = beta
+        return cls(low * scores)
+
+    @cached_property
+    def normalised(self) -> NDArray[np.float64]:
+        """(n,), sum 1."""
+        weights = np.exp(self.log)
+        return weights / weights.sum()
+
+    @property
+    def effective_size(self) -> float:
+        """Kish's effective number of particles, 1 to n."""
+        return float(1 / (self.normalised ** 2).sum())
+
+    def resample(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+        """(count,) indices of particles drawn in proportion to their weights (systematic resampling)."""
+        ladder = np.cumsum(self.normalised)
+        positions = (rng.random() + np.arange(count)) / count
+        return np.minimum(np.searchsorted(ladder, positions), len(ladder) - 1)

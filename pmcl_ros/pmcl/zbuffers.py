@@ -1,0 +1,159 @@
+"""Z-buffers of many poses at once: one depth texture, cut into a tile for each pose (an atlas)."""
+
+import math
+from dataclasses import dataclass
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import RenderError
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.gl import GlContext
+
+_VERTEX = """
+#version 430
+in vec3 position;
+layout(std430, binding = 0) readonly buffer Poses { mat4 poses[]; };
+uniform vec4 pinhole;     // fx, fy, cx, cy of a tile [tile px]
+uniform vec2 inverse;     // 1 / near, 1 / far [1/m]
+uniform vec2 tile;        // width, height [px]
+uniform ivec2 tiles;      // columns, rows of the atlas
+out float gl_ClipDistance[4];
+void main() {
+    vec3 p = (poses[gl_InstanceID] * vec4(position, 1.0)).xyz;
+    // The tile's own clip coordinates; rows of the texture run down, as rows of the image do.
+    vec2 pixel = pinhole.xy * p.xy + (pinhole.zw + 0.5) * p.z;
+    vec2 ndc = 2.0 * pixel / tile - p.z;
+    gl_ClipDistance[0] = p.z + ndc.x;
+    gl_ClipDistance[1] = p.z - ndc.x;
+    gl_ClipDistance[2] = p.z + ndc.y;
+    gl_ClipDistance[3] = p.z - ndc.y;
+    vec2 cell = vec2(gl_InstanceID % tiles.x, gl_InstanceID / tiles.x);
+    vec2 count = vec2(tiles);
+    // Window depth runs from 0 at near to 1 at far and is affine in 1 / z.
+    float depth = (inverse.x * p.z - 1.0) / (inverse.x - inverse.y);
+    gl_Position = vec4((ndc + (2.0 * cell + 1.0 - count) * p.z) / count, 2.0 * depth - p.z, p.z);
+}
+"""
+
+
+@dataclass(frozen=True)
+class Window:
+    """The part of the image that tiles show: `size` (width, height) tile pixels of `scale` image pixels each.
+
+    left, top: image pixel of the window's corner. Tile pixel X is at image pixel left + scale X + (scale - 1) / 2.
+    """
+
+    left: int
+    top: int
+    size: tuple[int, int]
+    scale: int = 1
+
+    def pinhole(self, image: Pinhole) -> Pinhole:
+        """The camera of a tile."""
+        shift = (self.scale - 1) / 2
+        return Pinhole(self.size[0], self.size[1], image.fx / self.scale, image.fy / self.scale,
+                       (image.cx - self.left - shift) / self.scale, (image.cy - self.top - shift) / self.scale)
+
+    def coarser(self, scale: int) -> 'Window':
+        """The same part of the image in tile pixels of `scale` image pixels."""
+        width, height = (math.ceil(side * self.scale / scale) for side in self.size)
+        return Window(self.left, self.top, (width, height), scale)
+
+
+class ZBuffers:
+    """Renders batches of poses of one mesh into a depth atlas that stays on the GPU.
+
+    vertices: (n, 3) [m], faces: (m, 3) int. near, far: depths that hold every pose [m]. closed: the mesh is watertight
+    with outward faces, so that its back faces need no drawing. capacity: poses per batch at most (fewer if a texture
+    of the GL's largest size holds fewer).
+    """
+
+    def __init__(self, context: GlContext, vertices: NDArray[np.floating], faces: NDArray[np.integer], image: Pinhole,
+                 window: Window, near: float, far: float, *, closed: bool, capacity: int = 128) -> None:
+        context.check_thread()
+        if not 0 < near < far:
+            raise RenderError(f'cannot render between {near:.3f} m and {far:.3f} m: the object would be at the camera')
+        gl = context.gl
+        self.context = context
+        self.window = window
+        self.image = image
+        self.inverse = (1 / near, 1 / far)
+        width, height = window.size
+        largest = int(gl.info['GL_MAX_TEXTURE_SIZE'])
+        columns = min(math.ceil(math.sqrt(capacity)), largest // width)
+        rows = min(math.ceil(capacity / max(columns, 1)), largest // height)
+        if columns < 1 or rows < 1:
+            raise RenderError(f'a tile of {width}x{height} pixels is beyond this GL ({largest})')
+        self.tiles = (columns, rows)
+        self.capacity = columns * rows
+        tile = window.pinhole(image)
+        self._program = gl.program(vertex_shader=_VERTEX, fragment_shader='#version 430\nvoid main() {}')
+        self._program['pinhole'] = (tile.fx, tile.fy, tile.cx, tile.cy)
+        self._program['inverse'] = self.inverse
+        self._program['tile'] = (width, height)
+        self._program['tiles'] = self.tiles
+        self._poses = gl.buffer(reserve=self.capacity * 64)
+        self._vertices = gl.buffer(np.ascontiguousarray(vertices, 'f4'))
+        self._faces = gl.buffer(np.ascontiguousarray(faces, 'i4'))
+        self._mesh = gl.vertex_array(self._program, [(self._vertices, '3f', 'position')], self._faces)
+        self._closed = closed
+        self._radius = float(np.linalg.norm(vertices, axis=1).max())
+        self._boxes = gl.buffer(reserve=self.capacity * 16)
+        self.depth = gl.depth_texture((columns * width, rows * height))
+        self.depth.compare_func = ''
+        self.depth.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        self._frame = gl.framebuffer(depth_attachment=self.depth)
+
+    def draw(self, poses: NDArray[np.floating]) -> None:
+        """Draw the z-buffers of poses (n, 4, 4), object to camera; n at most `capacity`."""
+        self.context.check_thread()
+        if len(poses) > self.capacity:
+            raise RenderError(f'{len(poses)} poses in one batch, this atlas holds {self.capacity}')
+        gl = self.context.gl
+        self._poses.write(np.ascontiguousarray(np.swapaxes(poses, 1, 2), 'f4'))  # GL matrices are column-major
+        self._poses.bind_to_storage_buffer(0)
+        self._frame.use()
+        self._frame.clear(depth=1.0)
+        gl.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if self._closed else moderngl.NOTHING))
+        gl.front_face = 'cw'  # rows run down: the image is mirrored as GL sees it
+        gl.enable_direct(0x3000)  # GL_CLIP_DISTANCE0 and the three after it
+        for plane in range(1, 4):
+            gl.enable_direct(0x3000 + plane)
+        self._mesh.render(moderngl.TRIANGLES, instances=len(poses))
+        self._boxes.write(self._bounds(poses))
+
+    def bind(self, depths: int, boxes: int) -> None:
+        """Give the atlas to a shader: a texture unit for its depths, a buffer for `_bounds`."""
+        self.depth.use(depths)
+        self._boxes.bind_to_storage_buffer(boxes)
+
+    def _bounds(self, poses: NDArray[np.floating]) -> NDArray[np.int32]:
+        """(n, 4) left, top, right, bottom of what the object's bounding sphere can touch."""
+        tile = self.window.pinhole(self.image)
+        centre = tile.project(poses[:, :3, 3])
+        ahead = np.maximum(poses[:, 2, 3] - self._radius, 1e-3)
+        reach = max(tile.fx, tile.fy) * self._radius / ahead[:, None] + 2
+        box = np.concatenate([centre - reach, centre + reach], axis=1)
+        return np.clip(np.nan_to_num(box), 0, self.window.size * 2).astype(np.int32)
+
+    def read(self, count: int) -> NDArray[np.float32]:
+        """(count, height, width) the depths drawn last [m]; 0 where nothing was drawn. For tests, templates, pictures."""
+        self.context.check_thread()
+        (width, height), (columns, rows) = self.window.size, self.tiles
+        atlas = np.frombuffer(self.depth.read(alignment=1), np.float32).reshape(rows, height, columns, width)
+        depth = atlas.swapaxes(1, 2).reshape(-1, height, width)[:count].astype(np.float64)
+        near, far = self.inverse
+        return np.where(depth < 1, 1 / (near - depth * (near - far)), 0).astype(np.float32)
+
+    def __enter__(self) -> 'ZBuffers':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+    def release(self) -> None:
+        """Free what this atlas holds on the GPU."""
+        for each in (self._mesh, self._vertices, self._faces, self._poses, self._boxes, self._frame, self.depth, self._program):
+            each.release()
