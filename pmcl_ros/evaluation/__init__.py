@@ -1,0 +1,1 @@
+"""Errors against the truth, and pictures of results."""

@@ -1,0 +1,35 @@
+"""What is known about a capture: the truth.json beside it."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import SettingsError
+
+
+@dataclass(frozen=True)
+class Truth:
+    """pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
+
+    empty: the object is not there; its pose means nothing.
+    """
+
+    pose: NDArray[np.float64]
+    roi_center: tuple[float, float, float]
+    roi_size: tuple[float, float, float]
+    empty: bool
+
+    @classmethod
+    def load(cls, path: Path | str) -> 'Truth':
+        """Read a truth.json; SettingsError when it holds no pose and region."""
+        try:
+            values = json.loads(Path(path).read_text())
+            pose = np.array(values['object_to_camera'], float).reshape(4, 4)
+            center, size = (tuple(float(v) for v in values['roi'][name])
+                            for name in ('center', 'size'))
+            return cls(pose, center, size, bool(values.get('empty', False)))
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None
