@@ -1,0 +1,1 @@
+"""The only place that imports rclpy: thin lifecycle nodes over the core."""

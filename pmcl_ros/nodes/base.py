@@ -1,0 +1,228 @@
+"""What every node of the package is: a lifecycle node that outlives its users' mistakes.
+
+rclpy 7.1 leaves gaps that are closed here once: an impossible transition ends the process,
+exceptions in transitions vanish without a line, destroyed publishers stay registered, and
+subscriptions, timers and services run in every state.
+"""
+
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from std_srvs.srv import Trigger
+
+from pmcl_ros.errors import PmclError
+from pmcl_ros.nodes.health import Health
+from pmcl_ros.nodes.parameters import Parameters
+from pmcl_ros.settings import Settings
+
+# Both ends of every big topic: best effort loses messages of this size; only the newest counts.
+BIG = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# Late subscribers get the last message too.
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SMALL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class StageNode(LifecycleNode):
+    """A lifecycle node with a name, settings, a `set_up` (configure) and a `start` (activate).
+
+    Both acquire through the helpers below, or push what undoes it onto `configured` or `active`:
+    all is released in reverse order when the node leaves that state, by whichever way. A PmclError
+    means that the user can mend it: one line is logged, the transition fails, the node stays.
+    """
+
+    name: ClassVar[str]
+    settings_class: ClassVar[type[Settings]]
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(self.name, **options)
+        self.configured, self.active = ExitStack(), ExitStack()
+        self.health = Health()
+        self._described = Parameters(self, self.settings_class)
+        self._diagnostics: Publisher | None = None
+        self._guard_transitions()
+
+    def set_up(self, settings: Any) -> None:
+        """Load and check everything that `settings` name, make publishers."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Make subscriptions, timers and services."""
+        raise NotImplementedError
+
+    # for set_up
+
+    def publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
+        """A publisher for as long as the node is configured; silent while it is inactive."""
+        publisher = self.create_lifecycle_publisher(kind, topic, qos)
+        self.configured.callback(self.destroy_lifecycle_publisher, publisher)
+        return publisher
+
+    # for start
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
+                  qos: QoSProfile) -> Subscription:
+        """A subscription while the node is active; errors of `callback` are logged and counted."""
+        def received(message: Any) -> None:
+            with self.watched(topic):
+                callback(message)
+
+        subscription = self.create_subscription(kind, topic, received, qos)
+        self.active.callback(self.destroy_subscription, subscription)
+        return subscription
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """A timer while the node is active, `period` in seconds."""
+        def due() -> None:
+            with self.watched('timer'):
+                callback()
+
+        timer = self.create_timer(period, due)
+        self.active.callback(self.destroy_timer, timer)
+        return timer
+
+    def serve(self, service: str, callback: Callable[[], str]) -> None:
+        """A Trigger service while the node is active; `callback` returns what to answer."""
+        def called(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            with self.watched(service) as problems:
+                try:
+                    response.message, response.success = callback(), True
+                except PmclError as error:  # the caller's matter, not the node's health
+                    response.message = str(error)
+                    self.get_logger().warning(f'{service}: {error}')
+            response.message = problems[0] if problems else response.message
+            return response
+
+        server = self.create_service(Trigger, service, called)
+        self.active.callback(self.destroy_service, server)
+
+    @contextmanager
+    def watched(self, what: str) -> Iterator[list[str]]:
+        """Log and count what goes wrong inside; the list that is yielded then holds it."""
+        problems: list[str] = []
+        try:
+            yield problems
+        except PmclError as error:
+            problems.append(str(error))
+            self.get_logger().error(f'{what}: {error}')
+        except Exception as error:
+            problems.append(f'{type(error).__name__}: {error}')
+            self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
+        if problems:
+            self.health.failed(f'{what}: {problems[0]}')
+            self.tell_health()
+
+    def dropped(self, what: str) -> None:
+        """Count and log an input that is given up."""
+        self.health.dropped += 1
+        self.get_logger().warning(f'dropped {what}')
+
+    def tell_health(self) -> None:
+        """Publish /diagnostics now, not at the next second."""
+        if self._diagnostics is not None:
+            now = self.get_clock().now().nanoseconds
+            self._diagnostics.publish(self.health.to_message(now, self.get_name()))
+
+    # transitions
+
+    def on_configure(self, _: LifecycleState) -> Result:
+        """Read the parameters and `set_up`."""
+        return self._enter('configure', self.configured, self._configure)
+
+    def on_activate(self, state: LifecycleState) -> Result:
+        """Let publishers speak, then `start`."""
+        return self._enter('activate', self.active, lambda: self._activate(state))
+
+    def on_deactivate(self, _: LifecycleState) -> Result:
+        """Undo `start`."""
+        return self._leave('deactivate', self.active)
+
+    def on_cleanup(self, _: LifecycleState) -> Result:
+        """Undo `set_up`."""
+        return self._leave('cleanup', self.configured)
+
+    def on_shutdown(self, _: LifecycleState) -> Result:
+        """Undo whatever has been done; what fails in that is logged, and the node is final."""
+        self._leave('shutdown', self.active, self.configured)
+        return Result.SUCCESS
+
+    def on_error(self, _: LifecycleState) -> Result:
+        """Undo whatever has been done, to be configured again."""
+        self._leave('error', self.active, self.configured)
+        return Result.SUCCESS
+
+    def close(self) -> None:
+        """Release all and end the node."""
+        self._leave('close', self.active, self.configured)
+        self.destroy_node()
+
+    def _configure(self) -> None:
+        settings = self._described.read()
+        self.get_logger().info(f'configured with {settings!r}')
+        self.set_up(settings)
+
+    def _activate(self, state: LifecycleState) -> None:
+        super().on_activate(state)
+        self.active.callback(super().on_deactivate, state)
+        self.health = Health(back_end=self.health.back_end)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
+        self.active.callback(self._end_diagnostics)
+        self.every(1.0, self.tell_health)
+        self.start()
+
+    def _end_diagnostics(self) -> None:
+        publisher, self._diagnostics = self._diagnostics, None
+        self.destroy_publisher(publisher)
+
+    def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
+        try:
+            step()
+        except PmclError as error:
+            self.get_logger().error(f'cannot {transition}: {error}')
+            released = self._leave(transition, scope)
+            return Result.FAILURE if released == Result.SUCCESS else released
+        except Exception:
+            self.get_logger().error(f'cannot {transition}: unexpected error\n'
+                                    f'{traceback.format_exc()}')
+            return Result.ERROR  # on_error releases
+        return Result.SUCCESS
+
+    def _leave(self, transition: str, *scopes: ExitStack) -> Result:
+        result = Result.SUCCESS
+        for scope in scopes:
+            try:
+                scope.close()  # runs all that it holds, whatever fails
+            except Exception:
+                self.get_logger().error(f'{transition}: unexpected error\n'
+                                        f'{traceback.format_exc()}')
+                result = Result.ERROR
+        return result
+
+    def _guard_transitions(self) -> None:
+        # rclpy 7.1 (issue 1209) lets an impossible request's RCLError end the process. These two
+        # private names are all that this package uses of rclpy's inside.
+        change, machine = self._service_change_state.callback, self._state_machine
+
+        def guarded(request: ChangeState.Request,
+                    response: ChangeState.Response) -> ChangeState.Response:
+            wanted = request.transition
+            possible = {each[1]: each[0] for each in machine.available_transitions}
+            if wanted.label in possible or (not wanted.label and wanted.id in possible.values()):
+                return change(request, response)
+            self.get_logger().error(
+                f'no transition {wanted.label or wanted.id} from {machine.current_state[1]}; '
+                f'possible: {possible}')
+            response.success = False
+            return response
+
+        self._service_change_state.callback = guarded

@@ -1,0 +1,135 @@
+"""Starts the chain, in one process or one for each node, and takes it to active."""
+
+import argparse
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Protocol
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.utilities import remove_ros_args
+
+from pmcl_ros.errors import PmclError
+from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
+from pmcl_ros.nodes.running import NodeThread, pause, ros
+from pmcl_ros.nodes.table import NODES, Entry
+
+_PATIENCE = 30.0  # s: for a process to end before it is killed
+
+
+class Running(Protocol):
+    """A node that was started."""
+
+    def alive(self) -> bool:
+        """Whether it still runs."""
+
+    def stop(self) -> None:
+        """End it and wait for that."""
+
+
+class NodeProcess:
+    """A node in a process of its own, which only this one signals."""
+
+    def __init__(self, entry: Entry, ros_args: Sequence[str]) -> None:
+        # sys.executable: the pip build of ROS sets its library path for this interpreter alone
+        self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
+                                         start_new_session=True)
+
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def stop(self) -> None:
+        """Interrupt it; kill it when it does not end."""
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
+    """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
+    entries = [entry for entry in NODES if entry.name not in options.without]
+    running: dict[str, Running] = {}
+
+    def check(name: str) -> None:
+        pause(0)
+        if not running[name].alive():
+            raise LifecycleError(f'{name} has ended; its log says why')
+
+    with ExitStack() as stack:
+        for entry in reversed(entries):
+            running[entry.name] = (NodeProcess(entry, ros_args) if options.processes
+                                   else NodeThread(entry.load()()))
+            stack.callback(running[entry.name].stop)
+        if options.autostart:
+            activate(list(running), check, options.timeout)
+        while True:
+            pause(0.5)
+            for name in running:
+                check(name)
+
+
+def activate(names: Sequence[str], check: Callable[[str], None], timeout: float) -> None:
+    """Configure, then activate, one node after the other."""
+    node = Node('pmcl_bringup')
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    try:
+        lifecycle = Lifecycle(node, executor, check)
+        for transition in (CONFIGURE, ACTIVATE):
+            for name in names:
+                lifecycle.change(name, transition, timeout)
+        node.get_logger().info(f'active: {", ".join(names)}')
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _ros_args(args: Sequence[str]) -> list[str]:
+    """The parts `--ros-args ... --` of a command line, which the nodes get too."""
+    parts, inside = [], False
+    for each in args:
+        inside = inside or each == '--ros-args'
+        if inside:
+            parts.append(each)
+        inside = inside and each != '--'
+    return parts
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    given = list(sys.argv if args is None else args)
+    ros_args = _ros_args(given)
+    parser = argparse.ArgumentParser(prog='pmcl_bringup', description=__doc__)
+    parser.add_argument('--params-file', type=Path, help='parameters of the nodes, YAML')
+    parser.add_argument('--processes', action='store_true', help='one process for each node')
+    parser.add_argument('--no-autostart', dest='autostart', action='store_false',
+                        help='leave configure and activate to somebody else')
+    parser.add_argument('--without', action='append', default=[], metavar='NODE',
+                        choices=[entry.name for entry in NODES], help='do not start this node')
+    parser.add_argument('--timeout', type=float, default=120.0,
+                        help='for one transition of one node [s]')
+    options = parser.parse_args(remove_ros_args(given)[1:])
+    if options.params_file is not None:
+        if not options.params_file.is_file():
+            parser.error(f'there is no {options.params_file}')
+        # first: what the command line says goes over what the file says
+        ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
+    try:
+        with ros([given[0], *ros_args]):
+            bring_up(options, ros_args)
+    except PmclError as error:
+        sys.stderr.write(f'pmcl_bringup: {error}\n')
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

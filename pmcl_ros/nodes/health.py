@@ -1,0 +1,54 @@
+"""What a node says of itself on /diagnostics."""
+
+from dataclasses import dataclass, field
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+from pmcl_ros.conversions import diagnostics_to_message
+
+
+@dataclass
+class Health:
+    """Counts and the state of the last piece of work of one node, since it was activated.
+
+    back_end: what the work runs on, a renderer or a device. hardware_id: the camera's serial
+    number. extra: what else a node has to tell.
+    """
+
+    frames_in: int = 0
+    frames_out: int = 0
+    dropped: int = 0
+    errors: int = 0
+    last_error: str = ''
+    latency_ms: float = 0
+    back_end: str = ''
+    hardware_id: str = ''
+    level: bytes = DiagnosticStatus.OK
+    message: str = 'active'
+    extra: dict[str, object] = field(default_factory=dict)
+
+    def done(self, latency: float, message: str = 'active') -> None:
+        """A result was published `latency` seconds after its input had come."""
+        self.frames_out += 1
+        self.latency_ms = 1000 * latency
+        self.level, self.message = DiagnosticStatus.OK, message
+
+    def warn(self, message: str) -> None:
+        """The input was good, the result is not: say so until the next result."""
+        self.level, self.message = DiagnosticStatus.WARN, message
+
+    def failed(self, message: str) -> None:
+        """An input could not be used: say so until the next result."""
+        self.errors += 1
+        self.last_error = message
+        self.level, self.message = DiagnosticStatus.ERROR, message
+
+    def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
+        """All of it, as /diagnostics wants it."""
+        status = DiagnosticStatus(level=self.level, name=name, message=self.message,
+                                  hardware_id=self.hardware_id)
+        return diagnostics_to_message(stamp_ns, status, {
+            'frames in': self.frames_in, 'frames out': self.frames_out, 'dropped': self.dropped,
+            'errors': self.errors, 'last error': self.last_error,
+            'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
+            **self.extra})

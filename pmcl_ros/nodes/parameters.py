@@ -1,0 +1,108 @@
+"""ROS parameters declared from, and read back into, a Settings class."""
+
+import sys
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.settings import Settings
+
+_TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
+
+
+class Parameters:
+    """The parameters of a node: names, defaults, ranges and descriptions are those of `kind`.
+
+    A value that ROS refuses when the node starts does not end the node: `read` tells about it,
+    until a good one has been set.
+    """
+
+    def __init__(self, node: Node, kind: type[Settings]) -> None:
+        self._node, self._kind = node, kind
+        self._refused: dict[str, str] = {}
+        for name, field in kind.model_fields.items():
+            self._declare(name, field)
+        node.add_post_set_parameters_callback(self._accepted)
+
+    def read(self) -> Settings:
+        """The parameters as they are now; SettingsError names every impossible or missing one."""
+        if self._refused:
+            raise SettingsError('; '.join(self._refused.values()))
+        values = {}
+        for name in self._kind.model_fields:
+            try:
+                value = self._node.get_parameter(name).value
+            except ParameterUninitializedException:
+                continue  # the settings know whether it may be missing
+            values[name] = value if isinstance(value, (bool, int, float, str)) else tuple(value)
+        return self._kind.make(values, f'parameters of {self._node.get_name()}')
+
+    def _declare(self, name: str, field: FieldInfo) -> None:
+        kind = ros_type(field)
+        descriptor = ParameterDescriptor(description=field.description or '',
+                                         additional_constraints='read at the next configure')
+        if kind == Parameter.Type.DOUBLE:
+            descriptor.floating_point_range = _range(field, FloatingPointRange, float,
+                                                     -sys.float_info.max, sys.float_info.max)
+        elif kind == Parameter.Type.INTEGER:
+            descriptor.integer_range = _range(field, IntegerRange, int, -2**63, 2**63 - 1)
+        default = kind if field.is_required() or field.default is None else ros_value(field)
+        try:
+            self._node.declare_parameter(name, default, descriptor)
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            self._refused[name] = _reason(name, kind, error)
+        if name in self._refused:
+            self._node.declare_parameter(name, default, descriptor, ignore_override=True)
+
+    def _accepted(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            self._refused.pop(parameter.name, None)
+
+
+def ros_type(field: FieldInfo) -> Parameter.Type:
+    """The ROS type of a settings field: scalars, choices among them, tuples of them, or None."""
+    annotation = field.annotation
+    choices = [each for each in get_args(annotation) if each is not NoneType]
+    if NoneType in get_args(annotation) and len(choices) == 1:
+        annotation, choices = choices[0], list(get_args(choices[0]))
+    if get_origin(annotation) is Literal:
+        return Parameter.Type[_TYPES[type(choices[0])]]
+    if get_origin(annotation) is tuple:
+        item = getattr(choices[0], '__origin__', choices[0])  # Annotated[float, ...] is a float
+        return Parameter.Type[f'{_TYPES[item]}_ARRAY']
+    return Parameter.Type[_TYPES[annotation]]
+
+
+def ros_value(field: FieldInfo) -> Any:
+    """The default of a settings field as ROS takes it."""
+    if ros_type(field) == Parameter.Type.DOUBLE:
+        return float(field.default)
+    return list(field.default) if isinstance(field.default, tuple) else field.default
+
+
+def _range(field: FieldInfo, kind: type, number: type, low: float, high: float) -> list[Any]:
+    bounds = {type(each): each for each in field.metadata}
+    if not bounds.keys() & {Ge, Gt, Le, Lt}:
+        return []
+    # ROS knows no open ends: the settings refuse the end itself when the node is configured
+    low = bounds[Ge].ge if Ge in bounds else bounds[Gt].gt if Gt in bounds else low
+    high = bounds[Le].le if Le in bounds else bounds[Lt].lt if Lt in bounds else high
+    return [kind(from_value=number(low), to_value=number(high), step=number(0))]
+
+
+def _reason(name: str, kind: Parameter.Type, error: Exception) -> str:
+    reason = f'parameter {name!r}: {str(error).removesuffix(f": {name}")}'
+    if isinstance(error, InvalidParameterTypeException) and kind.name.startswith('DOUBLE'):
+        return f'{reason}; ROS takes no integer where a double is expected: write 1.0, not 1'
+    return reason

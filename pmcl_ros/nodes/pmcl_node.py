@@ -1,0 +1,182 @@
+"""DepthLikelihoodVolume -> PoseEstimate: looks for one object in each volume."""
+
+import sys
+import time
+from functools import partial
+
+import numpy as np
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from sensor_msgs.msg import Image
+from std_msgs.msg import Float32MultiArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pmcl_ros import conversions
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.evaluation.pictures import overlay
+from pmcl_ros.nodes.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.matching import Matching
+from pmcl_ros.nodes.resources import resolve
+from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.worker import Worker
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+
+_PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
+_PICTURES = 4  # centre pictures kept for the overlay
+
+
+class PmclNode(StageNode):
+    """Publishes the pose of the object in each capture once, or says that it is lost.
+
+    A search takes seconds: it runs on a thread of its own, which owns the GL context, so that the
+    node answers meanwhile. One volume may wait, the newest.
+    """
+
+    name = 'pmcl_node'
+    settings_class = PmclSettings
+
+    def set_up(self, settings: PmclSettings) -> None:
+        """Load the object and get a GL context."""
+        self._settings = settings
+        self._model = ObjectModel.load(resolve(settings.object, 'object'))
+        self._worker = Worker(partial(Localizer, self._model, settings))
+        self.configured.callback(self._worker.close)
+        self.health.back_end = self._worker.owned.renderer
+        self.get_logger().info(f'looks for {self._model.name} with {self.health.back_end}')
+        self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
+                       self.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL),
+                       self.publisher(PoseArray, 'particles', SMALL)]
+        self._markers = self.publisher(MarkerArray, 'markers', SMALL)
+        self._overlay = self.publisher(Image, 'overlay', SMALL)
+        self._marker: Marker | None = None  # made when somebody wants it
+
+    def start(self) -> None:
+        """Listen."""
+        self._forget()
+        self._worker.resume()
+        self.active.callback(self._take_markers_away)
+        self.active.callback(self._worker.stop)
+        self.subscribe(Image, 'center/image', self._on_picture, SMALL)
+        if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
+            self._edges = self.subscribe(Float32MultiArray, 'dlv/edges', self._on_edges, BIG)
+            self.every(1.0, self._wait_no_longer)
+        self.subscribe(Float32MultiArray, 'dlv', self._on_volume, BIG)
+        self.serve('~/localize', self._again)
+        self.serve('~/reset', self._reset)
+
+    def _forget(self) -> None:
+        self._random = np.random.default_rng(self._settings.seed)
+        self._last: DepthLikelihoodVolume | None = None
+        self._pictures: dict[int, Image] = {}
+        self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
+        self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
+
+    # in
+
+    def _on_picture(self, message: Image) -> None:
+        conversions.picture_from(message)
+        self._pictures[conversions.header_from(message.header).stamp_ns] = message
+        while len(self._pictures) > _PICTURES:
+            del self._pictures[next(iter(self._pictures))]
+
+    def _on_volume(self, message: Float32MultiArray) -> None:
+        self.health.frames_in += 1
+        volume = conversions.volume_from(message)
+        if self._settings.mode == 'faithful':
+            self._search(volume)
+        elif self._edges.get_publisher_count():
+            self._held = time.monotonic(), volume
+            self._join('dlv', volume)
+        else:
+            self._search_alone(volume, 'nobody publishes dlv/edges')
+
+    def _on_edges(self, message: Float32MultiArray) -> None:
+        self._join('dlv/edges', conversions.edges_from(message))
+
+    def _join(self, topic: str, part: DepthLikelihoodVolume | EdgeVolume) -> None:
+        complete = self._matching.add(topic, part.header.stamp_ns, part)
+        if complete:
+            self._held = None
+            self._search(conversions.with_edges(*complete))
+
+    def _wait_no_longer(self) -> None:
+        if self._held is not None and time.monotonic() - self._held[0] > _PATIENCE:
+            volume = self._held[1]
+            self._held = None
+            self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
+            self._search_alone(volume, 'its dlv/edges do not come')
+
+    def _search_alone(self, volume: DepthLikelihoodVolume, why: str) -> None:
+        self.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
+        self._search(volume)
+
+    def _again(self) -> str:
+        if self._last is None:
+            raise LocalizationError('no volume has come since the node was activated or reset')
+        self._search(self._last)
+        return f'searching in capture {self._last.header.stamp_ns} again'
+
+    def _reset(self) -> str:
+        self._worker.stop()
+        self._forget()
+        self._worker.resume()
+        return f'the next volume is searched as the first, with seed {self._settings.seed}'
+
+    # on the worker's thread
+
+    def _search(self, volume: DepthLikelihoodVolume) -> None:
+        self._last = volume
+        replaced = self._worker.offer(partial(self._localize, volume, time.monotonic()))
+        if replaced is not None:
+            self.dropped(f'capture {replaced.args[0].header.stamp_ns}: a newer one came before '
+                         'it was searched')
+
+    def _localize(self, volume: DepthLikelihoodVolume, began: float, localizer: Localizer) -> None:
+        with self.watched('search'):
+            estimate = localizer.localize(volume, self._random,
+                                          lambda _: not self._worker.stopping)
+            if not self._worker.stopping:
+                self._publish(estimate, volume, time.monotonic() - began)
+
+    # out
+
+    def _publish(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume,
+                 latency: float) -> None:
+        name, stamp = self._model.name, estimate.header.stamp_ns
+        self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
+        if estimate.lost:
+            self.health.warn(f'lost: no {name} in capture {stamp}')
+            self.get_logger().warning(self.health.message)
+        else:
+            messages = conversions.estimate_to_messages(estimate)
+            for publisher, message in zip(self._poses, messages, strict=True):
+                publisher.publish(message)
+            self._publish_overlay(estimate, volume)
+            self.health.done(latency, f'found {name} in capture {stamp}')
+        if self._markers.get_subscription_count():
+            self._marker = self._marker or conversions.mesh_to_marker(self._model)
+            self._markers.publish(conversions.place_marker(self._marker, estimate))
+        self.tell_health()
+
+    def _publish_overlay(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume) -> None:
+        message = self._pictures.get(estimate.header.stamp_ns)
+        if message is not None and self._overlay.get_subscription_count():
+            picture = overlay(conversions.picture_from(message), volume.pinhole, self._model,
+                              estimate.pose)
+            self._overlay.publish(conversions.picture_to_message(estimate.header, picture))
+
+    def _take_markers_away(self) -> None:
+        if self.context.ok():  # else ROS has been shut down around the node
+            self._markers.publish(conversions.no_markers())
+
+
+def main() -> int:
+    """Entry point."""
+    return run(PmclNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,106 @@
+"""What runs nodes: ROS for as long as a program needs it, and a thread for each node.
+
+rclpy's own signal handlers take ROS away while callbacks are at work, and crash where several
+executors run. Here signals are blocked in all threads and asked for instead: nodes finish what
+they do, and are closed while ROS is still there.
+"""
+
+import logging
+import signal
+import threading
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+
+from pmcl_ros.nodes.base import StageNode
+
+_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+
+
+class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
+    """SIGINT or SIGTERM came."""
+
+
+@contextmanager
+def ros(args: list[str] | None = None) -> Iterator[None]:
+    """ROS while it lasts; an Interrupted from inside ends it without a trace."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # inherited by every thread made from now
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    core, handler = logging.getLogger('pmcl_ros'), RosLog()
+    core.addHandler(handler)
+    core.setLevel(logging.INFO)
+    try:
+        yield
+    except Interrupted:
+        pass
+    finally:
+        core.removeHandler(handler)
+        rclpy.shutdown()
+
+
+def pause(seconds: float) -> None:
+    """Let `seconds` pass; Interrupted when SIGINT or SIGTERM comes, or has come."""
+    if signal.sigtimedwait(_SIGNALS, max(seconds, 0)) is not None:
+        raise Interrupted
+
+
+class NodeThread:
+    """A node of this process, with a thread and an executor of its own."""
+
+    def __init__(self, node: StageNode) -> None:
+        self._node = node
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+        self._stopping = False
+        self._thread = threading.Thread(target=self._spin, name=node.get_name())
+        self._thread.start()
+
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """End the thread once its callback is done, then the node."""
+        self._stopping = True  # not shutdown(), which crashes when another thread spins
+        self._executor.create_task(lambda: None)  # wakes it
+        self._thread.join()
+        self._executor.shutdown()
+        self._node.close()
+
+    def _spin(self) -> None:
+        try:
+            while not self._stopping:
+                self._executor.spin_once()
+        except Exception:
+            self._node.get_logger().fatal(f'unexpected error\n{traceback.format_exc()}')
+
+
+def run(node_class: type[StageNode]) -> int:
+    """Main function of a node's executable."""
+    with ros():
+        node = NodeThread(node_class())
+        try:
+            while node.alive():
+                pause(0.5)
+        finally:
+            node.stop()
+        return 1
+    return 0
+
+
+class RosLog(logging.Handler):
+    """Passes what the core logs on to ROS."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log `record` under its module's name; rclpy wants one line of code per severity."""
+        logger = rclpy.logging.get_logger(record.name)
+        if record.levelno >= logging.ERROR:
+            logger.error(self.format(record))
+        elif record.levelno >= logging.WARNING:
+            logger.warning(self.format(record))
+        else:
+            logger.info(self.format(record))

@@ -1,0 +1,93 @@
+"""RawFrame -> LightField: decodes raw pictures into rectified views."""
+
+import sys
+import time
+
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import String
+
+from pmcl_ros import conversions
+from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.settings import DecodeSettings
+from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
+from pmcl_ros.nodes.resources import resolve
+from pmcl_ros.nodes.running import run
+
+
+class SubapertureNode(StageNode):
+    """Decodes each `image_raw` with the `metadata` that came last before it, or first after it."""
+
+    name = 'subaperture_node'
+    settings_class = DecodeSettings
+
+    def set_up(self, settings: DecodeSettings) -> None:
+        """Load calibration and white image."""
+        calibration = Calibration.load(resolve(settings.calibration, 'calibration'))
+        white = read_raw_frame(resolve(settings.white, 'white'))
+        self._decoder = Decoder(calibration, white)
+        # in the order of LightFieldMessages: the small ones first, so that `views` completes them
+        self._views = [self.publisher(CameraInfo, 'views/camera_info', SMALL),
+                       self.publisher(Image, 'views/pupil', SMALL),
+                       self.publisher(Image, 'views', BIG)]
+        self._centre = [self.publisher(CameraInfo, 'center/camera_info', SMALL),
+                        self.publisher(Image, 'center/image', SMALL)]
+        self._views_buffer, self._picture_buffer = conversions.Buffer(), conversions.Buffer()
+
+    def start(self) -> None:
+        """Listen; the metadata first, as they are taken in this order."""
+        self._metadata: CameraMetadata | None = None
+        self._waiting: Image | None = None
+        self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
+        self.subscribe(Image, 'image_raw', self._on_image, BIG)
+
+    def _on_metadata(self, message: String) -> None:
+        self._metadata = conversions.metadata_from(message)
+        image, self._waiting = self._waiting, None
+        if image is not None:
+            self._decode(image, self._metadata)
+
+    def _on_image(self, image: Image) -> None:
+        self.health.frames_in += 1
+        conversions.counts_from(image)
+        if self._metadata is not None:
+            self._decode(image, self._metadata)
+            return
+        if self._waiting is not None:
+            self.dropped('an image: a newer one came before any metadata')
+        self._waiting = image
+        self.health.warn('an image waits for metadata')
+
+    def _decode(self, image: Image, metadata: CameraMetadata) -> None:
+        began = time.monotonic()
+        if not any(each.get_subscription_count() for each in (*self._views, *self._centre)):
+            self.dropped('an image: nobody listens to views or center')
+            return
+        light_field = self._decoder.decode(conversions.raw_frame_from(image, metadata))
+        self._publish_centre(light_field)
+        if any(each.get_subscription_count() for each in self._views):
+            messages = conversions.light_field_to_messages(light_field, self._views_buffer)
+            for publisher, message in zip(self._views, messages, strict=True):
+                publisher.publish(message)
+        self.health.done(time.monotonic() - began)
+
+    def _publish_centre(self, light_field: LightField) -> None:
+        header, pinhole = light_field.header, light_field.grid.pinhole
+        info, picture = self._centre
+        if info.get_subscription_count():
+            info.publish(conversions.pinhole_to_message(header, pinhole))
+        if picture.get_subscription_count():
+            picture.publish(conversions.picture_to_message(header, light_field.picture(),
+                                                           self._picture_buffer))
+
+
+def main() -> int:
+    """Entry point."""
+    return run(SubapertureNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,73 @@
+"""One thread that makes, uses and closes a thing that no other thread may touch."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Generic, Protocol, TypeVar
+
+
+class Closeable(Protocol):
+    """What can be closed."""
+
+    def close(self) -> None:
+        """Release all."""
+
+
+T = TypeVar('T', bound=Closeable)
+Job = Callable[[T], None]
+
+
+class Worker(Generic[T]):
+    """Runs jobs on the thing that `make` returns; one job may wait, a newer one takes its place.
+
+    A job should end early when `stopping` is true. Raises what `make` raises.
+    """
+
+    def __init__(self, make: Callable[[], T]) -> None:
+        self.stopping = True
+        self._lock = threading.Lock()
+        self._waiting: Job | None = None
+        self._running: Future | None = None
+        self._pool = ThreadPoolExecutor(1)  # never replaces its thread
+        try:
+            self.owned = self._pool.submit(make).result()
+        except BaseException:
+            self._pool.shutdown()
+            raise
+
+    def resume(self) -> None:
+        """Take jobs."""
+        self.stopping = False
+
+    def offer(self, job: Job) -> Job | None:
+        """Run `job` after the one that is running; the one that waited, if any, never runs."""
+        with self._lock:
+            replaced, self._waiting = self._waiting, job
+            if self._running is None:
+                self._running = self._pool.submit(self._run)
+        return replaced
+
+    def stop(self) -> None:
+        """Forget the job that waits, end the one that runs, and return when it has ended."""
+        with self._lock:
+            self.stopping, self._waiting = True, None
+            running = self._running
+        if running is not None:
+            wait([running])
+
+    def close(self) -> None:
+        """Stop, and close the thing on its own thread."""
+        self.stop()
+        try:
+            self._pool.submit(self.owned.close).result()
+        finally:
+            self._pool.shutdown()
+
+    def _run(self) -> None:
+        while True:
+            with self._lock:
+                job, self._waiting = self._waiting, None
+                if job is None:
+                    self._running = None
+                    return
+            job(self.owned)

@@ -1,0 +1,60 @@
+"""The user that talks to nodes, and captures at every stage of the chain."""
+
+import json
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from harness import ROOT, User
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField
+
+CAMERA = ROOT / 'config' / 'cameras'
+
+
+@pytest.fixture
+def user():
+    user = User()
+    yield user
+    user.close()
+
+
+@pytest.fixture(scope='session')
+def truth():
+    """A function name -> what is true of the capture in bags/NAME."""
+    return lambda name: json.loads((ROOT / 'bags' / name / 'truth.json').read_text())
+
+
+@pytest.fixture(scope='session')
+def parameters(truth):
+    """Parameters with which each node can be configured: those of bags/wine_glass."""
+    region = truth('wine_glass')['roi']
+    return {
+        'lytro_driver': {'source': f'{CAMERA}/demo_white.RAW.xz'},
+        'subaperture_node': {'calibration': f'{CAMERA}/demo.yaml',
+                             'white': f'{CAMERA}/demo_white.RAW.xz'},
+        'dlv_node': {'labels': 16, 'edge_labels': 8},
+        'pmcl_node': {'object': f'{ROOT}/models/wine_glass.obj',
+                      'roi_center': region['center'], 'roi_size': region['size']},
+    }
+
+
+@pytest.fixture(scope='session')
+def small_light_field():
+    """Noise seen by nine views: what a node can be done with at once."""
+    pinhole = Pinhole(48, 40, 140.0, 140.0, 23.5, 19.5)
+    grid = ViewGrid(pinhole, 0.00074, nominal_positions(3, 3), np.ones((3, 3), np.float32))
+    views = np.random.default_rng(5).random((3, 3, 40, 48, 3), np.float32)
+    return LightField(Header(1_700_000_000_000_000_001), views, grid)
+
+
+@pytest.fixture(scope='session')
+def small_volume(small_light_field):
+    """Its volume, with edges."""
+    return build_volume(small_light_field, DlvSettings(labels=16, edge_labels=8, views=3))

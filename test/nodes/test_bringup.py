@@ -1,0 +1,97 @@
+"""The chain comes up and goes down as a whole, and says which node is in the way."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+import yaml
+from harness import ACTIVE, CONFIGURE, UNCONFIGURED, Process
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from pmcl_ros.nodes.base import BIG, LATCHED
+
+NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
+BRINGUP = 'pmcl_ros.nodes.bringup'
+
+
+@pytest.fixture
+def write(tmp_path, parameters):
+    """A function changes -> a parameter file, for nodes in any namespace."""
+    def write(changes=None):
+        file = tmp_path / 'parameters.yaml'
+        file.write_text(yaml.safe_dump({
+            f'/**/{node}': {'ros__parameters': values | (changes or {}).get(node, {})}
+            for node, values in parameters.items()}))
+        return file
+    return write
+
+
+def ends(process, status):
+    assert process.popen.wait(90) == status, process.log
+
+
+@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
+def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, how):
+    with Process(tmp_path, BRINGUP, '--params-file', write(), *how) as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        assert 'active: pmcl_node, dlv_node, subaperture_node, lytro_driver' in chain.log
+        assert [user.state(node) for node in NODES] == [ACTIVE] * 4
+        images = user.listen(Image, 'image_raw', BIG)
+        texts = user.listen(String, 'metadata', LATCHED)
+        capture = user.call(Trigger, '/lytro_driver/capture', Trigger.Request())
+        assert capture.success, capture.message
+        user.wait(lambda: images and texts, 'a picture')
+        chain.popen.send_signal(signal.SIGTERM)
+        ends(chain, 0)
+        assert 'Traceback' not in chain.log
+    user.wait(lambda: not set(NODES) & set(user.node.get_node_names()), 'the nodes to go')
+
+
+@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
+def test_the_node_that_fails_is_named(tmp_path, write, how):
+    file = write({'dlv_node': {'near': 2.0}})
+    chain = Process(tmp_path, BRINGUP, '--params-file', file, *how)
+    ends(chain, 1)
+    assert 'pmcl_bringup: dlv_node could not configure' in chain.log
+    assert 'near 2.0 m must be smaller than far' in chain.log
+
+
+def test_a_node_process_that_ends_ends_the_chain(tmp_path, user, write):
+    chain = Process(tmp_path, BRINGUP, '--params-file', write(), '--processes', '--without',
+                    'pmcl_node', '--without', 'subaperture_node', '--without', 'lytro_driver')
+    user.wait(lambda: 'active: dlv_node' in chain.log, 'the chain')
+    pid = chain.popen.pid
+    child, = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    os.kill(int(child), signal.SIGKILL)
+    ends(chain, 1)
+    assert 'pmcl_bringup: dlv_node has ended' in chain.log
+
+
+def test_without_autostart_nodes_wait_for_their_manager(tmp_path, user, write):
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--no-autostart', '--without',
+                 'subaperture_node', '--without', 'pmcl_node', '--without',
+                 'lytro_driver') as chain:
+        assert user.state('dlv_node') == UNCONFIGURED
+        assert user.change('dlv_node', CONFIGURE)
+        assert chain.alive()
+
+
+def test_nodes_live_in_a_namespace(tmp_path, user, write):
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--without', 'subaperture_node',
+                 '--without', 'pmcl_node', '--ros-args', '-r', '__ns:=/left') as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        assert user.state('left/dlv_node') == ACTIVE
+        user.listen(Image, '/left/image_raw', BIG)
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    (['--params-file', '/nowhere.yaml'], 'there is no /nowhere.yaml'),
+    (['--without', 'nobody'], 'invalid choice'),
+])
+def test_what_makes_no_sense_is_refused(tmp_path, arguments, reason):
+    chain = Process(tmp_path, BRINGUP, *arguments)
+    ends(chain, 2)
+    assert reason in chain.log

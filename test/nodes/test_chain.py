@@ -1,0 +1,165 @@
+"""The chain on real captures: each node on its own from a bag of its input, and all together."""
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from harness import ACTIVATE, CONFIGURE, ROOT, Process
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Float32MultiArray
+
+from pmcl_ros import bags
+from pmcl_ros import conversions as cv
+from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.nodes.base import BIG, SMALL
+
+CAMERA = ROOT / 'config' / 'cameras'
+WINE_GLASS = ROOT / 'bags' / 'wine_glass'
+
+
+def stamp_of(bag):
+    return next(bags.read(bag)).time_ns
+
+
+@pytest.fixture(scope='module')
+def light_field():
+    """What the core, without ROS, decodes from bags/wine_glass."""
+    from rclpy.serialization import deserialize_message
+    from std_msgs.msg import String
+    text, image = bags.read(WINE_GLASS)
+    image = deserialize_message(image.cdr, Image)
+    metadata = CameraMetadata.parse(deserialize_message(text.cdr, String).data)
+    frame = RawFrame(cv.header_from(image.header), cv.counts_from(image), metadata)
+    decoder = Decoder(Calibration.load(CAMERA / 'demo.yaml'),
+                      read_raw_frame(CAMERA / 'demo_white.RAW.xz'))
+    return decoder.decode(frame)
+
+
+@pytest.fixture(scope='module')
+def volume(light_field):
+    return build_volume(light_field, DlvSettings())
+
+
+@pytest.fixture
+def bag(tmp_path):
+    """A function {topic: message} -> a new bag of them."""
+    def bag(messages):
+        folder = tmp_path / 'bag'
+        bags.record(folder, [
+            bags.Recorded(topic, f'{type(message).__module__.split(".")[0]}/msg/'
+                          f'{type(message).__name__}', 7, serialize_message(message))
+            for topic, message in messages.items()], compress=False)
+        return folder
+    return bag
+
+
+def play(tmp_path, bag):
+    """The real player, as a process that ends by itself."""
+    return Process(tmp_path, 'pmcl_ros.nodes.replay', bag)
+
+
+def error_of(pose, truth):
+    """Distance [m] and angle between the axes of symmetry [degrees]."""
+    expected = np.array(truth['object_to_camera'])
+    angle = np.degrees(np.arccos(np.clip(pose[:3, 2] @ expected[:3, 2], -1, 1)))
+    return np.linalg.norm(pose[:3, 3] - expected[:3, 3]), angle
+
+
+def test_subaperture_node_decodes_a_bag_as_the_core_does(tmp_path, user, parameters, light_field):
+    name = 'subaperture_node'
+    with Process(tmp_path, f'pmcl_ros.nodes.{name}', params=parameters[name]):
+        assert all(user.change(name, CONFIGURE, ACTIVATE))
+        parts = [user.listen(CameraInfo, 'views/camera_info', SMALL),
+                 user.listen(Image, 'views/pupil', SMALL), user.listen(Image, 'views', BIG)]
+        pictures = user.listen(Image, 'center/image', SMALL)
+        infos = user.listen(CameraInfo, 'center/camera_info', SMALL)
+        with play(tmp_path, WINE_GLASS):
+            user.wait(lambda: all((*parts, pictures, infos)), 'a light field')
+        found = cv.light_field_from(*(messages[0] for messages in parts))
+    assert found.header == light_field.header
+    assert found.header.stamp_ns == stamp_of(WINE_GLASS)
+    assert found.grid.shape == (9, 9)
+    assert found.grid.pinhole == light_field.grid.pinhole == cv.pinhole_from(infos[0])
+    np.testing.assert_array_equal(found.grid.weights, light_field.grid.weights)
+    expected = np.clip(light_field.views, 0, 65535 / cv.VIEW_WHITE)
+    np.testing.assert_allclose(found.views, expected, atol=1 / cv.VIEW_WHITE)
+    np.testing.assert_array_equal(cv.picture_from(pictures[0]), light_field.picture())
+
+
+def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field, volume, bag):
+    info, pupil, views = cv.light_field_to_messages(light_field)
+    recorded = bag({'/views/camera_info': info, '/views/pupil': pupil, '/views': views})
+    with Process(tmp_path, 'pmcl_ros.nodes.dlv_node'):
+        assert all(user.change('dlv_node', CONFIGURE, ACTIVATE))
+        volumes = user.listen(Float32MultiArray, 'dlv', BIG)
+        edges = user.listen(Float32MultiArray, 'dlv/edges', BIG)
+        depths = user.listen(Image, 'dlv/depth', SMALL)
+        with play(tmp_path, recorded):
+            user.wait(lambda: volumes and edges and depths, 'a volume')
+        found = cv.with_edges(cv.volume_from(volumes[0]), cv.edges_from(edges[0]))
+    assert found.header == volume.header
+    assert found.pinhole == volume.pinhole
+    np.testing.assert_array_equal(found.depths, volume.depths)
+    # views travel with 15 bits below white: the likeliest labels are hardly touched by that
+    same = found.likelihood.argmax(axis=2) == volume.likelihood.argmax(axis=2)
+    assert same.mean() > 0.97
+    np.testing.assert_allclose(cv.depth_from(depths[0]), found.depth_map())
+
+
+@pytest.mark.parametrize('alone', [False, True], ids=['with edges', 'dlv alone'])
+def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, volume, bag, alone):
+    messages = {'/dlv': cv.volume_to_message(volume)}
+    if not alone:
+        messages['/dlv/edges'] = cv.edges_to_message(volume.edges)
+    recorded = bag(messages)
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=parameters['pmcl_node']) as node:
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE))
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        spreads = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
+        particles = user.listen(PoseArray, 'particles', SMALL)
+        with play(tmp_path, recorded):
+            user.wait(lambda: poses and spreads and particles, 'a pose')
+        assert ('localizes from dlv alone' in node.log) == alone
+        header, pose = cv.pose_from(poses[0])
+    assert header == volume.header
+    distance, angle = error_of(pose, truth('wine_glass'))
+    assert distance < 0.02
+    assert angle < 10 or alone
+    _, again, covariance = cv.pose_with_covariance_from(spreads[0])
+    np.testing.assert_array_equal(again, pose)
+    assert (np.diag(covariance) > 0).all()
+    assert len(cv.particles_from(particles[0])[1]) > 10
+
+
+@pytest.mark.parametrize(('name', 'arguments'), [('wine_glass', []), ('shaker', ['--processes'])])
+def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, parameters, truth, name,
+                                                   arguments):
+    region = truth(name)['roi']
+    values = parameters | {'dlv_node': {}, 'pmcl_node': {
+        'object': f'{ROOT}/models/{name}.obj', 'roi_center': region['center'],
+        'roi_size': region['size']}}
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(yaml.safe_dump(
+        {node: {'ros__parameters': each} for node, each in values.items() if each}))
+    with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', file,
+                 '--without', 'lytro_driver', *arguments, checked=False) as chain:
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        overlays = user.listen(Image, 'overlay', SMALL)
+        with play(tmp_path, ROOT / 'bags' / name):
+            user.wait(lambda: (poses and overlays) or not chain.alive(), 'a pose')
+        assert chain.alive(), chain.log
+        header, pose = cv.pose_from(poses[0])
+    assert header.stamp_ns == stamp_of(ROOT / 'bags' / name)
+    assert header.frame_id == 'lytro_optical_frame'
+    distance, _ = error_of(pose, truth(name))
+    assert distance < 0.02
+    assert cv.header_from(overlays[0].header) == header
+    assert len(poses) == len(overlays) == 1
+    assert 'Traceback' not in chain.log

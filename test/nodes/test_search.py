@@ -1,0 +1,118 @@
+"""pmcl_node answers while it searches, and ends a search when it is told to."""
+
+from dataclasses import replace
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from harness import (
+    ACTIVATE,
+    CLEANUP,
+    CONFIGURE,
+    DEACTIVATE,
+    INACTIVE,
+    UNCONFIGURED,
+    Process,
+)
+from std_msgs.msg import Float32MultiArray
+from std_srvs.srv import Trigger
+
+from pmcl_ros import conversions as cv
+from pmcl_ros.header import Header
+from pmcl_ros.nodes.base import BIG, SMALL
+
+LONG = {'mode': 'faithful', 'faithful_iterations': 100_000, 'faithful_particles': 2,
+        'faithful_threshold': 10.0}
+SHORT = {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 2}
+
+
+@pytest.fixture
+def search(tmp_path, user, parameters, small_volume):
+    """A function settings -> (active node, a function that publishes a volume with a stamp)."""
+    processes = []
+
+    def search(settings):
+        process = Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
+                          params=parameters['pmcl_node'] | settings)
+        processes.append(process)
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), process.log
+        publisher = user.publisher(Float32MultiArray, 'dlv', BIG)
+
+        def publish(stamp):
+            volume = replace(small_volume, header=Header(stamp))
+            publisher.publish(cv.volume_to_message(volume))
+        return process, publish
+
+    yield search
+    for process in processes:
+        with process:
+            pass
+
+
+def frames_in(states):
+    return states and {each.key: each.value for each in states[-1].status[0].values}['frames in']
+
+
+def test_lifecycle_is_answered_during_a_search_and_deactivate_ends_it(search, user):
+    process, publish = search(LONG)
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    poses = user.listen(PoseStamped, 'pose', SMALL)
+    publish(1)
+    user.wait(lambda: frames_in(states) == '1', 'a search')
+    assert user.change('pmcl_node', DEACTIVATE)
+    assert user.state('pmcl_node') == INACTIVE
+    assert user.change('pmcl_node', CLEANUP)
+    assert user.state('pmcl_node') == UNCONFIGURED
+    assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE))
+    assert poses == []
+    assert 'Traceback' not in process.log
+
+
+def test_a_search_is_ended_by_an_interrupt(search, user):
+    process, publish = search(LONG)
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    publish(1)
+    user.wait(lambda: frames_in(states) == '1', 'a search')
+    with process:
+        pass  # interrupted, and its status is checked
+    assert 'Traceback' not in process.log
+
+
+def test_the_newest_waiting_volume_is_searched_and_the_other_is_told(search, user):
+    process, publish = search(LONG)
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    for stamp in (1, 2, 3):
+        publish(stamp)
+        user.wait(lambda stamp=stamp: frames_in(states) == str(stamp), 'the volume')
+    assert 'dropped capture 2: a newer one came before it was searched' in process.log
+    assert process.log.count('dropped') == 1
+    assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_localize_searches_again_and_reset_forgets(search, user):
+    process, publish = search(SHORT)
+
+    def call(name):
+        return user.call(Trigger, f'/pmcl_node/{name}', Trigger.Request())
+
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+
+    def results():
+        told = [each.status[0].message for each in states]
+        return sum('in capture 5' in one and one != before
+                   for before, one in zip(['', *told], told, strict=False))
+
+    answer = call('localize')
+    assert not answer.success
+    assert 'no volume has come' in answer.message
+    publish(5)
+    user.wait(lambda: results() >= 1, 'a result')
+    answer = call('localize')
+    assert answer.success, answer.message
+    assert 'capture 5 again' in answer.message
+    user.wait(lambda: states and {each.key: each.value for each in states[-1].status[0].values}[
+        'frames in'] == '1', 'diagnostics')
+    answer = call('reset')
+    assert answer.success
+    assert not call('localize').success
+    assert 'Traceback' not in process.log

@@ -1,0 +1,85 @@
+"""Bags hold what the driver would publish, in the form that rosbag2 of Jazzy reads."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pmcl_ros.bags import LATCHED, VOLATILE, Recorded, capture_messages, read, record, topics
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.errors import BagError
+from pmcl_ros.header import Header
+
+SHIPPED = sorted((Path(__file__).parents[1] / 'bags').iterdir())
+HEADER = Header(1_700_000_000_123_456_789, 'lytro_optical_frame')
+
+
+@pytest.fixture
+def raw_frame(camera_text):
+    counts = np.random.default_rng(0).integers(0, 4096, (40, 60)).astype(np.uint16)
+    return RawFrame(HEADER, counts, CameraMetadata.parse(camera_text(60, 40)))
+
+
+@pytest.mark.parametrize('compress', [True, False])
+def test_what_is_recorded_is_read(tmp_path, raw_frame, compress):
+    messages = capture_messages(raw_frame)
+    record(tmp_path / 'bag', messages, compress)
+    assert list(read(tmp_path / 'bag')) == messages
+    assert [(each.name, each.type, each.qos, each.count) for each in topics(tmp_path / 'bag')] == [
+        ('/metadata', 'std_msgs/msg/String', LATCHED, 1),
+        ('/image_raw', 'sensor_msgs/msg/Image', VOLATILE, 1)]
+
+
+def test_recorded_messages_are_those_of_the_driver(raw_frame):
+    pytest.importorskip('rclpy')
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import Image
+    from std_msgs.msg import String
+
+    from pmcl_ros.conversions import metadata_from, raw_frame_from, raw_frame_to_messages
+    text, image = (deserialize_message(each.cdr, kind) for each, kind in
+                   zip(capture_messages(raw_frame), (String, Image), strict=True))
+    assert (text, image) == raw_frame_to_messages(raw_frame)
+    found = raw_frame_from(image, metadata_from(text))
+    np.testing.assert_array_equal(found.counts, raw_frame.counts)
+    assert found.header == HEADER
+
+
+def test_messages_come_in_the_order_of_their_times(tmp_path):
+    kind, cdr = 'std_msgs/msg/String', b'\0\1\0\0\1\0\0\0\0'
+    messages = [Recorded('/b', kind, 30, cdr), Recorded('/a', kind, 10, cdr),
+                Recorded('/a', kind, 20, cdr)]
+    record(tmp_path / 'bag', messages)
+    assert [each.time_ns for each in read(tmp_path / 'bag')] == [10, 20, 30]
+
+
+def test_a_bag_is_never_overwritten(tmp_path, raw_frame):
+    record(tmp_path / 'bag', capture_messages(raw_frame))
+    with pytest.raises(BagError, match='already there'):
+        record(tmp_path / 'bag', [])
+
+
+@pytest.mark.parametrize('content', [None, '', 'rosbag2_bagfile_information: 3'])
+def test_what_is_no_bag_is_refused(tmp_path, content):
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    if content is not None:
+        (bag / 'metadata.yaml').write_text(content)
+    with pytest.raises(BagError, match='cannot read the bag'):
+        topics(bag)
+
+
+@pytest.mark.parametrize('bag', SHIPPED, ids=lambda bag: bag.name)
+def test_shipped_bags_are_small_and_of_jazzy(bag):
+    assert sum(each.stat().st_size for each in bag.iterdir()) <= 12_000_000
+    information = yaml.safe_load((bag / 'metadata.yaml').read_text())[
+        'rosbag2_bagfile_information']
+    assert (information['version'], information['storage_identifier']) == (9, 'mcap')
+    assert [(each.name, each.qos, each.count) for each in topics(bag)] == [
+        ('/metadata', LATCHED, 1), ('/image_raw', VOLATILE, 1)]
+    text, image = read(bag)
+    assert text.time_ns == image.time_ns
+    assert len(image.cdr) > 2 * 3280 * 3280
+    assert (bag / 'truth.json').is_file()

@@ -1,0 +1,104 @@
+"""launch/pmcl.launch.py starts every node of the table and chains its events.
+
+`launch` and `launch_ros` are not on PyPI, so the file runs here on recorders of its calls; on a
+full ROS it is run for real.
+"""
+
+import importlib.util
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+pytest.importorskip('lifecycle_msgs')
+
+FILE = Path(__file__).parents[1] / 'launch' / 'pmcl.launch.py'
+MODULES = {
+    'launch': ['LaunchDescription'],
+    'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'OpaqueFunction',
+                       'RegisterEventHandler'],
+    'launch.events': ['matches_action'],
+    'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
+    'launch_ros': [],
+    'launch_ros.actions': ['LifecycleNode'],
+    'launch_ros.event_handlers': ['OnStateTransition'],
+    'launch_ros.events': [],
+    'launch_ros.events.lifecycle': ['ChangeState'],
+    'launch_ros.substitutions': ['FindPackageShare'],
+}
+
+
+class Call(SimpleNamespace):
+    """One constructor's call: its name, and its arguments as attributes."""
+
+    def perform(self, context):
+        return context[self.given[0]]
+
+
+def recorder(name):
+    return lambda *given, **named: Call(call=name, given=given, **named)
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """The names that the launch file defines."""
+    if importlib.util.find_spec('launch_ros'):
+        pytest.skip('full ROS: run `ros2 launch pmcl_ros pmcl.launch.py`')
+    for name, functions in MODULES.items():
+        module = ModuleType(name)
+        for each in functions:
+            setattr(module, each, recorder(each))
+        monkeypatch.setitem(sys.modules, name, module)
+    return runpy.run_path(str(FILE))
+
+
+def started(launch, **given):
+    """The actions that are started, and what each emitted or chained event does, in words."""
+    context = {'without': '', 'autostart': 'true'} | given
+    actions = launch['start'](context)
+    nodes = [each for each in actions if each.call == 'LifecycleNode']
+
+    def words(emit):
+        event, = (emit.event,)
+        return event.lifecycle_node_matcher.given[0].name, event.transition_id
+
+    chained = {}
+    for each in actions:
+        if each.call == 'RegisterEventHandler':
+            handler, = each.given
+            when = handler.target_lifecycle_node.name, handler.start_state, handler.goal_state
+            assert handler.handle_once
+            chained[when] = [words(emit) for emit in handler.entities]
+    first = [words(each) for each in actions if each.call == 'EmitEvent']
+    return [each.name for each in nodes], first, chained
+
+
+def test_arguments(launch):
+    description = launch['generate_launch_description']()
+    names = [each.given[0] for each in description.given[0]
+             if each.call == 'DeclareLaunchArgument']
+    assert names == ['params_file', 'namespace', 'autostart', 'without']
+
+
+def test_nodes_are_configured_then_activated_one_after_the_other(launch):
+    nodes, first, chained = started(launch)
+    configure, activate = launch['CONFIGURE'], launch['ACTIVATE']
+    assert nodes == ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
+    order, event = [], first
+    while event:
+        (name, transition), = event
+        order.append((name, transition))
+        states = (('configuring', 'inactive') if transition == configure
+                  else ('activating', 'active'))
+        event = chained.pop((name, *states), None)
+    assert order == [*((name, configure) for name in nodes), *((name, activate) for name in nodes)]
+    assert not chained
+
+
+def test_nodes_can_be_left_out_and_left_alone(launch):
+    nodes, first, chained = started(launch, without='lytro_driver,dlv_node', autostart='false')
+    assert nodes == ['pmcl_node', 'subaperture_node']
+    assert not first
+    assert not chained
