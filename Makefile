@@ -1,0 +1,40 @@
+# Two commands do everything: `make demo` and `make test`.
+# .venv gets what is missing; the stamps in it remember what has been installed.
+PYTHON ?= python3
+BAG ?= bags/wine_glass
+BIN := .venv/bin
+RUN := .venv/.installed-run
+TEST := .venv/.installed-test
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+
+.PHONY: demo test lint venv eval clean
+
+demo: $(RUN)
+	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --out out
+
+test: $(TEST) lint
+	$(BIN)/python -m pytest
+
+lint: $(TEST)
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+venv: $(TEST)
+
+# Errors over a folder of captures with truth, as README's table: make eval CAPTURES=DIR
+eval: $(RUN)
+	$(BIN)/pmcl evaluate $(CAPTURES) --calibration config/cameras/demo.yaml --trials 5 --out out
+
+# Debian packages, then ROS and the run-time wheels; says how long that took.
+$(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg
+	@PYTHON=$(PYTHON) tools/system.sh
+	@start=$$(date +%s) && echo 'installing ROS 2 and the Python packages into .venv ...' && \
+	$(PYTHON) -m venv .venv && $(PIP) -r requirements.txt -r requirements-ros.txt && \
+	$(PIP) --no-deps --editable . && touch $@ && \
+	echo "installed in $$(( $$(date +%s) - start )) s"
+
+$(TEST): requirements-test.txt $(RUN)
+	@echo 'installing the test packages ...' && $(PIP) -r requirements-test.txt && touch $@
+
+clean:
+	rm -rf .venv out build install log
