@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from rosbags.interfaces import (
@@ -33,7 +33,7 @@ from pmcl_ros.errors import BagError
 from pmcl_ros.header import Header
 
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
-_FORMAT = 9  # rosbag2's version of metadata.yaml as of Jazzy
+_FORMAT: Literal[9] = 9  # rosbag2's version of metadata.yaml as of Jazzy
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE
 
 
@@ -84,7 +84,7 @@ class Topic(NamedTuple):
     name: str
     type: str
     qos: Qos
-    count: int
+    messages: int
 
 
 def topics(bag: Path | str) -> list[Topic]:
@@ -135,5 +135,5 @@ def _qos(connection: Connection) -> Qos:
     return next(iter(connection.ext.offered_qos_profiles), VOLATILE)
 
 
-def _cdr(message: object) -> bytes:
+def _cdr(message: Any) -> bytes:
     return bytes(_TYPES.serialize_cdr(message, message.__msgtype__))

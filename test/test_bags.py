@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 import yaml
 
-from pmcl_ros.bags import LATCHED, VOLATILE, Recorded, capture_messages, read, record, topics
+from pmcl_ros.bags import (
+    LATCHED,
+    VOLATILE,
+    Recorded,
+    Topic,
+    capture_messages,
+    read,
+    record,
+    topics,
+)
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import BagError
@@ -27,9 +36,9 @@ def test_what_is_recorded_is_read(tmp_path, raw_frame, compress):
     messages = capture_messages(raw_frame)
     record(tmp_path / 'bag', messages, compress)
     assert list(read(tmp_path / 'bag')) == messages
-    assert [(each.name, each.type, each.qos, each.count) for each in topics(tmp_path / 'bag')] == [
-        ('/metadata', 'std_msgs/msg/String', LATCHED, 1),
-        ('/image_raw', 'sensor_msgs/msg/Image', VOLATILE, 1)]
+    assert topics(tmp_path / 'bag') == [
+        Topic('/metadata', 'std_msgs/msg/String', LATCHED, 1),
+        Topic('/image_raw', 'sensor_msgs/msg/Image', VOLATILE, 1)]
 
 
 def test_recorded_messages_are_those_of_the_driver(raw_frame):
@@ -77,7 +86,7 @@ def test_shipped_bags_are_small_and_of_jazzy(bag):
     information = yaml.safe_load((bag / 'metadata.yaml').read_text())[
         'rosbag2_bagfile_information']
     assert (information['version'], information['storage_identifier']) == (9, 'mcap')
-    assert [(each.name, each.qos, each.count) for each in topics(bag)] == [
+    assert [(each.name, each.qos, each.messages) for each in topics(bag)] == [
         ('/metadata', LATCHED, 1), ('/image_raw', VOLATILE, 1)]
     text, image = read(bag)
     assert text.time_ns == image.time_ns

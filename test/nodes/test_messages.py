@@ -100,6 +100,18 @@ def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path):
     assert process.alive()
 
 
+@pytest.mark.parametrize('loop', [True, False])
+def test_driver_publishes_by_itself(start, user, loop):
+    messages = []
+    user.node.create_subscription(String, 'metadata', messages.append, LATCHED)
+    process = start('lytro_driver', period=0.1, loop=loop)
+    if loop:
+        user.wait(lambda: len(messages) >= 3, 'three pictures')
+    else:
+        user.wait(lambda: 'all 1 pictures are published' in process.log, 'the end')
+        assert len(messages) == 1
+
+
 def test_subaperture_node_survives_broken_images(start, user):
     process = start('subaperture_node')
     frame = read_raw_frame(ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz', Header(77))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from harness import (
     ACTIVATE,
@@ -116,3 +116,43 @@ def test_localize_searches_again_and_reset_forgets(search, user):
     assert answer.success
     assert not call('localize').success
     assert 'Traceback' not in process.log
+
+
+def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
+    process, publish = search({'particles': 16, 'proposals': 4})
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    poses = user.listen(PoseStamped, 'pose', SMALL)
+    publish(8)  # noise
+
+    def told():
+        return [each.status[0].level for each in states
+                if each.status[0].message == 'lost: no wine_glass in capture 8']
+
+    user.wait(told, 'the result')
+    assert told()[0] == DiagnosticStatus.WARN
+    assert 'lost: no wine_glass in capture 8' in process.log
+    assert user.change('pmcl_node', DEACTIVATE)
+    assert poses == []
+
+
+def test_edges_that_do_not_come_are_not_waited_for_forever(search, user):
+    process, publish = search({'particles': 16, 'proposals': 4})
+    user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+    publish(8)
+    user.wait(lambda: 'its dlv/edges do not come' in process.log, 'the search')
+    assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_edges_are_taken_with_the_volume_of_their_capture(search, user, small_volume):
+    process, publish = search({'particles': 16, 'proposals': 4})
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+    broken = cv.edges_to_message(small_volume.edges)
+    broken.data[-1] = float('nan')
+    publisher.publish(broken)
+    user.wait(lambda: 'dlv/edges: the data hold NaN' in process.log, 'the error')
+    publisher.publish(cv.edges_to_message(replace(small_volume.edges, header=Header(3))))
+    publish(3)
+    user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')
+    assert 'from dlv alone' not in process.log
+    assert user.change('pmcl_node', DEACTIVATE)
