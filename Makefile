@@ -13,7 +13,7 @@ demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --out out
 
 test: $(TEST) lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(TEST)
 	$(BIN)/ruff check .

@@ -1,4 +1,7 @@
-"""Plenoptic Monte Carlo Object Localization: RawFrame -> LightField -> DepthLikelihoodVolume -> PoseEstimate."""
+"""Plenoptic Monte Carlo Object Localization.
+
+RawFrame -> LightField -> DepthLikelihoodVolume -> PoseEstimate.
+"""
 
 import logging
 

@@ -5,6 +5,7 @@ import logging
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from pmcl_ros.bags import record_capture
 from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.errors import PmclError
+from pmcl_ros.evaluation.bench import bench_dlv
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.pictures import depth_picture, overlay, write_png
 from pmcl_ros.evaluation.trials import (
@@ -64,8 +66,10 @@ def main(verbose: bool) -> None:
 def _capture_options(command: Callable[..., None]) -> Callable[..., None]:
     for option in (
             click.argument('raw', type=_FILE),
-            click.option('--calibration', required=True, type=_FILE, help="The camera's calibration, YAML."),
-            click.option('--white', required=True, type=_FILE, help="The camera's white image, RAW[.xz] with its TXT.")):
+            click.option('--calibration', required=True, type=_FILE,
+                         help="The camera's calibration, YAML."),
+            click.option('--white', required=True, type=_FILE,
+                         help="The camera's white image, RAW[.xz] with its TXT.")):
         command = option(command)
     return command
 
@@ -79,33 +83,39 @@ def decode(raw: Path, calibration: Path, white: Path, out: Path) -> None:
     light_field = decoder.decode(read_raw_frame(raw))
     out.mkdir(parents=True, exist_ok=True)
     pinhole = light_field.grid.pinhole
-    np.savez_compressed(out / 'views.npz', views=light_field.views, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx,
-                        cy=pinhole.cy, baseline=light_field.grid.baseline, weights=light_field.grid.weights,
-                        positions=light_field.grid.positions)
+    np.savez_compressed(out / 'views.npz', views=light_field.views, fx=pinhole.fx, fy=pinhole.fy,
+                        cx=pinhole.cx, cy=pinhole.cy, baseline=light_field.grid.baseline,
+                        weights=light_field.grid.weights, positions=light_field.grid.positions)
     write_png(out / 'centre.png', light_field.picture())
     rows, columns = light_field.grid.shape
     shown = np.clip(light_field.views[:, :, ::3, ::3], 0, 1) ** light_field.gamma
-    mosaic = shown.transpose(0, 2, 1, 3, 4).reshape(rows * shown.shape[2], columns * shown.shape[3], 3)
+    mosaic = shown.transpose(0, 2, 1, 3, 4).reshape(rows * shown.shape[2],
+                                                    columns * shown.shape[3], 3)
     write_png(out / 'views.png', np.round(255 * mosaic).astype(np.uint8))
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)
 
 
 @main.command()
 @_capture_options
-@click.option('--object', 'object_path', required=True, type=_FILE, help='A mesh in metres, or an object YAML.')
+@click.option('--object', 'object_path', required=True, type=_FILE,
+              help='A mesh in metres, or an object YAML.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
-              help="Box that holds the object's origin: centre and size, camera's optical frame [m].")
-@click.option('--mode', type=click.Choice(['default', 'faithful']), default='default', show_default=True,
-              help=PmclSettings.model_fields['mode'].description)
-@click.option('--seed', type=click.IntRange(0), default=0, show_default=True, help='The same seed gives the same pose.')
+              help="Box that holds the object's origin: centre and size, camera's optical frame "
+              '[m].')
+@click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
+              show_default=True, help=PmclSettings.model_fields['mode'].description)
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='The same seed gives the same pose.')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=_FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=_FILE, help='A truth.json to compare with.')
-def localize(raw: Path, calibration: Path, white: Path, object_path: Path, roi: tuple[float, ...], mode: str, seed: int,
-             as_json: bool, out: Path | None, truth: Path | None) -> None:
+def localize(raw: Path, calibration: Path, white: Path, object_path: Path,
+             roi: tuple[float, ...], mode: str, seed: int, as_json: bool, out: Path | None,
+             truth: Path | None) -> None:
     """Find the object's pose in RAW (.RAW or .RAW.xz with its .TXT)."""
-    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed, 'roi_center': roi[:3],
-                                  'roi_size': roi[3:]}, '--roi, --mode, --seed')
+    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
+                                  'roi_center': roi[:3], 'roi_size': roi[3:]},
+                                 '--roi, --mode, --seed')
     model = ObjectModel.load(object_path)
     near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
     decoder = Decoder(Calibration.load(calibration), read_raw_frame(white))
@@ -128,13 +138,15 @@ def localize(raw: Path, calibration: Path, white: Path, object_path: Path, roi: 
         found = time.perf_counter()
     times = {'decode': decoded - started, 'dlv': built - decoded, 'pmcl': found - built}
     if as_json:
-        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': {name: 1e3 * each for name, each in times.items()}}))
+        timings = {name: 1e3 * each for name, each in times.items()}
+        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
     else:
         click.echo(estimate.describe())
         click.echo(', '.join(f'{name} {each:.2f} s' for name, each in times.items()), err=True)
     if truth is not None:
         error = pose_error(estimate.pose, Truth.load(truth).pose, model.axis)
-        click.echo(f'off by {1e3 * error.translation:.1f} mm and {np.rad2deg(error.rotation):.1f} degrees', err=True)
+        click.echo(f'off by {1e3 * error.translation:.1f} mm and '
+                   f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         picture = light_field.picture()
@@ -150,9 +162,12 @@ def localize(raw: Path, calibration: Path, white: Path, object_path: Path, roi: 
 @click.option('--serial', default='', help='Serial number of the camera.')
 @click.option('--out', required=True, type=click.Path(dir_okay=False, path_type=Path))
 def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path) -> None:
-    """Write the calibration of simulated captures from truth.json files: a CAPTURE's and the WHITE image's."""
+    """Write the calibration of simulated captures from their truth.json files.
+
+    That of a CAPTURE and that of the WHITE image.
+    """
     Calibration.from_truth(capture, white, serial).save(
-        out, "Of a simulated camera, from its captures' truth files (pmcl calibration-from-truth).")
+        out, 'Of a simulated camera, from truth files (pmcl calibration-from-truth).')
 
 
 @main.command()
@@ -185,6 +200,21 @@ def evaluate(captures: Path, calibration: Path, white: Path | None, modes: str, 
         out.mkdir(parents=True, exist_ok=True)
         write_csv(out / 'results.csv', results)
         (out / 'results.md').write_text(table + '\n')
+
+
+@main.command()
+@click.argument('name', type=click.Choice(['dlv']))
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def bench(name: str, as_json: bool) -> None:
+    """Time a stage against its plain form, run beside it."""
+    result = {'dlv': bench_dlv}[name]()
+    if as_json:
+        click.echo(json.dumps(asdict(result)))
+        return
+    click.echo(result.geometry)
+    for step, milliseconds in result.ms.items():
+        click.echo(f'{step:>16}: {milliseconds:9.1f} ms')
+    click.echo(f'{result.ratio_to_reference:.0f} times as fast as the plain form')
 
 
 @main.group()

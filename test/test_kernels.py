@@ -4,8 +4,8 @@ import numpy as np
 from dlv_fields import make_grid, noise_field
 
 from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.kernels import compiled
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.kernels import compiled
 
 
 def test_compiles_where_nothing_can_be_cached():

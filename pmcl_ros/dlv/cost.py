@@ -10,11 +10,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import matching_planes
 from pmcl_ros.dlv.runs import Runs
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
 
 # Pixels of a row worked on at once. Their costs at all labels stay near the core; an odd multiple

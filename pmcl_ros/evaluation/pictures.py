@@ -19,7 +19,7 @@ _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
 
 def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
             pose: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """The model's outline and axes at a pose (4, 4), drawn on the centre view, three times its size.
+    """The model's outline and axes at a pose (4, 4) on the centre view, three times its size.
 
     picture: (height, width, 3) of the pinhole's size.
     """
@@ -65,9 +65,7 @@ def depth_picture(depth: NDArray[np.floating], near: float, far: float) -> NDArr
     bar = np.repeat(_colours(np.linspace(0, 1, width)[None]), 14, axis=0)
     middle = 2 / (1 / near + 1 / far)
     for metres, x in ((far, 2), (middle, width // 2 - 22), (near, width - 48)):
-        for colour, thickness in (((255, 255, 255), 2), ((0, 0, 0), 1)):
-            cv2.putText(bar, f'{metres:.2f} m', (x, 11), cv2.FONT_HERSHEY_SIMPLEX, 0.38, colour,
-                        thickness, cv2.LINE_AA)
+        _write(bar, f'{metres:.2f} m', x, 11)
     return np.concatenate([picture, bar])
 
 
@@ -83,6 +81,14 @@ def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
 def _colours(part: NDArray[np.floating]) -> NDArray[np.uint8]:
     levels = np.rint(255 * np.clip(part, 0, 1)).astype(np.uint8)
     return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8).copy()
+
+
+def _write(canvas: NDArray[np.uint8], text: str, x: int, y: int) -> None:
+    """Black with a white rim, to be read on any colour."""
+    rim = [(dx, dy, 255) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+    for dx, dy, grey in [*rim, (0, 0, 0)]:
+        cv2.putText(canvas, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (grey,) * 3, 1,
+                    cv2.LINE_AA)
 
 
 def _enlarged(pixels: NDArray[np.floating], zoom: int) -> NDArray[np.float64]:

@@ -90,8 +90,9 @@ def write_csv(path: Path, trials: Sequence[Trial]) -> None:
 
 def markdown(trials: Sequence[Trial]) -> str:
     """A table with a row for each capture and mode: medians, worst, and how often it was lost."""
-    lines = ['| capture | mode | trials | median error | worst | along the ray | median axis error '
-             '| flipped | lost | median time |', '|' + '---|' * 10]
+    heads = ['capture', 'mode', 'trials', 'median error', 'worst', 'along the ray',
+             'median axis error', 'flipped', 'lost', 'median time']
+    lines = [f'| {" | ".join(heads)} |', '|' + '---|' * len(heads)]
     for capture, mode in dict.fromkeys((each.capture, each.mode) for each in trials):
         rows = [each for each in trials if (each.capture, each.mode) == (capture, mode)]
         lost = f'{sum(each.lost for each in rows)} of {len(rows)}'

@@ -28,8 +28,8 @@ class Truth:
         try:
             values = json.loads(Path(path).read_text())
             pose = np.array(values['object_to_camera'], float).reshape(4, 4)
-            center, size = (tuple(float(v) for v in values['roi'][name])
-                            for name in ('center', 'size'))
-            return cls(pose, center, size, bool(values.get('empty', False)))
+            x, y, z = (float(each) for each in values['roi']['center'])
+            width, height, depth = (float(each) for each in values['roi']['size'])
+            return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None
