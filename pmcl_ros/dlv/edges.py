@@ -40,17 +40,16 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     spectra, frequency_y, frequency_x = _spectra(light_field, chosen)
     # A point at depth z is seen displaced by -f B a / z: view a is sampled so far away.
     steps = grid.positions[chosen] * [-pinhole.fx * grid.baseline, -pinhole.fy * grid.baseline]
+    across = _phases(steps[:, 0], depths, frequency_x)
+    down = _phases(steps[:, 1], depths, frequency_y)
+    with LOCK:
+        refocused = _refocus(spectra.real.copy(), spectra.imag.copy(), down, across)
     tensor = np.empty((pinhole.height, pinhole.width, len(depths), 3), np.float32)
-    padded = (pinhole.height + 2 * _PAD, pinhole.width + 2 * _PAD)
-    inside = slice(_PAD, -_PAD)
-    for label, depth in enumerate(depths):
-        phase_y = np.exp(1j * np.outer(steps[:, 1] / depth, frequency_y)).astype(np.complex64)
-        phase_x = np.exp(1j * np.outer(steps[:, 0] / depth, frequency_x)).astype(np.complex64)
+    for label, spectrum in enumerate(refocused):
+        gx = _derivative(spectrum, frequency_x, pinhole.width + 2 * _PAD)
+        gy = _derivative(spectrum, frequency_y[:, None], pinhole.width + 2 * _PAD)
         with LOCK:
-            derivatives = _refocus(spectra, phase_y, phase_x, frequency_y, frequency_x)
-        gradients = scipy.fft.irfft2(derivatives, padded, axes=(-2, -1), workers=2)
-        gx, gy = gradients[..., inside, inside]
-        tensor[:, :, label] = np.stack([(gx * gx).sum(0), (gy * gy).sum(0), (gx * gy).sum(0)], -1)
+            _outer(gx, gy, _PAD, label, tensor)
     return EdgeVolume(light_field.header, _normalise(tensor), np.asarray(depths, float), pinhole)
 
 
@@ -104,24 +103,65 @@ def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> Ed
     return EdgeVolume(volume.header, tensor, volume.depths[::step], volume.pinhole)
 
 
+def _phases(steps: NDArray[np.float64], depths: NDArray[np.floating],
+            frequency: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(labels, views, frequencies, 2) real and imaginary part of a shift by steps / depth."""
+    angle = (steps / depths[:, None])[..., None] * frequency
+    return np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)
+
+
+def _derivative(spectrum: NDArray[np.complex64], frequency: NDArray[np.float32],
+                width: int) -> NDArray[np.float32]:
+    """(3, y, x) the derivative of a picture along the axis of `frequency`, from its spectrum."""
+    size = spectrum.shape[1], width
+    return scipy.fft.irfft2(spectrum * (1j * frequency), size, axes=(-2, -1), workers=2)
+
+
 @compiled(parallel=True)
-def _refocus(spectra, phase_y, phase_x, frequency_y, frequency_x):  # type: ignore[no-untyped-def]
-    """(2, 3, ky, kx): the x and y derivatives of the sum of the shifted views."""
-    views, channels, height, width = spectra.shape
-    out = np.zeros((2, channels, height, width), np.complex64)
+def _refocus(real, imaginary, down, across):  # type: ignore[no-untyped-def]
+    """(labels, 3, ky, kx) complex64: the sum of the shifted views, at every label.
+
+    Row by row, so that a row of all the views' spectra stays near the core for all labels.
+    """
+    views, channels, height, width = real.shape
+    labels = down.shape[0]
+    out = np.empty((labels, channels, height, width), np.complex64)
     for y in prange(height):
-        row = np.zeros((channels, width), np.complex64)
-        for v in range(views):
-            for c in range(channels):
+        sum_real = np.empty((channels, width), np.float32)
+        sum_imaginary = np.empty((channels, width), np.float32)
+        for label in range(labels):
+            sum_real[:] = 0
+            sum_imaginary[:] = 0
+            for v in range(views):
+                c, s = down[label, v, y, 0], down[label, v, y, 1]
                 for x in range(width):
-                    row[c, x] += spectra[v, c, y, x] * (phase_y[v, y] * phase_x[v, x])
-        for c in range(channels):
-            for x in range(width):
-                value = row[c, x]
-                turned = complex(-value.imag, value.real)  # i times the value
-                out[0, c, y, x] = turned * frequency_x[x]
-                out[1, c, y, x] = turned * frequency_y[y]
+                    p = c * across[label, v, x, 0] - s * across[label, v, x, 1]
+                    q = c * across[label, v, x, 1] + s * across[label, v, x, 0]
+                    for k in range(3):
+                        a, b = real[v, k, y, x], imaginary[v, k, y, x]
+                        sum_real[k, x] += a * p - b * q
+                        sum_imaginary[k, x] += a * q + b * p
+            for k in range(channels):
+                for x in range(width):
+                    out[label, k, y, x] = complex(sum_real[k, x], sum_imaginary[k, x])
     return out
+
+
+@compiled(parallel=True)
+def _outer(gx, gy, pad, label, tensor):  # type: ignore[no-untyped-def]
+    """Sum of the channels' gradient products, the padding cut off, into tensor[:, :, label]."""
+    height, width = tensor.shape[:2]
+    for y in prange(height):
+        for x in range(width):
+            xx = yy = xy = np.float32(0)
+            for k in range(gx.shape[0]):
+                a, b = gx[k, y + pad, x + pad], gy[k, y + pad, x + pad]
+                xx += a * a
+                yy += b * b
+                xy += a * b
+            tensor[y, x, label, 0] = xx
+            tensor[y, x, label, 1] = yy
+            tensor[y, x, label, 2] = xy
 
 
 def _normalise(tensor: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -1,1 +1,1 @@
-"""DepthLikelihoodVolume -> PoseEstimate: particles, motion, renderer, scores, the filter, the estimate."""
+"""DepthLikelihoodVolume -> PoseEstimate: renderer, scores, particles, the search, the estimate."""

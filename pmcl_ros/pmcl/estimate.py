@@ -15,10 +15,11 @@ class PoseEstimate:
     """The pose of the mesh frame in the camera's optical frame.
 
     pose: (4, 4) float64, object to camera, metres.
-    covariance: (6, 6) float64, x, y, z [m^2], then rotations about the fixed axes of the camera's frame [rad^2]; a free
-        axis of symmetry has variance pi^2 / 3.
-    particles: (n, 4, 4) the last population; log_weights: (n,) normalised.
-    score: of the pose, in the units of the mode's score. lost: the data support no pose.
+    covariance: (6, 6) float64, x, y, z [m^2], then rotations about the fixed axes of the camera's
+        frame [rad^2]; a free axis of symmetry has variance pi^2 / 3.
+    particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
+    score: of the pose, in the units of the mode's score.
+    lost: the data support no pose.
     """
 
     header: Header
@@ -37,8 +38,10 @@ class PoseEstimate:
 
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON (architecture, "The command line")."""
-        return {'position': self.pose[:3, 3].tolist(), 'orientation_xyzw': self.quaternion.tolist(),
-                'covariance': self.covariance.ravel().tolist(), 'score': self.score, 'lost': self.lost}
+        return {'position': self.pose[:3, 3].tolist(),
+                'orientation_xyzw': self.quaternion.tolist(),
+                'covariance': self.covariance.ravel().tolist(), 'score': self.score,
+                'lost': self.lost}
 
     def describe(self) -> str:
         """One line for people."""

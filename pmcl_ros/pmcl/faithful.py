@@ -14,13 +14,14 @@ Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Progress = Callable[[float], bool]
 
 
-def faithful_filter(score: Score, region: Region, settings: PmclSettings, rng: np.random.Generator,
-                    progress: Progress) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Poses (n, 4, 4) and their scores (n,) when the mean weight passed the threshold, or the iterations ended.
+def faithful_filter(score: Score, region: Region, settings: PmclSettings,
+                    rng: np.random.Generator, progress: Progress
+                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses (n, 4, 4) and their scores (n,) when the mean weight passed the threshold.
 
-    Paper, section V: uniform start in the region over SO(3); the weight of a particle is its mean likelihood;
-    importance resampling; zero-mean Gaussian perturbation in six degrees of freedom; repeated until the mean weight is
-    above a threshold.
+    Or when the iterations ended. Paper, section V: uniform start in the region over SO(3); the
+    weight of a particle is its mean likelihood; importance resampling; zero-mean Gaussian
+    perturbation in six degrees of freedom; repeated until the mean weight is above a threshold.
     """
     poses = uniform_poses(region, settings.faithful_particles, rng)
     scores = score(poses)
@@ -30,6 +31,7 @@ def faithful_filter(score: Score, region: Region, settings: PmclSettings, rng: n
         if not progress(iteration / settings.faithful_iterations):
             break
         poses = poses[Weights.of(scores).resample(len(poses), rng)]
-        poses = perturb(poses, settings.faithful_sigma_translation, settings.faithful_sigma_rotation, rng)
+        poses = perturb(poses, settings.faithful_sigma_translation,
+                        settings.faithful_sigma_rotation, rng)
         scores = score(poses)
     return poses, scores

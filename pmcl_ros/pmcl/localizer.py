@@ -3,12 +3,13 @@
 import logging
 from collections.abc import Callable
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.errors import LocalizationError
+from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.pmcl.annealed import CORRELATION, annealed_filter
 from pmcl_ros.pmcl.contour_score import ContourScore
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -24,7 +25,7 @@ from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.pmcl.zbuffers import Window, ZBuffers
 
 _LOG = logging.getLogger(__name__)
-_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles further from the best are another mode
+_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
 _SCALE = 2  # image px per pixel of the contour search's z-buffers
 _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 _BATCH = 96  # poses drawn at once
@@ -66,11 +67,16 @@ class Localizer:
         """The object's pose in one volume.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
-        Raises LocalizationError when the volume does not reach the region of interest.
+        Raises LocalizationError when the volume does not reach the region of interest, RenderError
+        in another thread, after `close`, or when the GL refuses its work.
         """
+        self._context.use()
         self._check_range(volume)
         search = {'default': self._by_contour, 'faithful': self._by_likelihood}
-        return search[self._settings.mode](volume, rng, progress or (lambda _: True))
+        try:
+            return search[self._settings.mode](volume, rng, progress or (lambda _: True))
+        except moderngl.Error as error:
+            raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
     def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
                     progress: Progress) -> PoseEstimate:
@@ -78,8 +84,8 @@ class Localizer:
         if edges is None:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
             edges = edges_from_likelihood(volume)
-        start, _ = self._proposals.propose(edges, self._settings.proposals)
         window = self._region.window(volume.pinhole, self._model.radius).coarser(_SCALE)
+        start, _ = self._proposals.propose(edges, self._settings.proposals)
         with (self._zbuffers(volume, window) as zbuffers,
               ContourScore(zbuffers, edges, self._model.radius, _BLUR) as coarse,
               ContourScore(zbuffers, edges, self._model.radius) as fine):
@@ -103,8 +109,9 @@ class Localizer:
             weights = Weights.of(scores)
             pose, spread = self._summary(poses, weights)
             likelihood = float(score(pose[None])[0])
+        # The paper knows no lost object; one that no ray supports at all is.
         return PoseEstimate(volume.header, pose, spread, poses, np.log(weights.normalised),
-                            likelihood, lost=False, mode=self._settings.mode)
+                            likelihood, lost=not likelihood > 0, mode=self._settings.mode)
 
     def _summary(self, poses: NDArray[np.float64], weights: Weights
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

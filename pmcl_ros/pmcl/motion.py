@@ -16,11 +16,13 @@ def uniform_poses(region: Region, count: int, rng: np.random.Generator) -> NDArr
 
 
 def perturb(poses: NDArray[np.float64], translation: NDArray[np.floating] | float,
-            rotation: NDArray[np.floating] | float, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Poses moved by zero-mean Gaussians in the six degrees of freedom (paper, section V: the action model).
+            rotation: NDArray[np.floating] | float, rng: np.random.Generator
+            ) -> NDArray[np.float64]:
+    """Poses moved by zero-mean Gaussians in the six degrees of freedom.
 
-    translation: standard deviation along x, y, z of the camera's frame [m]; rotation: about these axes through the
-    object's origin [rad].
+    Paper, section V: the action model.
+    translation: standard deviation along x, y, z of the camera's frame [m].
+    rotation: about these axes through the object's origin [rad].
     """
     moved = poses.copy()
     moved[:, :3, 3] += rng.normal(size=(len(poses), 3)) * translation

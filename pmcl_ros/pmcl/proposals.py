@@ -1,8 +1,9 @@
-"""Where to look first: every orientation, depth and place in the region of interest, scored on a coarse contour.
+"""Where to look first: every orientation, depth and place in the region, on a coarse contour.
 
-Uniform particles practically never fall into the narrow basin of the pose (1e-5 of the region). But seen along its own
-line of sight an object keeps its outline wherever in the image it is, up to size: so a template of each orientation is
-rendered once, scaled to each depth, and slid over maps of the contour evidence by plain additions.
+Uniform particles practically never fall into the narrow basin of the pose (1e-5 of the region).
+But seen along its own line of sight an object keeps its outline wherever in the image it is, up to
+size: so a template of each orientation is rendered once, scaled to each depth, and slid over maps
+of the contour evidence by plain additions.
 """
 
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.errors import ObjectModelError
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.gl import GlContext
@@ -23,27 +25,46 @@ from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.zbuffers import Window, ZBuffers
 
 _CELL = 4  # image px: the step of places
-_BLUR = 3.0  # image px: the smoothing of the edge energy, so that a contour a cell off still counts
+_BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
 _DIRECTIONS = 32  # of contour normals
-_POINTS = 64  # of a template
+_POINTS = 64  # of a template, a multiple of 4
+_UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
+_TURNS = 72  # of it in the image: 5 degrees apart
 _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees apart
-_TURNS = 72  # in the image: 5 degrees apart
+_TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
 _TEMPLATE = 256  # px: side of a template's z-buffer
 
 
 @dataclass(frozen=True)
 class _Templates:
-    """rotations: (n, 3, 3), object to a camera that looks straight at it. offsets: (n, points, 2) of the outline from
-    the projected origin in units of tan(angle). normals: (n, points) angle of the outward normal [rad].
-    lengths: (n,) of the outline, same units."""
+    """Outlines of the object, its origin straight ahead at `depth` [m].
 
+    rotations: (n, 3, 3), object to a camera that looks straight at it.
+    offsets: (n, points, 2) of the outline from the projected origin, in units of tan(angle).
+    normals: (n, points) angle of the outward normal [rad].
+    lengths: (n,) of the outline, same units as the offsets.
+    """
+
+    depth: float
     rotations: NDArray[np.float64]
     offsets: NDArray[np.float64]
     normals: NDArray[np.float64]
     lengths: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Places:
+    """The best place of each template and turn at one depth [m].
+
+    scores: (n * turns,). pixels: (n * turns, 2) where the origin is seen.
+    """
+
+    depth: float
+    scores: NDArray[np.float64]
+    pixels: NDArray[np.float64]
 
 
 class Proposals:
@@ -55,45 +76,77 @@ class Proposals:
     def __init__(self, context: GlContext, model: ObjectModel, region: Region) -> None:
         self._region = region
         self._axis = model.axis
+        turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
+        self._turns = 2 * np.pi * np.arange(turns) / turns
         views = _viewing_rotations(model)
         self._templates = _templates(context, model, region.center[2], views)
 
-    def propose(self, edges: EdgeVolume, count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The best `count` poses (n, 4, 4) and their coarse scores (n,), no two alike, best first."""
-        depths = self._region.depths(_DEPTH_STEP)
-        poses, scores = zip(*(self._at_depth(edges, depth) for depth in depths), strict=True)
-        return _distinct(np.concatenate(poses), np.concatenate(scores), count, self._axis)
+    def propose(self, edges: EdgeVolume, count: int
+                ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The best `count` poses (n, 4, 4) and their coarse scores (n,), no two alike, best first.
 
-    def _at_depth(self, edges: EdgeVolume, depth: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        Raises LocalizationError when the object is out of view wherever in the region it is.
+        """
         pinhole = edges.pinhole
-        left, top, right, bottom = self._region.footprint(pinhole, depth)
-        columns = np.arange(int(np.floor(left / _CELL)), int(np.ceil(right / _CELL)) + 1)
-        rows = np.arange(int(np.floor(top / _CELL)), int(np.ceil(bottom / _CELL)) + 1)
-        t = self._templates
-        turn = 2 * np.pi * np.arange(_TURNS) / _TURNS
-        cos, sin = np.cos(turn)[None, :, None], np.sin(turn)[None, :, None]
-        x, y = t.offsets[:, None, :, 0], t.offsets[:, None, :, 1]
-        scale = self._region.center[2] / depth / _CELL
-        offsets = np.rint(np.stack([(cos * x - sin * y) * pinhole.fx, (sin * x + cos * y) * pinhole.fy], -1)
-                          * scale).astype(np.int64)
-        angle = t.normals[:, None, :] + turn[None, :, None]
-        directions = np.rint(angle / (2 * np.pi) * _DIRECTIONS).astype(np.int64) % _DIRECTIONS
-        reach = int(np.abs(offsets).max()) + 1
-        maps = _evidence_maps(edges, depth)
-        # Around the image there is no evidence either way.
-        pad_left, pad_top = max(0, reach - columns[0]), max(0, reach - rows[0])
-        pad_right = max(0, reach + columns[-1] + 1 - maps.shape[2])
-        pad_bottom = max(0, reach + rows[-1] + 1 - maps.shape[1])
-        maps = np.pad(maps, ((0, 0), (pad_top, pad_bottom), (pad_left, pad_right)))
-        with LOCK:
-            best, place = _slide(maps, offsets.reshape(-1, _POINTS, 2), directions.reshape(-1, _POINTS),
-                                 rows[0] + pad_top, columns[0] + pad_left, len(rows), len(columns))
-        lengths = np.repeat(t.lengths, _TURNS) * pinhole.fx * self._region.center[2] / depth
-        row, column = rows[place // len(columns)], columns[place % len(columns)]
-        pixels = np.stack([column, row], axis=-1) * _CELL + (_CELL - 1) / 2
-        poses = _poses(pinhole, pixels, depth, np.repeat(t.rotations, _TURNS, axis=0), np.tile(turn, len(t.lengths)))
+        offsets, directions = self._turned(pinhole)
+        places = [self._at_depth(edges, depth, offsets, directions)
+                  for depth in self._region.depths(_DEPTH_STEP)]
+        seen = [each for each in places if each is not None]
+        if not seen:
+            raise self._region.out_of_view(pinhole)
+        scores = np.concatenate([each.scores for each in seen])
+        best = np.argsort(-scores, kind='stable')[:40 * count]
+        level, template = np.divmod(best, len(offsets))
+        pixels = np.concatenate([each.pixels for each in seen])[best]
+        depths = np.array([each.depth for each in seen])[level]
+        side, turn = np.divmod(template, len(self._turns))
+        poses = _poses(pinhole, pixels, depths, self._templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
-        return poses, best * lengths / _POINTS
+        kept = _distinct(poses, count, self._axis)
+        return poses[kept], scores[best[kept]]
+
+    def _turned(self, pinhole: Pinhole) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+        """(n * turns, points, 2) offsets [px] and (n * turns, points) directions at every turn."""
+        t = self._templates
+        cos, sin = np.cos(self._turns)[:, None], np.sin(self._turns)[:, None]
+        x, y = t.offsets[:, None, :, 0], t.offsets[:, None, :, 1]
+        offsets = np.stack([(cos * x - sin * y) * pinhole.fx, (sin * x + cos * y) * pinhole.fy],
+                           axis=-1).astype(np.float32)
+        # Pixels that are not square turn the normals too.
+        angle = t.normals[:, None, :] + self._turns[:, None]
+        angle = np.arctan2(np.sin(angle) * pinhole.fx, np.cos(angle) * pinhole.fy)
+        directions = np.rint(angle / (2 * np.pi) * _DIRECTIONS).astype(int) % _DIRECTIONS
+        return offsets.reshape(-1, _POINTS, 2), directions.reshape(-1, _POINTS).astype(np.uint8)
+
+    def _at_depth(self, edges: EdgeVolume, depth: float, offsets: NDArray[np.float32],
+                  directions: NDArray[np.uint8]) -> _Places | None:
+        """The best places at a depth; None where the object is out of view in all of them."""
+        pinhole = edges.pinhole
+        scale = self._templates.depth / depth
+        cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
+        reach = int(np.abs(cells).max()) + 1
+        maps = _evidence_maps(edges, depth)
+        _, height, width = maps.shape
+        left, top, right, bottom = self._region.footprint(pinhole, depth)
+        # Farther out than the object's reach nothing of it is seen.
+        columns = np.arange(max(int(np.floor(left / _CELL)), -reach),
+                            min(int(np.ceil(right / _CELL)), width + reach) + 1)
+        rows = np.arange(max(int(np.floor(top / _CELL)), -reach),
+                         min(int(np.ceil(bottom / _CELL)), height + reach) + 1)
+        if not len(columns) or not len(rows):
+            return None
+        # Around the image there is no evidence either way.
+        before = max(0, reach - rows[0]), max(0, reach - columns[0])
+        after = (max(0, reach + rows[-1] + 1 - height), max(0, reach + columns[-1] + 1 - width))
+        maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
+        with LOCK:
+            best, place = _slide(maps, cells, directions, rows[0] + before[0],
+                                 columns[0] + before[1], len(rows), len(columns))
+        focal = np.sqrt(pinhole.fx * pinhole.fy)
+        lengths = np.repeat(self._templates.lengths, len(self._turns)) * focal * scale
+        row, column = np.divmod(place, len(columns))
+        pixels = np.stack([columns[column], rows[row]], axis=-1) * _CELL + (_CELL - 1) / 2
+        return _Places(depth, best / _UNIT * lengths / _POINTS, pixels)
 
 
 def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
@@ -109,107 +162,147 @@ def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
             * Rotation.from_rotvec(azimuth[:, None] * [0, 0, 1.0])).as_matrix()
 
 
-def _templates(context: GlContext, model: ObjectModel, depth: float, rotations: NDArray[np.float64]) -> _Templates:
-    """Outlines of the object, its origin straight ahead at `depth`."""
+def _templates(context: GlContext, model: ObjectModel, depth: float,
+               rotations: NDArray[np.float64]) -> _Templates:
     depth = max(depth, 1.5 * model.radius)
     half = _TEMPLATE / 2
     focal = 0.95 * half * (depth ** 2 - model.radius ** 2) ** 0.5 / model.radius
     camera = Pinhole(_TEMPLATE, _TEMPLATE, focal, focal, half - 0.5, half - 0.5)
-    zbuffers = ZBuffers(context, model.vertices, model.faces, camera, Window(0, 0, (_TEMPLATE, _TEMPLATE)),
-                        depth - 1.01 * model.radius, depth + 1.01 * model.radius, closed=model.closed, capacity=64)
     poses = np.tile(np.eye(4), (len(rotations), 1, 1))
     poses[:, :3, :3], poses[:, 2, 3] = rotations, depth
-    outlines = []
-    for first in range(0, len(poses), zbuffers.capacity):
-        batch = poses[first:first + zbuffers.capacity]
-        zbuffers.draw(batch)
-        outlines += [_outline(mask) for mask in zbuffers.read(len(batch)) > 0]
-    zbuffers.release()
-    points, normals, lengths = (np.stack(part) for part in zip(*outlines, strict=True))
-    return _Templates(rotations, (points - camera.cx) / focal, normals, lengths / focal)
+    masks: list[NDArray[np.bool_]] = []
+    with ZBuffers(context, model.vertices, model.faces, camera,
+                  Window(0, 0, (_TEMPLATE, _TEMPLATE)), depth - 1.01 * model.radius,
+                  depth + 1.01 * model.radius, closed=model.closed, capacity=64) as zbuffers:
+        for first in range(0, len(poses), zbuffers.capacity):
+            batch = poses[first:first + zbuffers.capacity]
+            zbuffers.draw(batch)
+            masks.extend(zbuffers.read(len(batch)) > 0)
+    # A sheet without thickness has no outline seen edge-on.
+    seen = [k for k, mask in enumerate(masks) if mask.any()]
+    if not seen:
+        raise ObjectModelError(f'mesh {model.name!r} cannot be seen: its surface is thinner than '
+                               f'{2 * model.radius / _TEMPLATE:.2g} m from every side')
+    points, normals, lengths = (np.stack(part) for part in
+                                zip(*(_outline(masks[k]) for k in seen), strict=True))
+    return _Templates(depth, rotations[seen], (points - camera.cx) / focal, normals,
+                      lengths / focal)
 
 
-def _outline(mask: NDArray[np.bool_]) -> tuple[NDArray[np.float64], NDArray[np.float64], np.float64]:
-    """Points (n, 2) at equal steps along a mask's border, the angles of its outward normals, its length [px]."""
+def _outline(mask: NDArray[np.bool_]
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64], np.float64]:
+    """Points (n, 2) at equal steps along a mask's border, their normals' angles, its length [px].
+
+    Normals point outwards.
+    """
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    # Edge pixels of the mask lie half a pixel inside its border; smoothing gives the staircase a direction.
+    # Edge pixels of the mask lie half a pixel inside its border; smoothing gives the staircase a
+    # direction.
     smooth = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 2.0)
     gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     pixels = np.concatenate([each[:, 0] for each in contours])
     length = np.float64(sum(cv2.arcLength(each, True) for each in contours))
     pixels = pixels[np.linspace(0, len(pixels), _POINTS, endpoint=False).astype(int)]
-    angles = np.arctan2(-gy[pixels[:, 1], pixels[:, 0]], -gx[pixels[:, 1], pixels[:, 0]])
-    return pixels + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=-1), angles.astype(np.float64), length
+    x, y = pixels.T
+    angles = np.arctan2(-gy[y, x], -gx[y, x]).astype(np.float64)
+    return pixels + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=-1), angles, length
 
 
-def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.float32]:
-    """(directions, rows, columns): edge energy on a contour of each normal there, less that outside it, per cell."""
+def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
+    """(directions, rows, columns) of cells, in units of 1 / 255.
+
+    Edge energy on a contour of each normal there, less that outside it.
+    """
     inverse = 1 / edges.depths
     label = np.clip((1 / depth - inverse[0]) / (inverse[1] - inverse[0]), 0, len(inverse) - 1)
     below = min(int(label), len(inverse) - 2)
     part = np.float32(label - below)
     tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
-    height, width = (side // _CELL for side in tensor.shape[:2])
-    tensor = cv2.resize(cv2.GaussianBlur(tensor, (0, 0), _BLUR)[:height * _CELL, :width * _CELL], (width, height),
-                        interpolation=cv2.INTER_AREA)
-    maps = np.zeros((_DIRECTIONS, height, width), np.float32)
+    height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
+    tensor = cv2.GaussianBlur(tensor, (0, 0), _BLUR)[:height * _CELL, :width * _CELL]
+    tensor = cv2.resize(tensor, (width, height), interpolation=cv2.INTER_AREA)
+    maps = np.zeros((_DIRECTIONS, height, width), np.int16)
     for k, angle in enumerate(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS):
         nx, ny = np.cos(angle), np.sin(angle)
-        energy = np.sqrt(np.maximum(tensor @ np.array([nx * nx, ny * ny, 2 * nx * ny], np.float32), 0))
+        across = tensor @ np.array([nx * nx, ny * ny, 2 * nx * ny], np.float32)
+        energy = np.sqrt(np.maximum(across, 0))
         outside = np.zeros_like(energy)
         for distance in (3.0, 4.5, 6.0):
             step = distance * _BLUR / _CELL
             move = np.array([[1, 0, -step * nx], [0, 1, -step * ny]])
-            outside += cv2.warpAffine(energy, move, (width, height), borderMode=cv2.BORDER_REPLICATE) / 3
-        maps[k] = np.minimum(energy, 2) - np.minimum(outside, 2)
+            outside += cv2.warpAffine(energy, move, (width, height),
+                                      borderMode=cv2.BORDER_REPLICATE) / 3
+        maps[k] = np.rint(_UNIT * (np.minimum(energy, 2) - np.minimum(outside, 2)))
     return maps
 
 
 @compiled(parallel=True)
 def _slide(maps, offsets, directions, row, column, rows, columns):  # type: ignore[no-untyped-def]
-    """Each template's best sum over all places, and which place (row-major) that is."""
+    """Each template's best sum over all places, and which place (row-major) that is.
+
+    Whole rows of the maps are added, one after the other, with what lies between the places: long
+    loops without branches.
+    """
     count, points = directions.shape
-    best = np.zeros(count, np.float32)
+    width = maps.shape[2]
+    lines = maps.reshape(len(maps), -1)
+    length = (rows - 1) * width + columns
+    best = np.zeros(count, np.int16)
     place = np.zeros(count, np.int64)
     for n in prange(count):
-        total = np.zeros((rows, columns), np.float32)
-        for p in range(points):
-            plane = maps[directions[n, p]]
-            y, x = row + offsets[n, p, 1], column + offsets[n, p, 0]
-            for r in range(rows):
-                line = plane[y + r]
-                for c in range(columns):
-                    total[r, c] += line[x + c]
-        at = np.argmax(total)
-        best[n] = total.ravel()[at]
-        place[n] = at
+        starts = (row + offsets[n, :, 1]) * width + column + offsets[n, :, 0]
+        total = np.zeros(length, np.int16)
+        for p in range(0, points, 4):
+            a = lines[directions[n, p], starts[p]:starts[p] + length]
+            b = lines[directions[n, p + 1], starts[p + 1]:starts[p + 1] + length]
+            c = lines[directions[n, p + 2], starts[p + 2]:starts[p + 2] + length]
+            d = lines[directions[n, p + 3], starts[p + 3]:starts[p + 3] + length]
+            for i in range(length):
+                total[i] += a[i] + b[i] + c[i] + d[i]
+        best[n] = total[0]
+        for r in range(rows):
+            most = best[n]
+            for i in range(r * width, r * width + columns):
+                most = max(most, total[i])
+            if most > best[n]:
+                best[n] = most
+                place[n] = r
+        # Now the row is known, the first column that reaches the sum.
+        first = place[n] * width
+        for i in range(columns):
+            if total[first + i] == best[n]:
+                place[n] = place[n] * columns + i
+                break
     return best, place
 
 
-def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depth: float, rotations: NDArray[np.float64],
-           turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses with the origin at `pixels` and `depth`, seen along that line of sight as the template is from ahead."""
-    rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx, (pixels[:, 1] - pinhole.cy) / pinhole.fy,
-                     np.ones(len(pixels))], axis=-1)
+def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.float64],
+           rotations: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 4) with the origin at `pixels` (n, 2) and `depths` (n,) [m].
+
+    They are seen along that line of sight as the template of `rotations` (n, 3, 3), turned by
+    `turns` (n,) [rad], is from ahead.
+    """
+    rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
+                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=-1)
     tangent = np.cross([0, 0, 1.0], rays)  # the smallest rotation from straight ahead to the ray
     sine = np.linalg.norm(tangent, axis=1, keepdims=True)
     towards = Rotation.from_rotvec(tangent / np.maximum(sine, 1e-12) * np.arctan(sine))
+    turned = Rotation.from_rotvec(turns[:, None] * [0, 0, 1.0]) * Rotation.from_matrix(rotations)
     poses = np.tile(np.eye(4), (len(pixels), 1, 1))
-    poses[:, :3, :3] = (towards * Rotation.from_rotvec(turns[:, None] * [0, 0, 1.0]) * Rotation.from_matrix(rotations)
-                        ).as_matrix()
-    poses[:, :3, 3] = rays * depth
+    poses[:, :3, :3] = (towards * turned).as_matrix()
+    poses[:, :3, 3] = rays * depths[:, None]
     return poses
 
 
-def _distinct(poses: NDArray[np.float64], scores: NDArray[np.float64], count: int,
-              axis: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The best poses of which no two show the object alike."""
-    order = np.argsort(-scores, kind='stable')[:40 * count]
-    poses, scores = poses[order], scores[order]
+def _distinct(poses: NDArray[np.float64], count: int, axis: NDArray[np.float64] | None
+              ) -> list[int]:
+    """Which poses (best first) to keep so that no two show the object alike, `count` at most."""
     free = np.ones(len(poses), bool)
     kept: list[int] = []
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
         free &= ~same_mode(poses, poses[best], axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
-    return poses[kept], scores[kept]
+        free[best] = False
+    return kept

@@ -1,5 +1,6 @@
 """The region of interest: a box in the camera's optical frame that holds the object's origin."""
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.zbuffers import Window
+from pmcl_ros.pmcl.zbuffers import Window, sphere_bounds
 
 
 @dataclass(frozen=True)
@@ -20,11 +21,11 @@ class Region:
 
     def __post_init__(self) -> None:
         if not np.isfinite([*self.center, *self.size]).all() or min(self.size) <= 0:
-            raise LocalizationError(f'region of interest at {self.center} m of size {self.size} m: every number must be '
-                                    'finite and every size positive')
+            raise LocalizationError(f'region of interest at {self.center} m of size {self.size} '
+                                    'm: every number must be finite and every size positive')
         if self.near <= 0.02:
-            raise LocalizationError(f'region of interest begins at {self.near:.3f} m: it must lie in front of the camera '
-                                    '(z forward)')
+            raise LocalizationError(f'region of interest begins at {self.near:.3f} m: it must lie '
+                                    'in front of the camera (z forward)')
 
     @property
     def near(self) -> float:
@@ -50,23 +51,31 @@ class Region:
         """Left, top, right, bottom pixel of the box at a depth, not cut at the image's border."""
         x, y, _ = np.array(self.center)
         half_x, half_y = self.size[0] / 2, self.size[1] / 2
-        corners = pinhole.project(np.array([[x - half_x, y - half_y, depth], [x + half_x, y + half_y, depth]]))
+        corners = pinhole.project(np.array([[x - half_x, y - half_y, depth],
+                                            [x + half_x, y + half_y, depth]]))
         return corners[0, 0], corners[0, 1], corners[1, 0], corners[1, 1]
 
     def window(self, pinhole: Pinhole, radius: float) -> Window:
-        """The part of the image that an object of this radius with its origin in the box can cover.
+        """The part of the image that an object of this radius, its origin in the box, can cover.
 
         Raises LocalizationError when that is outside the image.
         """
-        sides = np.array([self.footprint(pinhole, depth) for depth in (self.near, self.far)])
-        grow = radius / max(self.near - radius, 0.2 * self.near) * np.array([pinhole.fx, pinhole.fy] * 2)
-        low, high = np.floor(sides.min(axis=0) - grow), np.ceil(sides.max(axis=0) + grow)
-        left, top = max(0, int(low[0])), max(0, int(low[1]))
-        right, bottom = min(pinhole.width, int(high[2]) + 1), min(pinhole.height, int(high[3]) + 1)
+        ends = [(middle - side / 2, middle + side / 2)
+                for middle, side in zip(self.center, self.size, strict=True)]
+        bounds = sphere_bounds(pinhole, np.array(list(itertools.product(*ends))), radius)
+        left, top = np.clip(np.floor(bounds[:, :2].min(axis=0)), 0, None)
+        right, bottom = np.clip(np.ceil(bounds[:, 2:].max(axis=0)) + 1, None,
+                                (pinhole.width, pinhole.height))
         if left >= right or top >= bottom:
-            raise LocalizationError(f'the region of interest at {self.center} m of size {self.size} m is outside the image '
-                                    f'({pinhole.width}x{pinhole.height}); it is in the camera\'s optical frame: x right, y down')
-        return Window(left, top, (right - left, bottom - top))
+            raise self.out_of_view(pinhole)
+        return Window(int(left), int(top), (int(right - left), int(bottom - top)))
+
+    def out_of_view(self, pinhole: Pinhole) -> LocalizationError:
+        """The error to raise when nothing of the object can be seen wherever in the box it is."""
+        return LocalizationError(
+            f'the region of interest at {self.center} m of size {self.size} m is outside the '
+            f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '
+            'x right, y down, z forward')
 
     def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
         """(n,) which points (n, 3) lie in the box."""

@@ -15,11 +15,11 @@ class PmclSettings(Settings):
 
     mode: Mode = Field(
         'default', description='default: contour evidence, proposals over the whole region, '
-        'annealed particles; faithful: the paper\'s filter on the mean likelihood')
+        'annealed particles; faithful: the filter of the paper, on the mean likelihood')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),
-        description='centre of the box that holds the object\'s origin, camera frame [m]')
+        description='centre of the box that holds the origin of the object, camera frame [m]')
     roi_size: tuple[_Size, _Size, _Size] = Field(
         (0.16, 0.16, 0.16), description='size of that box [m]')
     seed: int = Field(

@@ -1,4 +1,4 @@
-"""From weighted particles to one pose and its covariance, in the space that the object's symmetry leaves."""
+"""From weighted particles to one pose and its covariance, in the space the symmetry leaves."""
 
 import math
 
@@ -11,11 +11,12 @@ from pmcl_ros.pmcl.weights import Weights
 FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle uniform over the full turn
 
 
-def mean_pose(poses: NDArray[np.float64], weights: Weights, axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def mean_pose(poses: NDArray[np.float64], weights: Weights, axis: NDArray[np.float64] | None
+              ) -> NDArray[np.float64]:
     """(4, 4) weighted mean of poses (n, 4, 4) of one mode.
 
-    The mean rotation is the chordal mean; with an axis of symmetry only the mean axis is meant (averaging the arbitrary
-    spins would tilt it) and the canonical representative is returned.
+    The mean rotation is the chordal mean; with an axis of symmetry only the mean axis is meant
+    (averaging the arbitrary spins would tilt it) and the canonical representative is returned.
     """
     w = weights.normalised
     mean = np.eye(4)
@@ -31,29 +32,40 @@ def mean_pose(poses: NDArray[np.float64], weights: Weights, axis: NDArray[np.flo
 
 
 def canonical(pose: NDArray[np.float64], axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """The representative of a pose (4, 4) under a rotational symmetry: one side of the object faces the camera.
+    """The representative of a pose (4, 4) under a symmetry: the object's front faces the camera.
 
-    That side is the mesh's axis after the axis of symmetry (x for z): it points to the camera as far as it can.
+    The front is the mesh's axis after the axis of symmetry (x for z): it points to the camera as
+    far as it can.
     """
     if axis is None:
         return pose
-    side = np.roll(axis, 1) if np.allclose(np.abs(axis), np.eye(3)[np.abs(axis).argmax()]) else np.cross(axis, [0, 0, 1.0])
+    along = np.abs(axis)
+    if np.allclose(along, np.eye(3)[along.argmax()]):
+        side = np.roll(axis, 1)
+    else:
+        side = np.cross(axis, [0, 0, 1.0])
     spindle = pose[:3, :3] @ axis
     towards = -pose[:3, 3] - spindle * (spindle @ -pose[:3, 3])
-    if np.linalg.norm(towards) < 1e-3 * np.linalg.norm(pose[:3, 3]):  # seen along its axis: any side will do
+    if np.linalg.norm(towards) < 1e-3 * np.linalg.norm(pose[:3, 3]):
+        # Seen along its axis: any side will do.
         towards = np.array([0, 1.0, 0]) - spindle * spindle[1]
     frame = [spindle, towards / np.linalg.norm(towards)]
     turned = pose.copy()
-    turned[:3, :3] = Rotation.align_vectors(frame, [axis, side / np.linalg.norm(side)])[0].as_matrix()
+    turned[:3, :3] = Rotation.align_vectors(frame, [axis, side / np.linalg.norm(side)]
+                                            )[0].as_matrix()
     return turned
 
 
 def covariance(poses: NDArray[np.float64], weights: Weights, mean: NDArray[np.float64],
                axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    """(6, 6) of x, y, z [m^2] and rotations about the camera's axes [rad^2]; pi^2 / 3 about an axis of symmetry."""
+    """(6, 6) of x, y, z [m^2] and rotations about the camera's axes [rad^2].
+
+    pi^2 / 3 about an axis of symmetry.
+    """
     shift = poses[:, :3, 3] - mean[:3, 3]
     if axis is None:
-        turn = (Rotation.from_matrix(poses[:, :3, :3]) * Rotation.from_matrix(mean[:3, :3]).inv()).as_rotvec()
+        turn = (Rotation.from_matrix(poses[:, :3, :3])
+                * Rotation.from_matrix(mean[:3, :3]).inv()).as_rotvec()
         free = np.zeros((3, 3))
     else:
         spindle = mean[:3, :3] @ axis
@@ -68,15 +80,19 @@ def covariance(poses: NDArray[np.float64], weights: Weights, mean: NDArray[np.fl
     return (result + result.T) / 2
 
 
-def same_mode(poses: NDArray[np.float64], best: NDArray[np.float64], axis: NDArray[np.float64] | None,
-              distance: float, angle: float) -> NDArray[np.bool_]:
-    """(n,) which poses lie within `distance` [m] and `angle` [rad] of `best`, turns about the symmetry axis ignored."""
+def same_mode(poses: NDArray[np.float64], best: NDArray[np.float64],
+              axis: NDArray[np.float64] | None, distance: float, angle: float
+              ) -> NDArray[np.bool_]:
+    """(n,) which poses lie within `distance` [m] and `angle` [rad] of `best`.
+
+    Turns about the symmetry axis are ignored.
+    """
     near = np.linalg.norm(poses[:, :3, 3] - best[:3, 3], axis=1) < distance
     return near & (rotation_distance(poses, best, axis) < angle)
 
 
-def rotation_distance(poses: NDArray[np.float64], other: NDArray[np.float64], axis: NDArray[np.float64] | None
-                      ) -> NDArray[np.float64]:
+def rotation_distance(poses: NDArray[np.float64], other: NDArray[np.float64],
+                      axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
     """(n,) angle between orientations [rad]; between the symmetry axes where there is one."""
     if axis is not None:
         cosine = (poses[:, :3, :3] @ axis) @ (other[:3, :3] @ axis)

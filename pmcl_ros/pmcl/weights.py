@@ -21,7 +21,8 @@ class Weights:
     def __post_init__(self) -> None:
         clean = np.where(np.isnan(self.log), -np.inf, np.asarray(self.log, float))
         if clean.ndim != 1 or not len(clean):
-            raise LocalizationError(f'weights must be one row of numbers, got shape {self.log.shape}')
+            raise LocalizationError('weights must be one row of numbers, got shape '
+                                    f'{self.log.shape}')
         if not np.isfinite(clean.max()):
             # No particle explains anything: all are as good as each other.
             clean = np.zeros(len(clean))
@@ -35,20 +36,24 @@ class Weights:
 
     @classmethod
     def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float) -> 'Weights':
-        """exp(beta score) with the beta up to `largest` that leaves about `effective` (0..1) of the particles effective.
+        """exp(beta score) with the beta that leaves about `effective` (0..1) of them effective.
 
-        Annealing: the nearer the particles are to each other in score, the more the score decides.
+        Beta is `largest` at most. Annealing: the nearer the particles are to each other in score,
+        the more the score decides.
         """
+        values = np.asarray(scores, np.float64)
+        enough = effective * len(values)
         low, high = 0.0, largest
-        if cls(high * scores).effective_size >= effective * len(scores):
-            return cls(high * scores)
+        if cls(high * values).effective_size >= enough:
+            return cls(high * values)
         for _ in range(40):
             beta = (low + high) / 2
-            if cls(beta * scores).effective_size >= effective * len(scores):
+            if cls(beta * values).effective_size >= enough:
                 low = beta
             else:
                 high = beta
-        return cls(low * scores)
+        with np.errstate(invalid='ignore'):  # 0 times -inf
+            return cls(low * values)
 
     @cached_property
     def normalised(self) -> NDArray[np.float64]:
@@ -62,7 +67,12 @@ class Weights:
         return float(1 / (self.normalised ** 2).sum())
 
     def resample(self, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
-        """(count,) indices of particles drawn in proportion to their weights (systematic resampling)."""
+        """(count,) indices of particles drawn in proportion to their weights.
+
+        Systematic resampling: each is drawn its share of `count` times, up to rounding.
+        """
         ladder = np.cumsum(self.normalised)
         positions = (rng.random() + np.arange(count)) / count
-        return np.minimum(np.searchsorted(ladder, positions), len(ladder) - 1)
+        # A step of no height is never stepped on, the last one included.
+        drawn = np.searchsorted(ladder / ladder[-1], positions, side='right')
+        return np.minimum(drawn, np.flatnonzero(self.normalised)[-1])

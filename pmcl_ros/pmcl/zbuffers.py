@@ -11,6 +11,7 @@ from pmcl_ros.errors import RenderError
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.gl import GlContext
 
+_MOST_PIXELS = 2 ** 26  # of an atlas: 256 MiB
 _VERTEX = """
 #version 430
 in vec3 position;
@@ -40,9 +41,10 @@ void main() {
 
 @dataclass(frozen=True)
 class Window:
-    """The part of the image that tiles show: `size` (width, height) tile pixels of `scale` image pixels each.
+    """The part of the image that tiles show: `size` (width, height) of `scale` image pixels each.
 
-    left, top: image pixel of the window's corner. Tile pixel X is at image pixel left + scale X + (scale - 1) / 2.
+    left, top: image pixel of the window's corner. Tile pixel X is at image pixel
+    left + scale X + (scale - 1) / 2.
     """
 
     left: int
@@ -53,8 +55,9 @@ class Window:
     def pinhole(self, image: Pinhole) -> Pinhole:
         """The camera of a tile."""
         shift = (self.scale - 1) / 2
-        return Pinhole(self.size[0], self.size[1], image.fx / self.scale, image.fy / self.scale,
-                       (image.cx - self.left - shift) / self.scale, (image.cy - self.top - shift) / self.scale)
+        return Pinhole(*self.size, image.fx / self.scale, image.fy / self.scale,
+                       (image.cx - self.left - shift) / self.scale,
+                       (image.cy - self.top - shift) / self.scale)
 
     def coarser(self, scale: int) -> 'Window':
         """The same part of the image in tile pixels of `scale` image pixels."""
@@ -65,31 +68,31 @@ class Window:
 class ZBuffers:
     """Renders batches of poses of one mesh into a depth atlas that stays on the GPU.
 
-    vertices: (n, 3) [m], faces: (m, 3) int. near, far: depths that hold every pose [m]. closed: the mesh is watertight
-    with outward faces, so that its back faces need no drawing. capacity: poses per batch at most (fewer if a texture
-    of the GL's largest size holds fewer).
+    vertices: (n, 3) [m], faces: (m, 3) int. near, far: depths that hold every pose [m].
+    closed: the mesh is watertight with outward faces, so that its back faces need no drawing.
+    capacity: poses per batch at most; fewer where their tiles would not fit the GL's largest
+        texture, or take too much memory.
     """
 
-    def __init__(self, context: GlContext, vertices: NDArray[np.floating], faces: NDArray[np.integer], image: Pinhole,
-                 window: Window, near: float, far: float, *, closed: bool, capacity: int = 128) -> None:
-        context.check_thread()
+    def __init__(self, context: GlContext, vertices: NDArray[np.floating],
+                 faces: NDArray[np.integer], image: Pinhole, window: Window, near: float,
+                 far: float, *, closed: bool, capacity: int = 128) -> None:
+        context.use()
         if not 0 < near < far:
-            raise RenderError(f'cannot render between {near:.3f} m and {far:.3f} m: the object would be at the camera')
+            raise RenderError(f'cannot render between {near:.3f} m and {far:.3f} m: the object '
+                              'would be at the camera')
         gl = context.gl
         self.context = context
         self.window = window
         self.image = image
         self.inverse = (1 / near, 1 / far)
         width, height = window.size
-        largest = int(gl.info['GL_MAX_TEXTURE_SIZE'])
-        columns = min(math.ceil(math.sqrt(capacity)), largest // width)
-        rows = min(math.ceil(capacity / max(columns, 1)), largest // height)
-        if columns < 1 or rows < 1:
-            raise RenderError(f'a tile of {width}x{height} pixels is beyond this GL ({largest})')
-        self.tiles = (columns, rows)
+        self.tiles = _layout(width, height, capacity, context.limit('GL_MAX_TEXTURE_SIZE'))
+        columns, rows = self.tiles
         self.capacity = columns * rows
         tile = window.pinhole(image)
-        self._program = gl.program(vertex_shader=_VERTEX, fragment_shader='#version 430\nvoid main() {}')
+        self._program = gl.program(vertex_shader=_VERTEX,
+                                   fragment_shader='#version 430\nvoid main() {}')
         self._program['pinhole'] = (tile.fx, tile.fy, tile.cx, tile.cy)
         self._program['inverse'] = self.inverse
         self._program['tile'] = (width, height)
@@ -97,7 +100,8 @@ class ZBuffers:
         self._poses = gl.buffer(reserve=self.capacity * 64)
         self._vertices = gl.buffer(np.ascontiguousarray(vertices, 'f4'))
         self._faces = gl.buffer(np.ascontiguousarray(faces, 'i4'))
-        self._mesh = gl.vertex_array(self._program, [(self._vertices, '3f', 'position')], self._faces)
+        self._mesh = gl.vertex_array(self._program, [(self._vertices, '3f', 'position')],
+                                     self._faces)
         self._closed = closed
         self._radius = float(np.linalg.norm(vertices, axis=1).max())
         self._boxes = gl.buffer(reserve=self.capacity * 16)
@@ -107,16 +111,24 @@ class ZBuffers:
         self._frame = gl.framebuffer(depth_attachment=self.depth)
 
     def draw(self, poses: NDArray[np.floating]) -> None:
-        """Draw the z-buffers of poses (n, 4, 4), object to camera; n at most `capacity`."""
-        self.context.check_thread()
+        """Draw the z-buffers of poses (n, 4, 4), object to camera; n at most `capacity`.
+
+        A pose that holds NaN or an infinity shows nothing.
+        """
+        self.context.use()
         if len(poses) > self.capacity:
-            raise RenderError(f'{len(poses)} poses in one batch, this atlas holds {self.capacity}')
+            raise RenderError(f'{len(poses)} poses in one batch, this atlas holds '
+                              f'{self.capacity}')
+        known = np.isfinite(poses).all(axis=(1, 2), keepdims=True)
+        poses = np.where(known, poses, 0)  # all of the object at the camera, where nothing is seen
         gl = self.context.gl
-        self._poses.write(np.ascontiguousarray(np.swapaxes(poses, 1, 2), 'f4'))  # GL matrices are column-major
+        # GL matrices are column-major.
+        self._poses.write(np.ascontiguousarray(np.swapaxes(poses, 1, 2), 'f4'))
         self._poses.bind_to_storage_buffer(0)
         self._frame.use()
         self._frame.clear(depth=1.0)
-        gl.enable_only(moderngl.DEPTH_TEST | (moderngl.CULL_FACE if self._closed else moderngl.NOTHING))
+        gl.enable_only(moderngl.DEPTH_TEST
+                       | (moderngl.CULL_FACE if self._closed else moderngl.NOTHING))
         gl.front_face = 'cw'  # rows run down: the image is mirrored as GL sees it
         gl.enable_direct(0x3000)  # GL_CLIP_DISTANCE0 and the three after it
         for plane in range(1, 4):
@@ -130,20 +142,22 @@ class ZBuffers:
         self._boxes.bind_to_storage_buffer(boxes)
 
     def _bounds(self, poses: NDArray[np.floating]) -> NDArray[np.int32]:
-        """(n, 4) left, top, right, bottom of what the object's bounding sphere can touch."""
-        tile = self.window.pinhole(self.image)
-        centre = tile.project(poses[:, :3, 3])
-        ahead = np.maximum(poses[:, 2, 3] - self._radius, 1e-3)
-        reach = max(tile.fx, tile.fy) * self._radius / ahead[:, None] + 2
-        box = np.concatenate([centre - reach, centre + reach], axis=1)
-        return np.clip(np.nan_to_num(box), 0, self.window.size * 2).astype(np.int32)
+        """(n, 4) left, top, right, bottom of what the object can touch, and a pixel around it."""
+        box = sphere_bounds(self.window.pinhole(self.image), poses[:, :3, 3], self._radius)
+        box[:, :2] = np.floor(box[:, :2]) - 1
+        box[:, 2:] = np.ceil(box[:, 2:]) + 2
+        return np.clip(box, 0, self.window.size * 2).astype(np.int32)
 
     def read(self, count: int) -> NDArray[np.float32]:
-        """(count, height, width) the depths drawn last [m]; 0 where nothing was drawn. For tests, templates, pictures."""
-        self.context.check_thread()
+        """(count, height, width) the depths drawn last [m]; 0 where nothing was drawn.
+
+        For tests, templates, pictures.
+        """
+        self.context.use()
         (width, height), (columns, rows) = self.window.size, self.tiles
-        atlas = np.frombuffer(self.depth.read(alignment=1), np.float32).reshape(rows, height, columns, width)
-        depth = atlas.swapaxes(1, 2).reshape(-1, height, width)[:count].astype(np.float64)
+        atlas = np.frombuffer(self.depth.read(alignment=1), np.float32)
+        tiles = atlas.reshape(rows, height, columns, width).swapaxes(1, 2)
+        depth = tiles.reshape(-1, height, width)[:count].astype(np.float64)
         near, far = self.inverse
         return np.where(depth < 1, 1 / (near - depth * (near - far)), 0).astype(np.float32)
 
@@ -155,5 +169,37 @@ class ZBuffers:
 
     def release(self) -> None:
         """Free what this atlas holds on the GPU."""
-        for each in (self._mesh, self._vertices, self._faces, self._poses, self._boxes, self._frame, self.depth, self._program):
+        self.context.use()
+        for each in (self._mesh, self._vertices, self._faces, self._poses, self._boxes,
+                     self._frame, self.depth, self._program):
             each.release()
+
+
+def sphere_bounds(camera: Pinhole, centres: NDArray[np.floating], radius: float
+                  ) -> NDArray[np.float64]:
+    """(n, 4) left, top, right, bottom pixel of spheres about (n, 3) [m]; infinite at the camera.
+
+    That is where the planes through the camera and the image's axes touch a sphere: off the axis
+    it is wider than the radius over the depth.
+    """
+    z = centres[:, 2]
+    ahead = z > radius
+    square = np.where(ahead, z ** 2 - radius ** 2, 1)
+    low, high = [], []
+    for side, focal, middle in ((centres[:, 0], camera.fx, camera.cx),
+                                (centres[:, 1], camera.fy, camera.cy)):
+        reach = radius * np.sqrt(np.where(ahead, side ** 2 + square, 0))
+        low.append(np.where(ahead, focal * (side * z - reach) / square + middle, -np.inf))
+        high.append(np.where(ahead, focal * (side * z + reach) / square + middle, np.inf))
+    return np.stack(low + high, axis=-1)
+
+
+def _layout(width: int, height: int, capacity: int, largest: int) -> tuple[int, int]:
+    """Columns and rows of an atlas of about `capacity` tiles in a texture of `largest` pixels."""
+    capacity = max(1, min(capacity, _MOST_PIXELS // (width * height)))
+    columns = min(math.ceil(math.sqrt(capacity)), largest // width)
+    rows = min(math.ceil(capacity / max(columns, 1)), largest // height)
+    if columns < 1 or rows < 1:
+        raise RenderError(f'a tile of {width}x{height} pixels is beyond this GL, which draws '
+                          f'{largest} pixels at most; choose a smaller region of interest')
+    return columns, rows
