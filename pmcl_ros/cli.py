@@ -167,7 +167,8 @@ def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path) -
     That of a CAPTURE and that of the WHITE image.
     """
     Calibration.from_truth(capture, white, serial).save(
-        out, 'Of a simulated camera, from truth files (pmcl calibration-from-truth).')
+        out, "Of a simulated camera, from its captures' truth files "
+        '(pmcl calibration-from-truth).')
 
 
 @main.command()

@@ -96,7 +96,7 @@ class Localizer:
             pose, spread = self._summary(poses, weights)
             evidence, length = fine.batch(pose[None])[0]
         lost = evidence < self._settings.least_evidence * max(length, 1.0)
-        return PoseEstimate(volume.header, pose, spread, poses, np.log(weights.normalised),
+        return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
                             float(evidence), bool(lost), self._settings.mode)
 
     def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
@@ -110,7 +110,7 @@ class Localizer:
             pose, spread = self._summary(poses, weights)
             likelihood = float(score(pose[None])[0])
         # The paper knows no lost object; one that no ray supports at all is.
-        return PoseEstimate(volume.header, pose, spread, poses, np.log(weights.normalised),
+        return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
                             likelihood, lost=not likelihood > 0, mode=self._settings.mode)
 
     def _summary(self, poses: NDArray[np.float64], weights: Weights

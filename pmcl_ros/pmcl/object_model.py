@@ -80,15 +80,13 @@ class ObjectModel:
     def _from_mesh(cls, mesh: trimesh.Trimesh, name: str, settings: ObjectSettings | None
                    ) -> 'ObjectModel':
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
-        diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        with np.errstate(over='ignore'):
+            diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
         if not _SMALLEST <= diagonal <= _LARGEST:
             raise ObjectModelError(
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
                 f'{_LARGEST} m; meshes are in metres: for millimetres write an object YAML with '
                 'scale: 0.001')
-        if len(faces) > _MOST_FACES:
-            raise ObjectModelError(f'mesh {name!r} has {len(faces)} faces, at most {_MOST_FACES} '
-                                   'are rendered; simplify it')
         if settings is not None and settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
@@ -99,22 +97,24 @@ class ObjectModel:
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file, of finite vertices and not without a surface."""
+    """The mesh of a file: finite vertices, a surface, not too many faces."""
     if not path.is_file():
         raise ObjectModelError(f'no mesh file {path}')
     try:
         loaded: Any = trimesh.load_mesh(path, process=False)
         mesh = loaded if isinstance(loaded, trimesh.Trimesh) else loaded.to_mesh()
-        # Corners that differ in colour or normal alone are one; those of no face are no part.
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        mesh.remove_unreferenced_vertices()
-        area = mesh.area
+        corners = mesh.triangles
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         raise ObjectModelError(f'{path} cannot be read as a mesh: {error!r}') from error
-    if not np.isfinite(mesh.vertices).all():
+    if len(mesh.faces) > _MOST_FACES:
+        raise ObjectModelError(f'{path} has {len(mesh.faces)} faces, at most {_MOST_FACES} are '
+                               'rendered; simplify it')
+    if not np.isfinite(corners).all():
         raise ObjectModelError(f'{path} has vertices that are not finite numbers')
-    if not area > 0:
+    if not mesh.area > 0:
         raise ObjectModelError(f'{path} holds {len(mesh.vertices)} vertices but no surface')
+    # Corners that differ in colour or normal alone are one; those of no face are no part.
+    mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return mesh
 
 

@@ -61,6 +61,11 @@ class Weights:
         weights = np.exp(self.log)
         return weights / weights.sum()
 
+    @cached_property
+    def log_normalised(self) -> NDArray[np.float64]:
+        """(n,), the logarithms of `normalised`, also where those are too small for a number."""
+        return self.log - np.log(np.exp(self.log).sum())
+
     @property
     def effective_size(self) -> float:
         """Kish's effective number of particles, 1 to n."""

@@ -170,6 +170,7 @@ class ZBuffers:
     def release(self) -> None:
         """Free what this atlas holds on the GPU."""
         self.context.use()
+        self.context.gl.detect_framebuffer(0).use()  # moderngl binds again what was bound last
         for each in (self._mesh, self._vertices, self._faces, self._poses, self._boxes,
                      self._frame, self.depth, self._program):
             each.release()

@@ -1,0 +1,35 @@
+import json
+
+import numpy as np
+import pytest
+from pmcl_scenes import pose_of
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.header import Header
+from pmcl_ros.pmcl.estimate import PoseEstimate
+
+
+def make(lost=False):
+    pose = pose_of(Rotation.from_euler('z', 90, degrees=True), [0.1, -0.02, 0.5])
+    covariance = np.diag([1e-6, 4e-6, 9e-6, 0.01, 0.01, 0.01])
+    return PoseEstimate(Header(3), pose, covariance, pose[None], np.zeros(1), 123.4, lost,
+                        'default')
+
+
+def test_the_dictionary_is_what_the_command_line_promises():
+    said = json.loads(json.dumps(make(lost=True).as_dict()))
+    assert set(said) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost'}
+    assert said['position'] == [0.1, -0.02, 0.5]
+    x, y, z, w = said['orientation_xyzw']
+    np.testing.assert_allclose(np.array([x, y, z, w]) * np.sign(w), [0, 0, 0.5 ** 0.5, 0.5 ** 0.5],
+                               atol=1e-12)
+    assert said['covariance'] == make().covariance.ravel().tolist()
+    assert said['score'] == 123.4
+    assert said['lost'] is True
+
+
+@pytest.mark.parametrize(('lost', 'word'), [(False, 'found'), (True, 'lost; best hypothesis')])
+def test_a_line_for_people(lost, word):
+    line = make(lost).describe()
+    assert line.startswith(f'{word} at (0.1000, -0.0200, 0.5000) m, ')
+    assert line.endswith('score 123, standard deviation (1.0, 2.0, 3.0) mm')

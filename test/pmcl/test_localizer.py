@@ -1,0 +1,233 @@
+"""The whole arrow, on edge volumes that show one object and nothing else."""
+
+import gc
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pmcl_scenes import (
+    CAMERA,
+    bracket,
+    cup,
+    depth_of,
+    edges_seen,
+    model_of,
+    random_poses,
+    volume_with,
+)
+
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.errors import LocalizationError, RenderError
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.summary import canonical
+
+DEPTHS = depth_labels(0.3, 0.7, 20)
+CUP = model_of(cup(), [0, 0, 1])
+BRACKET = model_of(bracket())
+SETTINGS = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.1, 0.1, 0.16))
+REGION = Region(SETTINGS.roi_center, SETTINGS.roi_size)
+SMALL = SETTINGS.model_copy(update={'proposals': 8, 'particles': 32, 'moves': 1})
+
+
+def scene(context, model, seed):
+    """A pose, and a volume in which the object is seen there."""
+    truth = random_poses(1, seed, depth=(0.34, 0.42))[0]
+    depth = depth_of(context, model, truth, CAMERA, 4)
+    return truth, volume_with(edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius))
+
+
+def localized(model, volume, seed=0, settings=SETTINGS, progress=None):
+    with Localizer(model, settings) as localizer:
+        return localizer.localize(volume, np.random.default_rng(seed), progress)
+
+
+@pytest.fixture
+def cup_volume(context):
+    return scene(context, CUP, 0)[1]
+
+
+def assert_valid(estimate, model):
+    np.testing.assert_allclose(estimate.pose[:3, :3] @ estimate.pose[:3, :3].T, np.eye(3),
+                               atol=1e-9)
+    assert REGION.contains(estimate.pose[None, :3, 3]).all()
+    np.testing.assert_allclose(estimate.pose, canonical(estimate.pose, model.axis), atol=1e-6)
+    np.testing.assert_allclose(estimate.covariance, estimate.covariance.T)
+    assert np.linalg.eigvalsh(estimate.covariance).min() > -1e-12
+    assert len(estimate.particles) == len(estimate.log_weights)
+    assert np.exp(estimate.log_weights).sum() == pytest.approx(1)
+    assert estimate.mode == 'default'
+    assert estimate.header.stamp_ns == 7
+
+
+def test_a_vessel_is_localised_whatever_the_seed(context):
+    errors = []
+    for pose_seed in (0, 1, 2):
+        truth, volume = scene(context, CUP, pose_seed)
+        with Localizer(CUP, SETTINGS) as localizer:
+            for seed in (0, 1):
+                estimate = localizer.localize(volume, np.random.default_rng(seed))
+                assert_valid(estimate, CUP)
+                assert not estimate.lost
+                spindle = estimate.pose[:3, 2]
+                assert spindle @ estimate.covariance[3:, 3:] @ spindle == pytest.approx(
+                    np.pi ** 2 / 3, rel=0.01)
+                error = pose_error(estimate.pose, truth, CUP.axis)
+                errors.append((error.translation, error.rotation))
+    # The contour's pixels leave a millimetre or two along the line of sight.
+    assert np.max(errors, axis=0)[0] < 0.005
+    assert np.max(errors, axis=0)[1] < np.deg2rad(3)
+    assert np.median(errors, axis=0)[0] < 0.002
+    assert np.median(errors, axis=0)[1] < np.deg2rad(2)
+
+
+@pytest.mark.parametrize('seed', [0, 1, 2])
+def test_an_object_without_symmetry_is_localised(context, seed):
+    truth, volume = scene(context, BRACKET, seed)
+    estimate = localized(BRACKET, volume, seed)
+    assert_valid(estimate, BRACKET)
+    assert not estimate.lost
+    error = pose_error(estimate.pose, truth, None)
+    assert error.translation < 0.005
+    assert error.rotation < np.deg2rad(10)
+
+
+def test_the_same_seed_gives_the_identical_pose_in_any_localizer(cup_volume, context):
+    with Localizer(CUP, SMALL) as localizer:
+        first = localizer.localize(cup_volume, np.random.default_rng(5))
+        again = localizer.localize(cup_volume, np.random.default_rng(5))
+        other = localizer.localize(cup_volume, np.random.default_rng(6))
+    fresh = localized(CUP, cup_volume, 5, SMALL)
+    for estimate in (again, fresh):
+        np.testing.assert_array_equal(estimate.pose, first.pose)
+        np.testing.assert_array_equal(estimate.particles, first.particles)
+        np.testing.assert_array_equal(estimate.log_weights, first.log_weights)
+        np.testing.assert_array_equal(estimate.covariance, first.covariance)
+        assert estimate.score == first.score
+    assert (other.pose != first.pose).any()
+
+
+def test_several_localizers_in_one_thread_do_not_meet(context, cup_volume):
+    bracket_volume = scene(context, BRACKET, 1)[1]
+    alone = [localized(CUP, cup_volume, 0, SMALL), localized(BRACKET, bracket_volume, 0, SMALL)]
+    first, second = Localizer(CUP, SMALL), Localizer(BRACKET, SMALL)
+    for _ in range(2):
+        together = [first.localize(cup_volume, np.random.default_rng(0)),
+                    second.localize(bracket_volume, np.random.default_rng(0))]
+        for one, other in zip(alone, together, strict=True):
+            np.testing.assert_array_equal(one.pose, other.pose)
+    second.close()
+    last = first.localize(cup_volume, np.random.default_rng(0))
+    np.testing.assert_array_equal(last.pose, alone[0].pose)
+    first.close()
+
+
+def test_localizers_in_two_threads_at_once_do_not_meet(cup_volume):
+    expected = localized(CUP, cup_volume, 3, SMALL)
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda _: localized(CUP, cup_volume, 3, SMALL), range(4)))
+    for estimate in found:
+        np.testing.assert_array_equal(estimate.pose, expected.pose)
+
+
+@pytest.mark.parametrize('level', [0.0, 1.0])
+def test_without_edges_the_object_is_lost(cup_volume, level):
+    tensor = np.full_like(cup_volume.edges.tensor, level) * np.array([1, 1, 0], np.float32)
+    volume = volume_with(EdgeVolume(cup_volume.header, tensor, DEPTHS, CAMERA))
+    estimate = localized(CUP, volume, 0, SMALL)
+    assert estimate.lost
+    assert estimate.score == 0
+    assert_valid(estimate, CUP)
+
+
+def test_an_object_that_is_not_there_is_lost(context):
+    # Another object's contour, of another size: no pose of this one explains it.
+    small = model_of(cup().apply_scale(0.4), [0, 0, 1])
+    volume = scene(context, small, 0)[1]
+    assert localized(CUP, volume).lost
+
+
+def test_a_likelihood_alone_will_do(context):
+    # What a message of the volume without its edges gives: high on contours at their depth.
+    truth, volume = scene(context, CUP, 1)
+    energy = volume.edges.tensor[..., 0] + volume.edges.tensor[..., 1]
+    bare = DepthLikelihoodVolume(volume.header, np.sqrt(energy), DEPTHS, CAMERA)
+    estimate = localized(CUP, bare)
+    error = pose_error(estimate.pose, truth, CUP.axis)
+    assert error.translation < 0.01
+    assert error.rotation < np.deg2rad(5)
+
+
+@pytest.mark.parametrize(('near', 'far'), [(0.1, 0.31), (0.49, 0.9)])
+@pytest.mark.parametrize('mode', ['default', 'faithful'])
+def test_a_volume_that_does_not_reach_the_region_is_refused(cup_volume, near, far, mode):
+    depths = depth_labels(near, far, len(DEPTHS))
+    edges = replace(cup_volume.edges, depths=depths)
+    settings = SMALL.model_copy(update={'mode': mode})
+    with pytest.raises(LocalizationError, match=r'the volume spans .* set near and far'):
+        localized(CUP, volume_with(edges), 0, settings)
+
+
+def test_a_region_outside_the_image_is_refused(cup_volume):
+    settings = SMALL.model_copy(update={'roi_center': (2.0, 0.0, 0.4)})
+    with pytest.raises(LocalizationError, match='outside the image'):
+        localized(CUP, cup_volume, 0, settings)
+
+
+@pytest.mark.parametrize('stop', [0, 2])
+def test_progress_ends_the_search_early_with_what_was_found(cup_volume, stop):
+    parts = []
+
+    def progress(part):
+        parts.append(part)
+        return len(parts) <= stop
+
+    estimate = localized(CUP, cup_volume, 0, SMALL, progress)
+    assert len(parts) == stop + 1
+    assert_valid(estimate, CUP)
+    assert estimate.score > 0
+
+
+def test_a_localizer_belongs_to_its_thread_until_it_is_closed(cup_volume):
+    localizer = Localizer(CUP, SMALL)
+    with ThreadPoolExecutor(1) as pool:
+        for work in (lambda: localizer.localize(cup_volume, np.random.default_rng(0)),
+                     localizer.close):
+            with pytest.raises(RenderError, match='belongs to another thread'):
+                pool.submit(work).result()
+    localizer.localize(cup_volume, np.random.default_rng(0), lambda _: False)
+    localizer.close()
+    localizer.close()
+    with pytest.raises(RenderError, match='has been closed'):
+        localizer.localize(cup_volume, np.random.default_rng(0))
+
+
+def test_what_a_search_holds_is_given_back(cup_volume):
+    def memory():
+        gc.collect()
+        pages = int(Path('/proc/self/statm').read_text().split()[1])
+        return pages * os.sysconf('SC_PAGE_SIZE') / 2 ** 20
+
+    def search(localizer):
+        localizer.localize(cup_volume, np.random.default_rng(0), lambda _: False)
+
+    textures = cup_volume.edges.tensor.nbytes / 2 ** 20  # one of two that a search holds
+    with Localizer(CUP, SMALL) as localizer:
+        for _ in range(10):
+            search(localizer)
+        before = memory()
+        for _ in range(20):
+            search(localizer)
+        assert memory() - before < 6 * textures
+    threads = threading.active_count()
+    for _ in range(3):
+        with Localizer(CUP, SMALL) as localizer:
+            search(localizer)
+    assert threading.active_count() == threads
+    assert memory() - before < 6 * textures

@@ -1,0 +1,191 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from pmcl_scenes import bracket, cup
+
+from pmcl_ros.errors import ObjectModelError, SettingsError
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+MODELS = Path(__file__).parents[2] / 'models'
+
+
+def mug():
+    body = trimesh.creation.cylinder(0.04, 0.1, sections=48)
+    handle = trimesh.creation.torus(0.025, 0.005)
+    handle.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    return trimesh.util.concatenate([body, handle.apply_translation((0.04, 0, 0))])
+
+
+def save(mesh, folder, name='thing.obj'):
+    mesh.export(folder / name)
+    return folder / name
+
+
+def describe(folder, mesh, name='thing.obj', **fields):
+    """An object's YAML beside its mesh."""
+    save(mesh, folder, name)
+    path = folder / 'thing.yaml'
+    path.write_text(yaml.safe_dump({'mesh': name} | fields))
+    return path
+
+
+@pytest.mark.parametrize('name', ['wine_glass', 'shaker'])
+def test_vessels_are_symmetric_about_z(name):
+    model = ObjectModel.load(MODELS / f'{name}.obj')
+    np.testing.assert_array_equal(model.axis, [0, 0, 1])
+    assert model.name == name
+    assert model.closed
+    assert 0.1 < model.diameter < 0.25
+
+
+@pytest.mark.parametrize(('mesh', 'axis'), [
+    (trimesh.creation.cylinder(0.03, 0.1), [0, 0, 1]),
+    (trimesh.creation.cylinder(0.03, 0.1, transform=trimesh.transformations.rotation_matrix(
+        np.pi / 2, [0, 1, 0])), [1, 0, 0]),
+    (cup().apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])),
+     [0, 1, 0]),
+    (trimesh.creation.box((0.05, 0.06, 0.1)), None),
+    (trimesh.creation.box((0.05, 0.05, 0.1)), None),
+    (trimesh.creation.cylinder(0.03, 0.1).apply_translation((0.02, 0, 0)), None),
+    (mug(), None), (bracket(), None)],
+    ids=['z', 'x', 'y', 'box', 'square box', 'off its axis', 'mug', 'bracket'])
+def test_symmetry_is_found_from_the_mesh(tmp_path, mesh, axis):
+    found = ObjectModel.load(save(mesh, tmp_path)).axis
+    assert (found is None) == (axis is None)
+    if axis is not None:
+        np.testing.assert_array_equal(found, axis)
+
+
+def test_what_was_loaded_is_the_mesh(tmp_path):
+    mesh = mug()
+    model = ObjectModel.load(save(mesh, tmp_path, 'mug.stl'))  # corners of each face apart
+    assert model.name == 'mug'
+    assert len(model.vertices) == len(mesh.vertices)
+    assert model.vertices.dtype == np.float64
+    assert model.faces.dtype == np.int64
+    assert model.closed
+    np.testing.assert_allclose(np.sort(model.vertices[model.faces].sum(axis=(1, 2))),
+                               np.sort(mesh.triangles.sum(axis=(1, 2))), atol=1e-6)
+    assert model.radius == pytest.approx(np.linalg.norm(mesh.vertices, axis=1).max())
+    assert model.diameter == pytest.approx(np.linalg.norm(mesh.extents))
+
+
+def test_vertices_of_no_face_are_no_part_of_the_object(tmp_path):
+    box = trimesh.creation.box((0.05, 0.06, 0.1))
+    stray = trimesh.Trimesh(np.vstack([box.vertices, [1, 1, 1]]), box.faces, process=False)
+    model = ObjectModel.load(save(stray, tmp_path, 'thing.ply'))
+    assert len(model.vertices) == 8
+    assert model.radius < 0.07
+
+
+def test_corners_with_texture_are_still_a_closed_mesh(tmp_path):
+    # A tetrahedron whose every face has its own texture coordinates.
+    lines = ['v 0 0 0', 'v .1 0 0', 'v 0 .1 0', 'v 0 0 .1',
+             *(f'vt {u} {v}' for u in (0.1, 0.5, 0.9) for v in (0.1, 0.5, 0.9, 0.7)),
+             'f 1/1 3/2 2/3', 'f 1/4 2/5 4/6', 'f 1/7 4/8 3/9', 'f 2/10 3/11 4/12']
+    (tmp_path / 'textured.obj').write_text('\n'.join(lines))
+    model = ObjectModel.load(tmp_path / 'textured.obj')
+    assert len(model.vertices) == 4
+    assert model.closed
+
+
+def test_open_or_inside_out_meshes_are_not_closed(tmp_path):
+    ball = trimesh.creation.icosphere(2, 0.05)
+    opened = trimesh.Trimesh(ball.vertices, ball.faces[:-5])
+    ball.invert()
+    for mesh in (opened, ball):
+        assert not ObjectModel.load(save(mesh, tmp_path)).closed
+
+
+def test_a_description_scales_and_finds(tmp_path):
+    millimetres = cup().apply_scale(1000)
+    with pytest.raises(ObjectModelError, match=r'diagonal of 134\.9 m.*scale: 0\.001'):
+        ObjectModel.load(save(millimetres, tmp_path))
+    model = ObjectModel.load(describe(tmp_path, millimetres, scale=0.001))
+    np.testing.assert_allclose(model.vertices.max(axis=0), cup().vertices.max(axis=0), atol=1e-8)
+    np.testing.assert_array_equal(model.axis, [0, 0, 1])
+    assert model.closed
+    assert model.name == 'thing'
+
+
+def test_a_description_declares_symmetry_or_none(tmp_path):
+    path = describe(tmp_path, mug(), symmetries_continuous=[{'axis': [0, 0, 2.0]}])
+    np.testing.assert_array_equal(ObjectModel.load(path).axis, [0, 0, 1])
+    path = describe(tmp_path, mug(), symmetries_continuous=[
+        {'axis': [1.0, 1.0, 0], 'offset': [3.0, 3.0, 0]}])
+    np.testing.assert_allclose(ObjectModel.load(path).axis, [0.5 ** 0.5, 0.5 ** 0.5, 0])
+    path = describe(tmp_path, cup(), symmetries_continuous=[])
+    assert ObjectModel.load(path).axis is None
+
+
+@pytest.mark.parametrize('symmetry', [
+    {'axis': [0.0, 0, 0]}, {'axis': [0, 0, 1.0], 'offset': [0.01, 0, 0]}])
+def test_an_axis_is_a_direction_through_the_origin(tmp_path, symmetry):
+    path = describe(tmp_path, cup(), symmetries_continuous=[symmetry])
+    with pytest.raises(ObjectModelError, match='must be a direction through the origin'):
+        ObjectModel.load(path)
+
+
+@pytest.mark.parametrize(('fields', 'message'), [
+    ({'scale': 0}, 'scale: .*greater than 0'),
+    ({'scale': float('nan')}, 'scale: .*finite'),
+    ({'symmetry': 'z'}, 'symmetry: '),
+    ({'symmetries_continuous': [{'axis': [0, 1]}]}, r'symmetries_continuous\.0\.axis'),
+    ({'symmetries_continuous': [{'axis': [0, 0, 1]}] * 2}, 'at most 1'),
+])
+def test_impossible_descriptions_are_refused_by_name(tmp_path, fields, message):
+    with pytest.raises(SettingsError, match=message):
+        ObjectModel.load(describe(tmp_path, cup(), **fields))
+
+
+def test_missing_files_are_named(tmp_path):
+    with pytest.raises(ObjectModelError, match=r'no mesh file .*nothing\.obj'):
+        ObjectModel.load(tmp_path / 'nothing.obj')
+    with pytest.raises(ObjectModelError, match='no mesh file'):
+        ObjectModel.load(tmp_path)
+    with pytest.raises(SettingsError, match=r'cannot read .*nothing\.yaml'):
+        ObjectModel.load(tmp_path / 'nothing.yaml')
+    (tmp_path / 'thing.yaml').write_text('mesh: nothing.ply')
+    with pytest.raises(ObjectModelError, match=r'no mesh file .*nothing\.ply'):
+        ObjectModel.load(tmp_path / 'thing.yaml')
+
+
+@pytest.mark.parametrize(('name', 'content', 'message'), [
+    ('empty.obj', b'', 'cannot be read as a mesh|no surface'),
+    ('points.obj', b'v 0 0 0\nv .1 0 0\nv 0 .1 0\n', 'cannot be read as a mesh|no surface'),
+    ('flat.obj', b'v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n', 'no surface'),
+    ('index.obj', b'v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 9\n', 'cannot be read as a mesh'),
+    ('nan.obj', b'v nan 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n', 'not finite numbers'),
+    ('infinite.obj', b'v inf 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n', 'not finite numbers'),
+    ('garbage.stl', bytes(range(256)) * 3, 'cannot be read as a mesh|no surface'),
+    ('garbage.ply', bytes(range(256)) * 3, 'cannot be read as a mesh'),
+    ('garbage.glb', bytes(range(256)) * 3, 'cannot be read as a mesh'),
+    ('picture.png', b'\x89PNG\r\n', 'cannot be read as a mesh'),
+    ('name', b'', 'cannot be read as a mesh'),
+])
+def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ObjectModelError, match=message) as caught:
+        ObjectModel.load(path)
+    assert name in str(caught.value)
+
+
+@pytest.mark.parametrize('scale', [1e-300, 1e-6, 0.03, 60, 1e9, 1e300])
+def test_absurd_sizes_are_refused(tmp_path, scale):
+    path = describe(tmp_path, cup(), scale=scale)
+    with pytest.raises(ObjectModelError, match=r'diagonal of .* m, expected 0\.005 to 5\.0 m'):
+        ObjectModel.load(path)
+
+
+def test_a_mesh_too_fine_to_render_is_refused(tmp_path):
+    sheet = np.stack(np.meshgrid(np.linspace(0, 0.1, 1001), np.linspace(0, 0.1, 502), [0.0]),
+                     axis=-1).reshape(-1, 3)
+    corner = (np.arange(501)[:, None] * 1001 + np.arange(1000)).ravel()
+    faces = np.concatenate([corner[:, None] + [0, 1, 1001], corner[:, None] + [1, 1002, 1001]])
+    save(trimesh.Trimesh(sheet, faces, process=False), tmp_path, 'fine.stl')
+    with pytest.raises(ObjectModelError, match='1002000 faces, at most 1000000 are rendered'):
+        ObjectModel.load(tmp_path / 'fine.stl')

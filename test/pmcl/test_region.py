@@ -1,0 +1,121 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.region import Region
+
+CAMERA = Pinhole(200, 150, 300, 260, 101, 73)
+WIDE = Pinhole(200, 150, 80, 90, 101, 73)
+
+
+def test_near_and_far_hold_the_object():
+    region = Region((0.1, 0, 0.5), (0.2, 0.3, 0.1))
+    assert (region.near, region.far) == pytest.approx((0.45, 0.55))
+    assert region.grown(0.1) == pytest.approx((0.35, 0.65))
+    # An object larger than the way to the region: never behind the camera.
+    near, far = region.grown(0.5)
+    assert 0 < near < region.near
+    assert far == pytest.approx(1.05)
+
+
+@pytest.mark.parametrize(('center', 'size', 'message'), [
+    ((0, 0, np.nan), (1, 1, 1), 'must be finite'),
+    ((0, np.inf, 1), (1, 1, 1), 'must be finite'),
+    ((0, 0, 1), (1, 0, 1), 'every size positive'),
+    ((0, 0, 1), (1, 1, -1), 'every size positive'),
+    ((0, 0, 0.3), (0.1, 0.1, 0.6), r'begins at 0\.000 m: it must lie in front of the camera'),
+    ((0, 0, -0.5), (0.1, 0.1, 0.1), 'in front of the camera'),
+])
+def test_impossible_regions_are_refused(center, size, message):
+    with pytest.raises(LocalizationError, match=message):
+        Region(center, size)
+
+
+def test_footprint_is_the_projection_of_a_slice():
+    region = Region((0.02, -0.01, 0.5), (0.1, 0.06, 0.2))
+    left, top, right, bottom = region.footprint(CAMERA, 0.4)
+    assert left == pytest.approx(300 * -0.03 / 0.4 + 101)
+    assert right == pytest.approx(300 * 0.07 / 0.4 + 101)
+    assert top == pytest.approx(260 * -0.04 / 0.4 + 73)
+    assert bottom == pytest.approx(260 * 0.02 / 0.4 + 73)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from([CAMERA, WIDE]), st.tuples(st.floats(-0.4, 0.4), st.floats(-0.4, 0.4)),
+       st.floats(0.15, 1), st.tuples(*[st.floats(0.01, 0.25)] * 3), st.floats(0.005, 0.2),
+       st.integers(0, 1000))
+def test_window_holds_every_pixel_of_an_object_in_the_region(camera, aside, depth, size, radius,
+                                                             seed):
+    region = Region((*aside, depth), size)
+    rng = np.random.default_rng(seed)
+    # Origins on the corners or anywhere, points on the sphere about them.
+    origins = region.center + (rng.random((2000, 3)) - 0.5) * size
+    origins[::2] = region.center + (rng.integers(0, 2, (1000, 3)) - 0.5) * size
+    points = rng.normal(size=(2000, 3))
+    points *= radius / np.linalg.norm(points, axis=1, keepdims=True)
+    seen = camera.project(origins + points)
+    pixels = np.rint(seen[np.isfinite(seen).all(axis=1)])
+    pixels = pixels[(pixels >= 0).all(axis=1)
+                    & (pixels < (camera.width, camera.height)).all(axis=1)]
+    try:
+        window = region.window(camera, radius)
+    except LocalizationError as error:
+        assert 'outside the image (200x150)' in str(error)  # noqa: PT017
+        assert len(pixels) == 0
+        return
+    assert window.scale == 1
+    assert window.left >= 0
+    assert window.top >= 0
+    assert min(window.size) >= 1
+    assert window.left + window.size[0] <= camera.width
+    assert window.top + window.size[1] <= camera.height
+    corner = np.array([window.left, window.top])
+    assert ((pixels >= corner) & (pixels < corner + window.size)).all()
+
+
+def test_window_is_no_larger_than_it_must_be():
+    window = Region((0.02, -0.01, 0.5), (0.02, 0.02, 0.02)).window(CAMERA, 0.03)
+    assert window.left == pytest.approx(300 * (0.01 - 0.03) / 0.49 + 101, abs=2)
+    assert window.size[0] == pytest.approx(300 * 0.08 / 0.49, abs=3)
+    assert window.size[1] == pytest.approx(260 * 0.08 / 0.49, abs=3)
+
+
+@pytest.mark.parametrize('center', [(2, 0, 0.5), (-2, 0, 0.5), (0, 2, 0.5), (0, -2, 0.5)])
+def test_a_region_outside_the_image_is_refused(center):
+    with pytest.raises(LocalizationError, match=r'outside the image .*x right, y down'):
+        Region(center, (0.1, 0.1, 0.1)).window(CAMERA, 0.05)
+
+
+def test_depths_step_evenly_over_the_box():
+    region = Region((0, 0, 0.5), (0.1, 0.1, 0.3))
+    depths = region.depths(0.03)
+    ratio = depths[1:] / depths[:-1]
+    np.testing.assert_allclose(ratio, ratio[0])
+    assert 1.02 < ratio[0] <= 1.03
+    assert region.near < depths[0] < region.near * 1.016
+    assert region.far / 1.016 < depths[-1] < region.far
+    assert len(Region((0, 0, 0.5), (0.1, 0.1, 1e-6)).depths(0.03)) == 1
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=9))
+def test_clip_moves_to_the_nearest_point_inside(points):
+    region = Region((0.1, -0.2, 0.6), (0.2, 0.1, 0.4))
+    points = np.array(points)
+    clipped = region.clip(points)
+    inside = (np.abs(points - region.center) <= np.array(region.size) / 2).all(axis=1)
+    assert region.contains(clipped).all()
+    assert region.contains(points)[inside].all()
+    np.testing.assert_array_equal(clipped[inside], points[inside])
+    outside = np.abs(points - region.center) > np.array(region.size) / 2 + 1e-6
+    assert not region.contains(points)[outside.any(axis=1)].any()
+    surface = np.array(region.center) + np.sign(points - region.center) * np.array(region.size) / 2
+    np.testing.assert_allclose(clipped[outside], surface[outside])
+
+
+def test_unknown_points_are_not_inside():
+    region = Region((0, 0, 0.5), (1, 1, 0.5))
+    assert not region.contains(np.array([[np.nan, 0, 0.5]])).any()

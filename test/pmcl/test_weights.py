@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.pmcl.weights import Weights
+
+LOGS = arrays(float, st.integers(1, 60), elements=st.floats(-800, 800) | st.just(-np.inf))
+
+
+@settings(max_examples=100, deadline=None)
+@given(LOGS, st.floats(-500, 500))
+def test_weights_are_a_softmax_whatever_is_added(log, shift):
+    weights = Weights(log + shift)
+    assert weights.normalised.sum() == pytest.approx(1)
+    if np.isfinite(log.max()):
+        share = np.exp(log - log.max())
+        np.testing.assert_allclose(weights.normalised, share / share.sum(), atol=1e-12)
+        assert weights.log.max() == 0
+        np.testing.assert_allclose(weights.log_normalised, log - np.logaddexp.reduce(log),
+                                   atol=1e-9)
+    else:
+        np.testing.assert_allclose(weights.normalised, 1 / len(log))
+
+
+@settings(max_examples=100, deadline=None)
+@given(LOGS)
+def test_effective_size_is_between_one_and_all(log):
+    size = Weights(log).effective_size
+    assert 1 - 1e-9 <= size <= len(log) * (1 + 1e-9)
+
+
+def test_effective_size_by_example():
+    assert Weights(np.zeros(7)).effective_size == pytest.approx(7)
+    assert Weights(np.array([0, -np.inf, -1e9])).effective_size == pytest.approx(1)
+    assert Weights.of(np.array([1, 1, 1, 0.0])).effective_size == pytest.approx(3)
+
+
+def test_nan_is_no_weight_and_no_weights_are_equal_ones():
+    np.testing.assert_allclose(Weights(np.array([np.nan, 0, 0])).normalised, [0, 0.5, 0.5])
+    for none in ([-np.inf, -np.inf], [np.nan, np.nan], [np.nan, -np.inf]):
+        np.testing.assert_allclose(Weights(np.array(none)).normalised, 0.5)
+    np.testing.assert_allclose(Weights.of(np.array([0, 3, 1, -2, np.nan])).normalised,
+                               [0, 0.75, 0.25, 0, 0])
+    np.testing.assert_allclose(Weights.of(np.zeros(4)).normalised, 0.25)
+
+
+@pytest.mark.parametrize('log', [np.zeros(0), np.zeros((2, 2)), np.array(1.0)])
+def test_weights_are_one_row(log):
+    with pytest.raises(LocalizationError, match='one row of numbers'):
+        Weights(log)
+
+
+@settings(max_examples=100, deadline=None)
+@given(arrays(float, st.integers(2, 60), elements=st.floats(-300, 300), unique=True),
+       st.floats(0.05, 1), st.floats(0.01, 10))
+def test_tempering_reaches_its_share_or_its_cap(scores, effective, largest):
+    weights = Weights.tempered(scores, largest, effective)
+    capped = Weights(largest * scores)
+    if capped.effective_size >= effective * len(scores):
+        np.testing.assert_array_equal(weights.log, capped.log)
+        return
+    assert weights.effective_size >= effective * len(scores) * (1 - 1e-9)
+    # The log weights are beta times the scores, beta as large as the share allows.
+    beta = -weights.log.min() / np.ptp(scores)
+    np.testing.assert_allclose(weights.log, beta * (scores - scores.max()), atol=1e-9)
+    harder = Weights((beta * 1.001 + 1e-9 * largest) * scores)
+    assert harder.effective_size <= effective * len(scores) * (1 + 1e-9)
+
+
+@pytest.mark.filterwarnings('error')
+def test_tempering_leaves_out_what_is_impossible():
+    scores = np.array([-np.inf, 3.0, np.nan, 3.0, -np.inf, 2.0])
+    weights = Weights.tempered(scores, 5, 0.3)
+    np.testing.assert_array_equal(weights.normalised[[0, 2, 4]], 0)
+    assert weights.effective_size >= 0.3 * 6
+    # Three cannot be four effective: they get equal weights.
+    np.testing.assert_allclose(Weights.tempered(scores, 5, 0.7).normalised[[1, 3, 5]], 1 / 3)
+    np.testing.assert_allclose(Weights.tempered(np.full(3, -np.inf), 5, 0.7).normalised, 1 / 3)
+
+
+@settings(max_examples=200, deadline=None)
+@given(LOGS, st.integers(1, 300), st.integers(0, 2 ** 31))
+def test_systematic_resampling_draws_each_its_share(log, count, seed):
+    weights = Weights(log)
+    drawn = weights.resample(count, np.random.default_rng(seed))
+    assert drawn.shape == (count,)
+    counts = np.bincount(drawn, minlength=len(log))
+    assert (np.abs(counts - count * weights.normalised) < 1 + 1e-6).all()
+    assert (counts[weights.normalised == 0] == 0).all()
+
+
+class _First:
+    """A generator of the smallest or largest number that there is."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def random(self):
+        return self.value
+
+
+@pytest.mark.parametrize('value', [0.0, 1 - 2 ** -53])
+def test_no_weight_is_never_drawn_at_either_end(value):
+    weights = Weights(np.log([1e-300, 0.3, 0.3, 0.4, 1e-300]))
+    weights = Weights(np.where(weights.log < -600, -np.inf, weights.log))
+    for count in (1, 3, 1000):
+        drawn = weights.resample(count, _First(value))
+        assert set(drawn) <= {1, 2, 3}
+
+
+def test_resampling_is_unbiased():
+    weights = Weights.of(np.array([0.15, 0.6, 0.05, 0.2]))
+    rng = np.random.default_rng(0)
+    drawn = np.concatenate([weights.resample(3, rng) for _ in range(4000)])
+    share = np.bincount(drawn, minlength=4) / len(drawn)
+    np.testing.assert_allclose(share, weights.normalised, atol=0.01)
