@@ -324,7 +324,7 @@ def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
 
 
 def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32MultiArray:
-    """As `volume_to_message`, with a fourth dimension `tensor;components=xx,xy,yy`."""
+    """As `volume_to_message`, with a fourth dimension `tensor;components=xx,yy,xy`."""
     return _write_volume(edges, edges.tensor, _EDGES, buffer)
 
 
@@ -333,7 +333,7 @@ def edges_from(message: Float32MultiArray) -> EdgeVolume:
     header, pinhole, depths, values = _read_volume(message, _EDGES, 'dlv/edges')
     with _promised_by('dlv/edges'):
         if values.shape[3] != 3:
-            raise MessageError(f'dlv/edges: {values.shape[3]} components, expected xx, xy, yy')
+            raise MessageError(f'dlv/edges: {values.shape[3]} components, expected xx, yy, xy')
         return EdgeVolume(header, values, depths, pinhole)
 
 
@@ -351,7 +351,7 @@ def _write_volume(source: DepthLikelihoodVolume | EdgeVolume, values: NDArray[np
     texts = {'height': (header.stamp_ns, header.frame_id),
              'width': (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy),
              'depth': (','.join(repr(float(depth)) for depth in source.depths),),
-             'tensor': ('xx,xy,yy',)}
+             'tensor': ('xx,yy,xy',)}
     dimensions = []
     for axis, name in enumerate(names):
         pairs = zip(_KEYS[name], texts[name], strict=True)

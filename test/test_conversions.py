@@ -365,7 +365,7 @@ def _no_dimensions(message):
 
 
 def _four_dimensions(message):
-    message.layout.dim.append(MultiArrayDimension(label='tensor;components=xx,xy,yy'))
+    message.layout.dim.append(MultiArrayDimension(label='tensor;components=xx,yy,xy'))
 
 
 def _no_offset(message):

@@ -25,6 +25,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
+_DISCOVERY = 2.0  # s: how much later ROS may find who publishes it
 _PICTURES = 4  # centre pictures kept for the overlay
 
 
@@ -62,7 +63,7 @@ class PmclNode(StageNode):
         self.subscribe(Image, 'center/image', self._on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
             self._edges = self.subscribe(Float32MultiArray, 'dlv/edges', self._on_edges, BIG)
-            self.every(1.0, self._wait_no_longer)
+            self.every(0.25, self._wait_no_longer)
         self.subscribe(Float32MultiArray, 'dlv', self._on_volume, BIG)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
@@ -87,11 +88,9 @@ class PmclNode(StageNode):
         volume = conversions.volume_from(message)
         if self._settings.mode == 'faithful':
             self._search(volume)
-        elif self._edges.get_publisher_count():
+        else:
             self._held = time.monotonic(), volume
             self._join('dlv', volume)
-        else:
-            self._search_alone(volume, 'nobody publishes dlv/edges')
 
     def _on_edges(self, message: Float32MultiArray) -> None:
         self._join('dlv/edges', conversions.edges_from(message))
@@ -103,11 +102,16 @@ class PmclNode(StageNode):
             self._search(conversions.with_edges(*complete))
 
     def _wait_no_longer(self) -> None:
-        if self._held is not None and time.monotonic() - self._held[0] > _PATIENCE:
-            volume = self._held[1]
+        if self._held is None:
+            return
+        since, volume = self._held
+        # Topics of one publisher are found at different times: none found yet is no proof of none.
+        published = self._edges.get_publisher_count() > 0
+        if time.monotonic() - since > (_PATIENCE if published else _DISCOVERY):
             self._held = None
             self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
-            self._search_alone(volume, 'its dlv/edges do not come')
+            self._search_alone(volume, 'its dlv/edges do not come' if published
+                               else 'nobody publishes dlv/edges')
 
     def _search_alone(self, volume: DepthLikelihoodVolume, why: str) -> None:
         self.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
