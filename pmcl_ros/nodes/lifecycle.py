@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -14,6 +14,13 @@ from pmcl_ros.errors import PmclError
 CONFIGURE, ACTIVATE = 'configure', 'activate'
 _IDS = {CONFIGURE: Transition.TRANSITION_CONFIGURE, ACTIVATE: Transition.TRANSITION_ACTIVATE,
         'deactivate': Transition.TRANSITION_DEACTIVATE, 'cleanup': Transition.TRANSITION_CLEANUP}
+
+# From where, and to where.
+_ENDS = {CONFIGURE: (State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE),
+         ACTIVATE: (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE),
+         'deactivate': (State.PRIMARY_STATE_ACTIVE, State.PRIMARY_STATE_INACTIVE),
+         'cleanup': (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_UNCONFIGURED)}
+_REPEAT = 5.0  # s: without an answer the node is asked for its state
 
 
 class LifecycleError(PmclError):
@@ -37,8 +44,15 @@ class Lifecycle:
         try:
             self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
             request = ChangeState.Request(transition=Transition(id=_IDS[transition]))
-            future = client.call_async(request)
-            self._wait(name, future.done, deadline, f'it did not {transition}')
+            # DDS may lose a request or an answer right after the two have found each other.
+            while not self._answered(name, future := client.call_async(request), deadline):
+                state = self._state(name, deadline)
+                if future.done():  # it was in the transition until now
+                    break
+                if state == _ENDS[transition][1]:
+                    return
+                if state != _ENDS[transition][0]:
+                    raise LifecycleError(f'{name} did not {transition}: it is in state {state}')
             response: Any = future.result()
         finally:
             self._node.destroy_client(client)
@@ -51,3 +65,23 @@ class Lifecycle:
             if time.monotonic() > deadline:
                 raise LifecycleError(f'gave up on {name}: {problem} in time')
             self._executor.spin_once(timeout_sec=0.05)
+
+    def _answered(self, name: str, future: Any, deadline: float) -> bool:
+        """Whether an answer comes within _REPEAT [s]; LifecycleError after `deadline`."""
+        soon = time.monotonic() + _REPEAT
+        self._wait(name, lambda: future.done() or time.monotonic() > soon, deadline,
+                   'it did not answer')
+        return bool(future.done())
+
+    def _state(self, name: str, deadline: float) -> int:
+        """The node's state; it does not answer while it is in a transition."""
+        client = self._node.create_client(GetState, f'{name}/get_state')
+        try:
+            self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
+            future = client.call_async(GetState.Request())
+            while not self._answered(name, future, deadline):
+                future = client.call_async(GetState.Request())
+            answer: Any = future.result()
+            return int(answer.current_state.id)
+        finally:
+            self._node.destroy_client(client)

@@ -24,6 +24,7 @@ DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CL
 UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
 ACTIVE = State.PRIMARY_STATE_ACTIVE
 PATIENCE = 90.0  # s: two busy cores may compile meanwhile
+REPEAT = 10.0  # s: then a service is asked again
 
 
 class Process:
@@ -89,20 +90,33 @@ class User:
             self._executor.spin_once(timeout_sec=0.02)
         return value
 
-    def call(self, kind, name, request):
+    def call(self, kind, name, request, again=lambda: True):
+        """A service's answer; asked again while `again()`, as DDS may lose one right after the
+        two have found each other. None: not to be asked again."""
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready, name)
-        future = client.call_async(request)
-        self.wait(future.done, f'an answer of {name}')
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            asked, future = time.monotonic(), client.call_async(request)
+            self.wait(lambda future=future, until=asked + REPEAT:
+                      future.done() or time.monotonic() > until, name)
+            if future.done() or not again() or future.done():
+                break
+            assert time.monotonic() < deadline, f'waited {PATIENCE} s for an answer of {name}'
         self.node.destroy_client(client)
-        return future.result()
+        return future.result() if future.done() else None
 
     def change(self, node, *transitions):
         """Ask for transitions; whether each was made."""
-        made = [self.call(ChangeState, f'/{node}/change_state',
-                          ChangeState.Request(transition=Transition(id=each))).success
-                for each in transitions]
+        made = [self._change(node, each) for each in transitions]
         return made[0] if len(made) == 1 else made
+
+    def _change(self, node, transition):
+        before = self.state(node)
+        answer = self.call(ChangeState, f'/{node}/change_state',
+                           ChangeState.Request(transition=Transition(id=transition)),
+                           again=lambda: self.state(node) == before)
+        return answer is None or answer.success
 
     def state(self, node):
         return self.call(GetState, f'/{node}/get_state', GetState.Request()).current_state.id
