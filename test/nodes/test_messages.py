@@ -176,10 +176,13 @@ def test_pmcl_node_survives_broken_volumes(start, user, small_volume):
     good = cv.volume_to_message(small_volume)
     for message, reason in broken_volumes(good):
         send(user, process, publisher, message, reason)
-    user.wait(lambda: states and states[-1].status[0].level == DiagnosticStatus.ERROR, 'an error')
-    values = {each.key: each.value for each in states[-1].status[0].values}
-    assert values['errors'] == '4'
-    assert 'strides' in values['last error']
+
+    def values():
+        return {each.key: each.value for each in states[-1].status[0].values}
+
+    user.wait(lambda: states and values()['errors'] == '4', 'four errors')
+    assert states[-1].status[0].level == DiagnosticStatus.ERROR
+    assert 'strides' in values()['last error']
     publisher.publish(good)
     user.wait(lambda: 'capture 1700000000000000001' in states[-1].status[0].message, 'a search')
     assert states[-1].status[0].level in (DiagnosticStatus.OK, DiagnosticStatus.WARN)
