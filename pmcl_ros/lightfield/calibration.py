@@ -1,6 +1,7 @@
 """What makes views of known geometry of one camera's raw frames, at one zoom and focus."""
 
 import json
+import math
 from pathlib import Path
 
 from pydantic import Field
@@ -28,7 +29,12 @@ class Calibration(Settings):
     baseline: float = Field(gt=0, lt=0.1,
                             description='between adjacent views (one raw pixel apart) [m]')
     focus_distance: float = Field(
-        gt=0, lt=100, description='depth of zero disparity of lattice-aligned views [m]')
+        gt=0, allow_inf_nan=True, description='depth of zero disparity of lattice-aligned views '
+        '[m]; .inf: the views are left lattice-aligned')
+    k1: float = Field(0.0, gt=-10, lt=10,
+                      description='radial distortion: x_distorted = x (1 + k1 r^2 + k2 r^4), x and '
+                      'r in normalised image coordinates')
+    k2: float = Field(0.0, gt=-10, lt=10, description='radial distortion, fourth order')
     lattice: Lattice
     serial: str = Field('', description='serial number of the camera; empty: unknown')
 
@@ -36,6 +42,16 @@ class Calibration(Settings):
     def pinhole(self) -> Pinhole:
         """The centre view's camera."""
         return Pinhole(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
+
+    @classmethod
+    def aligned(cls, lattice: Lattice, width: int = 328, height: int = 328) -> 'Calibration':
+        """What decodes lattice-aligned views when nothing but the lattice is known yet.
+
+        Focal length and baseline are only the usual ones of a first-generation Lytro.
+        """
+        focal = 2.9 * width
+        return cls(width=width, height=height, fx=focal, fy=focal, cx=(width - 1) / 2,
+                   cy=(height - 1) / 2, baseline=7e-4, focus_distance=math.inf, lattice=lattice)
 
     @classmethod
     def from_truth(cls, capture: Path | str, white: Path | str,

@@ -1,0 +1,84 @@
+"""`pmcl localize`: an object's pose from one picture."""
+
+import json
+import time
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.progress import Progress
+
+from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR, capture_options
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.pictures import depth_picture, overlay, write_png
+from pmcl_ros.evaluation.trials import volume_settings
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import PmclSettings
+
+
+@click.command()
+@capture_options
+@click.option('--object', 'object_path', required=True, type=FILE,
+              help='A mesh in metres, or an object YAML.')
+@click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
+              help="Box that holds the object's origin: centre and size, camera's optical frame "
+              '[m].')
+@click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
+              show_default=True, help=PmclSettings.model_fields['mode'].description)
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='The same seed gives the same pose.')
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
+@click.option('--out', type=FOLDER, help='Folder for pictures.')
+@click.option('--truth', type=FILE, help='A truth.json to compare with.')
+def localize(raw: Path, calibration: Path, white: Path, object_path: Path,
+             roi: tuple[float, ...], mode: str, seed: int, as_json: bool, out: Path | None,
+             truth: Path | None) -> None:
+    """Find the object's pose in RAW (.RAW or .RAW.xz with its .TXT)."""
+    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
+                                  'roi_center': roi[:3], 'roi_size': roi[3:]},
+                                 '--roi, --mode, --seed')
+    model = ObjectModel.load(object_path)
+    near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
+    decoder = Decoder(Calibration.load(calibration), read_raw_frame(white))
+    frame = read_raw_frame(raw)
+    with Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer:
+        task = bar.add_task('views', total=1.0)
+        started = time.perf_counter()
+        light_field = decoder.decode(frame)
+        decoded = time.perf_counter()
+        bar.update(task, description='volume')
+        volume = build_volume(light_field, volume_settings(settings.mode, near, far))
+        built = time.perf_counter()
+        bar.update(task, description='pose')
+
+        def show(part: float) -> bool:
+            bar.update(task, completed=part)
+            return True
+
+        estimate = localizer.localize(volume, np.random.default_rng(seed), show)
+        found = time.perf_counter()
+    times = {'decode': decoded - started, 'dlv': built - decoded, 'pmcl': found - built}
+    if as_json:
+        timings = {name: 1e3 * each for name, each in times.items()}
+        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
+    else:
+        click.echo(estimate.describe())
+        click.echo(', '.join(f'{name} {each:.2f} s' for name, each in times.items()), err=True)
+    if truth is not None:
+        error = pose_error(estimate.pose, Truth.load(truth).pose, model.axis)
+        click.echo(f'off by {1e3 * error.translation:.1f} mm and '
+                   f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        picture = light_field.picture()
+        write_png(out / 'centre.png', picture)
+        write_png(out / 'depth.png', depth_picture(volume.depth_map(), near, far))
+        write_png(out / 'overlay.png', overlay(picture, volume.pinhole, model, estimate.pose))
+        click.echo(f'pictures in {out}', err=True)
