@@ -32,8 +32,8 @@ class Calibration(Settings):
         gt=0, allow_inf_nan=True, description='depth of zero disparity of lattice-aligned views '
         '[m]; .inf: the views are left lattice-aligned')
     k1: float = Field(0.0, gt=-10, lt=10,
-                      description='radial distortion: x_distorted = x (1 + k1 r^2 + k2 r^4), x and '
-                      'r in normalised image coordinates')
+                      description='radial distortion: x_distorted = x (1 + k1 r^2 + k2 r^4), x '
+                      'and r in normalised image coordinates')
     k2: float = Field(0.0, gt=-10, lt=10, description='radial distortion, fourth order')
     lattice: Lattice
     serial: str = Field('', description='serial number of the camera; empty: unknown')
