@@ -16,8 +16,20 @@ class CameraError(PmclError):
     """A capture or its metadata cannot be read."""
 
 
+class LinkError(CameraError):
+    """The camera cannot be reached, or the connection to it was lost."""
+
+
+class ProtocolError(LinkError):
+    """What came from the camera is not what its protocol allows; the connection is given up."""
+
+
 class LightFieldError(PmclError):
     """A light field cannot be made from what was given."""
+
+
+class CalibrationError(PmclError):
+    """A camera's geometry does not follow from the pictures that were given."""
 
 
 class VolumeError(PmclError):

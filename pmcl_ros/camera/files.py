@@ -1,35 +1,78 @@
-"""Raw pictures on disk: the camera's own .RAW (or .RAW.xz) with its .TXT beside it."""
+"""Raw pictures on disk: the camera's own .RAW (or .RAW.xz) with its .TXT beside it, or an .LFP."""
 
+import contextlib
 import lzma
+import os
+from collections.abc import Iterator
 from pathlib import Path
 
+from pmcl_ros.camera.lfp import LARGEST_TEXT, Container
+from pmcl_ros.camera.lfp_picture import LARGEST_RAW, lfp_to_picture, picture_to_lfp
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.camera.packing import unpack12
+from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import CameraError
 from pmcl_ros.header import Header
 
-_LARGEST = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
+_RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
+_MEMORY = 100 << 20  # bytes that unpacking may take; of what `xz -9` wrote it takes 65 MiB
 
 
 def read_raw_frame(path: Path | str, header: Header | None = None) -> RawFrame:
-    """Read NAME.RAW or NAME.RAW.xz and NAME.TXT; CameraError says which file is wrong and how.
+    """Read NAME.RAW or NAME.RAW.xz with NAME.TXT, or NAME.LFP (.LFR), in any letter case.
 
+    CameraError says which file is wrong and how.
     header: whose picture it is; by default the stamp is the file's modification time.
     """
     path = Path(path)
-    try:
-        text = _text_beside(path)
-        metadata = _read_metadata(text)
-        counts = unpack12(_read_bytes(path), metadata.image.width, metadata.image.height)
+    raw, text = read_picture(path)
+    with _named(path):
+        metadata = _parsed(path, text)
+        counts = unpack12(raw, metadata.image.width, metadata.image.height)
         if header is None:
             header = Header(stamp_ns=path.stat().st_mtime_ns)
         return RawFrame(header, counts, metadata)
-    except OSError as error:
-        name = error.filename or path
-        raise CameraError(f'cannot read {name}: {error.strerror or error}') from None
-    except CameraError as error:
-        raise CameraError(f'{path}: {error}') from None
+
+
+def read_metadata(path: Path | str) -> CameraMetadata:
+    """Read what belongs to a picture as `read_raw_frame` takes, without its pixels."""
+    path = Path(path)
+    if _is_lfp(path):
+        text = lfp_to_picture(Container.open(path))[1]
+    else:
+        with _named(path):
+            text = _read_text(_text_beside(path))
+    with _named(path):
+        return _parsed(path, text)
+
+
+def read_picture(path: Path | str) -> tuple[bytes, str]:
+    """What the camera wrote: packed counts and JSON text, of a file as `read_raw_frame` takes."""
+    path = Path(path)
+    if _is_lfp(path):
+        return lfp_to_picture(Container.open(path))
+    with _named(path):
+        text = _read_text(_text_beside(path))
+        return _read_xz(path) if path.suffix.lower() == '.xz' else _read(path, LARGEST_RAW), text
+
+
+def write_raw_frame(path: Path | str, frame: RawFrame) -> None:
+    """Write NAME.RAW or NAME.RAW.xz with NAME.TXT, or NAME.LFP, as the end of `path` says.
+
+    Raises CameraError when it ends otherwise or cannot be written.
+    """
+    write_picture(path, pack12(frame.counts), frame.metadata.text)
+
+
+def write_picture(path: Path | str, raw: bytes, text: str) -> None:
+    """As `write_raw_frame`, of packed counts and JSON text."""
+    path = Path(path)
+    with _named(path, 'write'):
+        if _is_lfp(path):
+            _write(path, picture_to_lfp(raw, text))
+        else:
+            _write(path.with_name(_text_name(path)), text.encode('utf-8', 'replace'))
+            _write(path, lzma.compress(raw, preset=1) if path.suffix.lower() == '.xz' else raw)
 
 
 def list_pictures(path: Path | str) -> list[Path]:
@@ -42,42 +85,94 @@ def list_pictures(path: Path | str) -> list[Path]:
         return [path]
     if not path.exists():
         raise CameraError(f'there is no {path}')
-    found = sorted(each for each in path.rglob('*') if each.is_file() and _is_raw(each))
+    found = sorted(each for each in path.rglob('*') if is_picture(each))
     if not found:
-        raise CameraError(f'no .RAW or .RAW.xz picture in {path}')
+        raise CameraError(f'no .RAW, .RAW.xz or .LFP picture in {path}')
     return found
 
 
-def _is_raw(path: Path) -> bool:
-    return path.name.upper().endswith(('.RAW', '.RAW.XZ'))
+def is_picture(path: Path) -> bool:
+    """Whether it is a file that is called as `read_raw_frame` takes."""
+    return path.is_file() and (_is_lfp(path) or path.name.upper().endswith(_RAW))
+
+
+def _is_lfp(path: Path) -> bool:
+    return path.suffix.upper() in _LFP
+
+
+def _text_name(path: Path) -> str:
+    """NAME.TXT of NAME.RAW and NAME.RAW.xz."""
+    for end in _RAW:
+        if path.name.upper().endswith(end):
+            return path.name[:-len(end)] + '.TXT'
+    raise CameraError('not a .RAW, .RAW.xz or .LFP picture')
 
 
 def _text_beside(path: Path) -> Path:
-    if not _is_raw(path):
-        raise CameraError('not a .RAW or .RAW.xz picture')
-    stem = path.with_suffix('') if path.suffix.lower() == '.xz' else path
-    for suffix in ('.TXT', '.txt'):
-        if (text := stem.with_suffix(suffix)).exists():
-            return text
-    raise CameraError(f'no {stem.with_suffix(".TXT").name} beside it: the metadata that the '
-                      'camera writes belongs to the picture')
+    name = _text_name(path)
+    if path.with_name(name).exists():
+        return path.with_name(name)
+    for each in sorted(path.parent.iterdir()) if path.parent.is_dir() else ():
+        if each.name.upper() == name.upper():
+            return each
+    raise CameraError(f'no {name} beside it: the metadata that the camera writes belongs to the '
+                      'picture')
 
 
-def _read_metadata(path: Path) -> CameraMetadata:
+def _parsed(path: Path, text: str) -> CameraMetadata:
+    with _named('' if _is_lfp(path) else _text_beside(path).name):
+        return CameraMetadata.parse(text)
+
+
+def _read(path: Path, largest: int) -> bytes:
+    with path.open('rb') as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if size > largest:
+            raise CameraError(f'{path.name} holds more than {largest} bytes; a picture has about '
+                              '16 million, its text some ten thousand')
+        return stream.read(size)
+
+
+def _read_text(path: Path) -> str:
     try:
-        return CameraMetadata.parse(path.read_text(encoding='utf-8'))
+        return _read(path, LARGEST_TEXT).decode('utf-8')
     except UnicodeDecodeError:
         raise CameraError(f'{path.name} is not text; expected the JSON of the camera') from None
-    except CameraError as error:
-        raise CameraError(f'{path.name}: {error}') from None
 
 
-def _read_bytes(path: Path) -> bytes:
+def _read_xz(path: Path) -> bytes:
+    stream = lzma.LZMADecompressor(lzma.FORMAT_XZ, _MEMORY)
     try:
-        with lzma.open(path) if path.suffix.lower() == '.xz' else path.open('rb') as stream:
-            data = stream.read(_LARGEST + 1)
-    except (lzma.LZMAError, EOFError) as error:
+        data = stream.decompress(_read(path, LARGEST_RAW), LARGEST_RAW + 1)
+    except lzma.LZMAError as error:
         raise CameraError(f'not a complete xz file ({error})') from None
-    if len(data) > _LARGEST:
-        raise CameraError(f'holds more than {_LARGEST} bytes; a picture has about 16 million')
+    if len(data) > LARGEST_RAW:
+        raise CameraError(f'holds more than {LARGEST_RAW} bytes; a picture has about 16 million')
+    if not stream.eof or stream.unused_data.strip(b'\0'):
+        raise CameraError('not a complete xz file ('
+                          f'{"more follows" if stream.eof else "it was cut short"})')
     return data
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Whole or not at all: who lists the folder meanwhile sees no half picture."""
+    part = path.with_name(f'{path.name}.part')
+    try:
+        part.write_bytes(data)
+        os.replace(part, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        raise
+
+
+@contextlib.contextmanager
+def _named(path: Path | str, verb: str = 'read') -> Iterator[None]:
+    """Errors that say which file."""
+    try:
+        yield
+    except OSError as error:
+        name = error.filename or path
+        raise CameraError(f'cannot {verb} {name}: {error.strerror or error}') from None
+    except CameraError as error:
+        raise CameraError(f'{path}: {error}' if path else str(error)) from None

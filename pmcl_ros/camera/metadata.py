@@ -65,8 +65,58 @@ class _Image(_Part):
     color: _Color
 
 
+class _Depth(_Part):
+    z: float = 0.0
+
+
+class _Lens(_Part):
+    zoomStep: float | None = None
+    focusStep: float | None = None
+    exitPupilOffset: _Depth = _Depth()
+
+
+class _Shutter(_Part):
+    frameExposureDuration: float | None = Field(None, ge=0)
+    pixelExposureDuration: float | None = Field(None, ge=0)
+
+
+class _Sensor(_Part):
+    pixelPitch: float | None = Field(None, gt=0)
+
+
+class _Scale(_Part):
+    x: float = Field(1.0, gt=0)
+    y: float = Field(1.0, gt=0)
+
+
+class _Offset(_Part):
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+
+
+class _Mla(_Part):
+    lensPitch: float | None = Field(None, gt=0)
+    rotation: float = 0.0
+    scaleFactor: _Scale = _Scale()
+    sensorOffset: _Offset = _Offset()
+
+
+class _Devices(_Part):
+    lens: _Lens = _Lens()
+    shutter: _Shutter = _Shutter()
+    sensor: _Sensor = _Sensor()
+    mla: _Mla = _Mla()
+
+
 class _Frame(_Part):
     image: _Image
+    devices: _Devices = _Devices()
+
+
+class _Tags(_Part):
+    modulationFrame: bool | None = None
+    darkFrame: bool | None = None
 
 
 class _Camera(_Part):
@@ -84,6 +134,8 @@ class CameraMetadata(BaseModel):
 
     text: str
     image: _Image
+    devices: _Devices = _Devices()
+    tags: _Tags = _Tags()
     serial: str = ''
 
     @classmethod
@@ -93,14 +145,34 @@ class CameraMetadata(BaseModel):
         Raises CameraError naming the missing or impossible field.
         """
         try:
-            frame, private = _frame_of(json.loads(text))
-            return cls(text=text, image=_Frame.model_validate(frame).image,
+            data = json.loads(text)
+            public, private = _frame_of(data)
+            frame = _Frame.model_validate(public)
+            return cls(text=text, image=frame.image, devices=frame.devices,
+                       tags=_Tags.model_validate(_tags_of(data)),
                        serial=_Private.model_validate(private).camera.serialNumber)
         except ValidationError as error:
             raise CameraError(f'metadata: {explain(error)}') from None
         except (ValueError, RecursionError) as error:
             raise CameraError(f'metadata is not JSON ({error}); is this the .TXT that belongs to '
                               'the .RAW?') from None
+
+    @property
+    def zoom(self) -> float | None:
+        """Step of the zoom motor; None: not told."""
+        return self.devices.lens.zoomStep
+
+    @property
+    def focus(self) -> float | None:
+        """Step of the focus motor; None: not told."""
+        return self.devices.lens.focusStep
+
+    @property
+    def exposure(self) -> float | None:
+        """Exposure time [s]; None: not told."""
+        shutter = self.devices.shutter
+        whole = shutter.frameExposureDuration
+        return shutter.pixelExposureDuration if whole is None else whole
 
     @cached_property
     def black(self) -> float:
@@ -113,6 +185,13 @@ class CameraMetadata(BaseModel):
         """White level, counts."""
         levels = self.image.rawDetails.pixelFormat.white
         return min(levels.r, levels.gr, levels.gb, levels.b)
+
+
+def _tags_of(data: Any) -> Any:
+    """Lytro's own marks of the picture (lytro_f01.md, B1), where there are any."""
+    for step in ('master', 'picture', 'parameters', 'vendorContent', 'com.lytro.tags'):
+        data = data.get(step) if isinstance(data, dict) else None
+    return data if isinstance(data, dict) else {}
 
 
 def _frame_of(data: Any) -> tuple[Any, Any]:

@@ -63,7 +63,7 @@ def test_every_flipped_byte_of_an_xz_file_is_refused(picture):
 @pytest.mark.parametrize('name', ['IMG.RAW', 'IMG.RAW.xz'])
 def test_a_file_that_unpacks_to_too_much_is_refused(picture, monkeypatch, name):
     path = picture(name)
-    monkeypatch.setattr(files, '_LARGEST', 10_000)
+    monkeypatch.setattr(files, 'LARGEST_RAW', 10_000)
     read_raw_frame(path)
     zeros = bytes(30_000_000)
     path.write_bytes(lzma.compress(zeros, preset=0) if name.endswith('xz') else zeros)
@@ -132,7 +132,7 @@ def test_pictures_of_a_folder(picture, tmp_path):
 
 def test_no_pictures(tmp_path):
     (tmp_path / 'IMG.TXT').touch()
-    with pytest.raises(CameraError, match=r'no .RAW or .RAW.xz picture in'):
+    with pytest.raises(CameraError, match=r'no .RAW, .RAW.xz or .LFP picture in'):
         list_pictures(tmp_path)
     with pytest.raises(CameraError, match=r'there is no .*nowhere'):
         list_pictures(tmp_path / 'nowhere')

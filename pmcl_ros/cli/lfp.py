@@ -1,0 +1,100 @@
+"""`pmcl lfp`: Lytro's own container files, from and to what the camera wrote."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from pmcl_ros.camera.files import read_metadata, read_raw_frame, write_raw_frame
+from pmcl_ros.camera.lfp import Container
+from pmcl_ros.camera.lfp_picture import LARGEST_RAW, file_set, is_file_set
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.cli.base import FILE, FOLDER
+from pmcl_ros.errors import CameraError
+
+
+@click.group()
+def lfp() -> None:
+    """Lytro's container files (.LFP): make them, take them apart, look into them."""
+
+
+@lfp.command()
+@click.argument('raw', type=FILE)
+@click.argument('out', type=click.Path(dir_okay=False, path_type=Path))
+def pack(raw: Path, out: Path) -> None:
+    """Make the container OUT.LFP of RAW (.RAW or .RAW.xz with its .TXT beside it)."""
+    if out.suffix.upper() != '.LFP':
+        raise CameraError(f'{out}: the name of a container ends in .LFP')
+    frame = read_raw_frame(raw)
+    write_raw_frame(out, frame)
+    click.echo(f'{out}: {_described(frame.metadata)}')
+
+
+@lfp.command()
+@click.argument('file', type=FILE)
+@click.argument('out', type=FOLDER)
+@click.option('--only', default='*', show_default=True,
+              help="Of the camera's own files: those called like this, as 'MOD_*'.")
+def unpack(file: Path, out: Path, only: str) -> None:
+    """Write what FILE holds to the folder OUT: its names are printed.
+
+    Of a picture, the .RAW and .TXT that the camera wrote. Of a camera's own files (data.C.0 and so
+    on) these themselves; MOD_* are its white images.
+    """
+    container = Container.open(file)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if is_file_set(container):
+            names = file_set(container, only)
+            for name, reference in names.items():
+                (out / name).write_bytes(container.component(reference, LARGEST_RAW))
+            if not names:
+                raise CameraError(f'{file}: holds no file called {only}')
+        else:
+            names = dict.fromkeys((f'{file.stem}.RAW', f'{file.stem}.TXT'), '')
+            write_raw_frame(out / f'{file.stem}.RAW', read_raw_frame(file))
+    except OSError as error:
+        raise CameraError(f'cannot write {error.filename or out}: {error.strerror}') from None
+    for name in names:
+        click.echo(out / name)
+
+
+@lfp.command()
+@click.argument('file', type=FILE)
+def info(file: Path) -> None:
+    """Say what FILE holds, and list its sections, each with its SHA-1 verified."""
+    container = Container.open(file)
+    if is_file_set(container):
+        roles = {reference: name for name, reference in file_set(container).items()}
+        click.echo(f"{file}: {len(roles)} of a camera's own files")
+    else:
+        roles = _references(container.table)
+        try:
+            click.echo(f'{file}: {_described(read_metadata(file))}')
+        except CameraError as error:  # a refocused stack has sections too
+            click.echo(str(error))
+    click.echo(f'{"byte":>10} {"length":>10}  {"SHA-1, verified":45}  holds')
+    for each in container.sections:
+        role = 'table of contents' if each.is_table else roles.get(each.reference, '')
+        click.echo(f'{each.offset:>10} {each.length:>10}  {each.reference}  {role}')
+
+
+def _described(metadata: CameraMetadata) -> str:
+    image = metadata.image
+    return (f'picture of camera {metadata.serial or "(not told)"}, {image.width}x{image.height} '
+            'pixels, 12 bits')
+
+
+def _references(table: dict[str, Any]) -> dict[str, str]:
+    """References -> what they are called, wherever in the table."""
+    found: dict[str, str] = {}
+    left: list[Any] = [table]
+    while left:
+        part = left.pop()
+        if isinstance(part, dict):
+            found.update({value: name.removesuffix('Ref') for name, value in part.items()
+                          if name.endswith('Ref') and isinstance(value, str)})
+            left += part.values()
+        elif isinstance(part, list):
+            left += part
+    return found
