@@ -1,0 +1,157 @@
+"""Which pictures are new, and when their shutters were pressed by this host's clock."""
+
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+
+from pmcl_ros.camera.client import Picture
+from pmcl_ros.camera.lytro.payloads import PictureRecord
+
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
+_SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
+_OLDEST_NS = 60_000_000_000  # a shot without a picture for so long stays without
+_PATIENCE = 5.0  # seconds for an announced picture to be in the list
+
+
+@dataclass(eq=False)
+class Shot:
+    """The shutter as this host knows it, nanoseconds since the epoch.
+
+    sent_ns: before the command was sent, None when the camera's own button was pressed.
+    pressed_ns: when the ShutterPressed callback arrived, None until then.
+    confirmed: whether the command was answered. picture: what it became, None until that is known.
+    """
+
+    sent_ns: int | None = None
+    pressed_ns: int | None = None
+    confirmed: bool = True
+    picture: Picture | None = None
+
+    @property
+    def stamp_ns(self) -> int:
+        """The best that is known of the time of the shutter."""
+        return self.pressed_ns or self.sent_ns or 0
+
+
+class Arrivals:
+    """Matches commands, callbacks and picture lists; safe to use from several threads.
+
+    The list is the truth; callbacks say when to look at it, and which picture is complete. After a
+    gap in the callbacks every picture that is new in the list counts.
+    """
+
+    def __init__(self) -> None:
+        self.changed = threading.Condition()
+        self.clock_ahead_ns = 0  # the camera's clock less this host's
+        self._pictures: dict[str, Picture] | None = None  # on the card and complete, oldest first
+        self._announced: dict[str, float] = {}  # not in the list so far: since when
+        self._shots: list[Shot] = []  # without a picture so far
+        self._new: deque[Picture] = deque()
+        self._connected, self._gap = True, False
+
+    @property
+    def pending(self) -> bool:
+        """Whether the list should be looked at."""
+        with self.changed:
+            return bool(self._announced) or self._gap
+
+    @property
+    def connected(self) -> bool:
+        """Whether callbacks are heard."""
+        return self._connected
+
+    def commanded(self, sent_ns: int) -> Shot:
+        """A command to take a picture is about to be sent."""
+        with self.changed:
+            self._shots.append(Shot(sent_ns))
+            return self._shots[-1]
+
+    def given_up(self, shot: Shot) -> None:
+        """No picture will come of `shot`."""
+        with self.changed:
+            if shot in self._shots:
+                self._shots.remove(shot)
+
+    def pressed(self, arrived_ns: int) -> None:
+        """ShutterPressed arrived."""
+        with self.changed:
+            for shot in self._shots:
+                if (shot.pressed_ns is None and shot.sent_ns is not None
+                        and abs(arrived_ns - shot.sent_ns) < _SAME_SHOT_NS):
+                    shot.pressed_ns = arrived_ns
+                    break
+            else:
+                self._shots.append(Shot(pressed_ns=arrived_ns))
+
+    def announced(self, identity: str) -> None:
+        """NewPictureAvailable arrived."""
+        with self.changed:
+            if identity not in (self._pictures or {}):
+                self._announced[identity] = time.monotonic()
+                self.changed.notify_all()
+
+    def callbacks(self, connected: bool) -> None:
+        """Callbacks are heard from now on, or were lost."""
+        with self.changed:
+            self._gap = self._gap or not connected
+            self._connected = connected
+            self.changed.notify_all()
+
+    def listed(self, records: list[PictureRecord], *, all_complete: bool = False) -> list[Picture]:
+        """The camera's list, newest first, has come; the complete pictures, oldest first.
+
+        The first list's pictures are not new. all_complete: count what was not announced too.
+        """
+        with self.changed:
+            first, known = self._pictures is None, self._pictures or {}
+            if all_complete or not self._connected:
+                self._gap = True
+            everything = first or self._gap
+            pictures: dict[str, Picture] = {}
+            for record in reversed(records):
+                if record.id in known:
+                    pictures[record.id] = known[record.id]
+                elif everything or record.id in self._announced:
+                    pictures[record.id] = self._arrived(record)
+                    if not first:
+                        self._new.append(pictures[record.id])
+            self._pictures = pictures
+            oldest = time.monotonic() - _PATIENCE
+            self._announced = {each: since for each, since in self._announced.items()
+                               if each not in pictures and since > oldest}
+            self._gap = not self._connected
+            return list(pictures.values())
+
+    def take(self, shot: Shot | None = None) -> Picture | None:
+        """The oldest new picture, or that of `shot`; it is not new any more."""
+        with self.changed:
+            if shot is None:
+                return self._new.popleft() if self._new else None
+            if shot.picture is not None and shot.picture in self._new:
+                self._new.remove(shot.picture)
+            return shot.picture
+
+    def wait(self, seconds: float) -> None:
+        """Until `pending`, at most so long."""
+        with self.changed:
+            self.changed.wait_for(lambda: self._announced or self._gap, seconds)
+
+    def _arrived(self, record: PictureRecord) -> Picture:
+        """Whose shutter it was: the shot nearest to the camera's date, if any can be it."""
+        date = record.taken
+        oldest = time.time_ns() - _OLDEST_NS
+        self._shots = [each for each in self._shots if each.stamp_ns > oldest]
+        if date is None:
+            taken_ns, shots = 0, self._shots
+        else:
+            taken_ns = (date - _EPOCH) // _MICROSECOND * 1000 - self.clock_ahead_ns
+            shots = [each for each in self._shots if record.id in self._announced
+                     or abs(each.stamp_ns - taken_ns) < _SAME_SHOT_NS]
+        if not shots:
+            return Picture(record.id, taken_ns)
+        shot = min(shots, key=lambda each: abs(each.stamp_ns - taken_ns))
+        self._shots.remove(shot)
+        shot.picture = Picture(record.id, shot.stamp_ns)
+        return shot.picture

@@ -1,0 +1,249 @@
+"""A Lytro on the network: commands, callbacks, downloads that survive lost connections."""
+
+import logging
+import threading
+import time
+from datetime import datetime, timedelta, timezone
+from types import TracebackType
+
+from pmcl_ros.camera.client import CameraStatus, Picture
+from pmcl_ros.camera.lytro import frames
+from pmcl_ros.camera.lytro.arrivals import Arrivals, Shot
+from pmcl_ros.camera.lytro.callbacks import (
+    NEW_PICTURE,
+    SHUTTER_PRESSED,
+    CallbackListener,
+    Event,
+)
+from pmcl_ros.camera.lytro.frames import Command, Request
+from pmcl_ros.camera.lytro.link import Link, Progress
+from pmcl_ros.camera.lytro.payloads import (
+    HardwareInfo,
+    PictureRecord,
+    decode_battery,
+    decode_files,
+    decode_picture_list,
+    decode_time,
+    encode_time,
+)
+from pmcl_ros.camera.lytro.settings import Address, LinkSettings
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.errors import CameraError, LinkError
+
+_PAUSE = 0.2  # seconds between two looks at the picture list
+
+_log = logging.getLogger(__name__)
+
+
+class LytroClient:
+    """A `CameraClient` by the camera's own protocol; usable from several threads.
+
+    The constructor raises LinkError when nobody answers. After that a lost connection is made
+    again until `settings.patience` is over, then a method raises LinkError; other errors are
+    CameraError. Threads of its own listen to the callbacks and keep the camera's Wi-Fi on.
+    Only documented commands are sent: no unlock, exposure or ISO.
+    """
+
+    def __init__(self, address: Address | None = None,
+                 settings: LinkSettings | None = None) -> None:
+        self._address, self._settings = address or Address(), settings or LinkSettings()
+        self._arrivals = Arrivals()
+        self._closed = threading.Event()
+        self._link = Link(self._address, self._settings)
+        self._listener: CallbackListener | None = None
+        self._keeper = threading.Thread(target=self._keep_alive, name='lytro keep-alive',
+                                        daemon=True)
+        try:
+            self._link.open()
+            self._info = self.hardware_info()
+            self._compare_clocks()
+            self._listener = CallbackListener(self._address, self._settings, self._heard,
+                                              self._arrivals.callbacks)
+            pictures = self.pictures()
+        except BaseException:
+            self.close()
+            raise
+        _log.info('Lytro %s (%s) at %s, %d pictures', self._info.serial, self._info.software,
+                  self._address, len(pictures))
+        self._keeper.start()
+
+    # CameraClient
+
+    def status(self) -> CameraStatus:
+        """Serial number, software version; the battery is asked for anew."""
+        return CameraStatus(self._info.serial, self._info.software, self.battery())
+
+    def pictures(self) -> list[Picture]:
+        """What is on the card and complete, oldest first.
+
+        `shutter_ns` is the arrival of the ShutterPressed callback, or else the time just before
+        the command was sent. Where this client saw neither it is the camera's date less the
+        difference of the two clocks, good to about a second.
+        """
+        return self._arrivals.listed(self.records())
+
+    def capture(self) -> Picture:
+        """Take a picture; returns when it can be fetched. CameraError when none comes."""
+        return self.wait_for_picture(shot=self.take_picture())
+
+    def fetch(self, picture: Picture, progress: Progress | None = None) -> tuple[bytes, str]:
+        """The .RAW (12 bits, packed) and the .TXT (JSON).
+
+        The text is checked to be a camera's, and the length of the .RAW to be what the text says.
+        progress: told bytes got and bytes in all, of the .RAW.
+        """
+        record = self._record(picture)
+        path = record.path('TXT')
+        try:
+            text = self.download(path).rstrip(b'\0').decode()
+            image = CameraMetadata.parse(text).image
+        except UnicodeDecodeError:
+            raise CameraError(f'{path} of the camera is not text') from None
+        except LinkError:
+            raise
+        except CameraError as error:
+            raise CameraError(f'{path} of the camera: {error}') from None
+        path = record.path('RAW')
+        raw = self._link.load(frames.load_file(path), path, image.width * image.height * 3 // 2,
+                              progress)
+        return raw, text
+
+    def close(self) -> None:
+        """End threads and connections; what waits in another thread raises LinkError."""
+        self._closed.set()
+        self._link.close()
+        if self._listener is not None:
+            self._listener.close()
+        if self._keeper.is_alive():
+            self._keeper.join(self._settings.timeout)
+
+    # more
+
+    @property
+    def connected(self) -> bool:
+        """Whether callbacks are heard, the sign that the camera is in reach."""
+        return self._arrivals.connected
+
+    def hardware_info(self) -> HardwareInfo:
+        """Who the camera is."""
+        return HardwareInfo.decode(self._link.load(frames.LOAD_HARDWARE_INFO, 'hardware info'))
+
+    def battery(self) -> float:
+        """Percent."""
+        return decode_battery(self._link.ask(frames.BATTERY))
+
+    def camera_time(self) -> datetime:
+        """The camera's clock, UTC; a real camera tells whole seconds."""
+        return decode_time(self._link.ask(frames.CAMERA_TIME))
+
+    def set_time(self, moment: datetime | None = None) -> None:
+        """Set the camera's clock to `moment`, by default now."""
+        self._link.ask(Request(Command.SET_TIME,
+                               encode_time(moment or datetime.now(timezone.utc))))
+        self._compare_clocks()
+
+    def records(self) -> list[PictureRecord]:
+        """The picture list, newest first."""
+        return decode_picture_list(self._link.load(frames.LOAD_PICTURE_LIST, 'the picture list'))
+
+    def calibration(self) -> dict[str, bytes]:
+        """The calibration files that the camera hands out, path -> content."""
+        return decode_files(self._link.load(frames.LOAD_CALIBRATION, 'the calibration'))
+
+    def download(self, path: str, progress: Progress | None = None) -> bytes:
+        r"""A file by its path on the camera (I:\DCIM\100PHOTO\IMG_0001.RAW)."""
+        return self._link.load(frames.load_file(path), path, progress=progress)
+
+    def take_picture(self) -> Shot:
+        """Press the shutter; does not wait for the picture.
+
+        Once sent the command is not sent again: `confirmed` is False when the reply was lost, and
+        the picture may have been taken.
+        """
+        self.battery()  # a connection that had died is found and made again here
+        shot = self._arrivals.commanded(time.time_ns())
+        try:
+            self._link.ask_once(frames.TAKE_PICTURE)
+        except LinkError as error:
+            _log.warning('a picture may have been taken: %s', error)
+            shot.confirmed = False
+        except BaseException:
+            self._arrivals.given_up(shot)
+            raise
+        return shot
+
+    def wait_for_picture(self, timeout: float | None = None, shot: Shot | None = None) -> Picture:
+        """The next picture since the client connected that was not waited for, or that of `shot`.
+
+        timeout: seconds, by default `settings.picture_timeout`. CameraError when none comes.
+        """
+        seconds = self._settings.picture_timeout if timeout is None else timeout
+        deadline = time.monotonic() + seconds
+        while True:
+            last = time.monotonic() >= deadline
+            if last or self._arrivals.pending:
+                records = self.records()
+                self._arrivals.listed(records, all_complete=last)
+            picture = self._arrivals.take(shot)
+            if picture is not None:
+                return picture
+            if last:
+                break
+            if self._arrivals.pending:
+                self._closed.wait(_PAUSE)
+            else:
+                self._arrivals.wait(max(0.0, deadline - time.monotonic()))
+        if shot is None:
+            raise CameraError(f'no new picture within {seconds:g} s')
+        self._arrivals.given_up(shot)
+        heard = 'pressed the shutter' if shot.pressed_ns else 'did not press the shutter'
+        raise CameraError(
+            f'no picture within {seconds:g} s of the command; the camera {heard} and holds '
+            f'{len(records)} pictures: it is busy, or its memory is full (delete some), or '
+            'it is in a menu')
+
+    def delete(self, picture: Picture) -> None:
+        """Delete a picture from the card; CameraError when it is still in the list then."""
+        self._link.ask(Request(Command.DELETE_PICTURE, self._record(picture).key))
+        deadline = time.monotonic() + self._settings.timeout
+        while picture.id in {each.id for each in self.records()}:
+            if time.monotonic() > deadline:
+                raise CameraError(f'the camera keeps {picture.id} although it was told to delete '
+                                  'it; delete it on the camera')
+            self._closed.wait(_PAUSE)
+
+    def __enter__(self) -> 'LytroClient':
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def _record(self, picture: Picture) -> PictureRecord:
+        for record in self.records():
+            if record.id == picture.id:
+                return record
+        raise CameraError(f'the camera has no picture {picture.id} (any more)')
+
+    def _heard(self, event: Event) -> None:
+        """In the thread of the callbacks."""
+        _log.debug('%s', event)
+        if event.name == SHUTTER_PRESSED:
+            self._arrivals.pressed(event.arrived_ns)
+        elif event.name == NEW_PICTURE and event.arguments:
+            self._arrivals.announced(event.arguments[0])
+
+    def _compare_clocks(self) -> None:
+        before = time.time_ns()
+        camera = self.camera_time()
+        host = datetime.fromtimestamp((before + time.time_ns()) / 2e9, timezone.utc)
+        self._arrivals.clock_ahead_ns = 1000 * ((camera - host) // timedelta(microseconds=1))
+
+    def _keep_alive(self) -> None:
+        interval = self._settings.keep_alive
+        while not self._closed.wait(interval / 5):
+            if time.monotonic() - self._link.last_exchange > interval:
+                try:
+                    self.battery()
+                except CameraError as error:
+                    _log.warning('the camera may turn its Wi-Fi off: %s', error)

@@ -1,0 +1,146 @@
+"""A command connection that is made again when it is lost."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from typing import TypeVar
+
+from pmcl_ros.camera.lytro.connection import Connection
+from pmcl_ros.camera.lytro.frames import CHUNK, CONTENT_LENGTH, Request
+from pmcl_ros.camera.lytro.payloads import decode_length
+from pmcl_ros.camera.lytro.settings import Address, LinkSettings
+from pmcl_ros.errors import CameraError, LinkError, ProtocolError
+
+LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
+
+T = TypeVar('T')
+Progress = Callable[[int, int], None]  # bytes got, bytes in all
+
+_log = logging.getLogger(__name__)
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
+
+
+class Link:
+    """Requests and downloads; safe to use from several threads.
+
+    One request is in flight at a time; between two pieces of a download other requests may go,
+    except loads: the camera has a single transfer buffer.
+    """
+
+    def __init__(self, address: Address, settings: LinkSettings) -> None:
+        self.last_exchange = time.monotonic()
+        self._address, self._settings = address, settings
+        self._wire, self._buffer = threading.Lock(), threading.Lock()
+        self._connection: Connection | None = None
+        self._closed = threading.Event()
+
+    def open(self) -> None:
+        """Connect, trying once; LinkError when nobody answers."""
+        self.with_connection(lambda _: None)
+
+    def ask(self, request: Request) -> bytes:
+        """The reply's payload; only for requests that may be sent twice."""
+        return self._insist(lambda: self.ask_once(request))
+
+    def ask_once(self, request: Request) -> bytes:
+        """The reply's payload; LinkError when the connection is lost, or cannot be made."""
+        return self.with_connection(lambda connection: connection.exchange(request))
+
+    def load(self, request: Request, what: str, expected: int | None = None,
+             progress: Progress | None = None) -> bytes:
+        """Load `what` into the transfer buffer and download all of it.
+
+        expected: its length, if that is known. After a lost connection it is loaded again and
+        resumed where it stopped. Raises CameraError when the camera does not have it, or it is
+        too large, or another length than expected.
+        """
+        with self._buffer:
+            download = _Download(self, request, what, expected, progress)
+            self._insist(download.run, lambda: download.got)
+            return bytes(download.data)
+
+    def close(self) -> None:
+        """End the connection; what waits in another thread raises LinkError."""
+        self._closed.set()
+        connection = self._connection
+        if connection is not None:
+            connection.abort()
+
+    def with_connection(self, step: Callable[[Connection], T]) -> T:
+        """Run `step` with the connection, made if there is none; once."""
+        with self._wire:
+            if self._closed.is_set():
+                raise LinkError(f'the connection to {self._address} is closed')
+            if self._connection is None:
+                self._connection = Connection(self._address, self._settings.timeout)
+            try:
+                result = step(self._connection)
+            except BaseException:
+                self._connection = None  # it has closed itself
+                raise
+            self.last_exchange = time.monotonic()
+            return result
+
+    def _insist(self, step: Callable[[], T], got: Callable[[], int] = lambda: 0) -> T:
+        """Run `step` again after each lost connection, while `got` grows or patience lasts."""
+        pause, before, began = _FIRST_PAUSE, got(), time.monotonic()
+        while True:
+            try:
+                return step()
+            except LinkError as error:
+                if got() > before:
+                    pause, before, began = _FIRST_PAUSE, got(), time.monotonic()
+                if time.monotonic() + pause > began + self._settings.patience:
+                    raise
+                _log.info('trying again in %.2f s: %s', pause, error)
+                if self._closed.wait(pause):
+                    raise
+                pause = min(2 * pause, _LONGEST_PAUSE)
+
+
+class _Download:
+    """The transfer buffer's content on its way; `run` goes on where the last run was lost."""
+
+    def __init__(self, link: Link, request: Request, what: str, expected: int | None,
+                 progress: Progress | None) -> None:
+        self._link, self._request, self._what = link, request, what
+        self._expected, self._progress = expected, progress
+        self.data = bytearray()
+        self.got = 0
+
+    def run(self) -> None:
+        """Load, then get the pieces that are missing."""
+        found = self._link.ask_once(self._request)
+        if self._request.payload is not None and not found:
+            raise CameraError(f'the camera has no {self._what}')
+        self._check_length()
+        while self.got < len(self.data):
+            if not self._link.with_connection(self._piece):
+                raise ProtocolError(f'the camera sends no byte {self.got} of {len(self.data)} of '
+                                    f'{self._what}; does another client use it?')
+        if self.data:
+            self._check_length()  # another client's load would have replaced the buffer
+
+    def _piece(self, connection: Connection) -> int:
+        into = memoryview(self.data)[self.got:self.got + CHUNK]
+        return connection.download(self.got, into, self._landed)
+
+    def _check_length(self) -> None:
+        length = decode_length(self._link.ask_once(CONTENT_LENGTH))
+        expected = self._expected
+        if expected is None:
+            self._expected = expected = length
+        if length > LARGEST:
+            raise CameraError(f'{self._what} has {length} bytes, more than any file of the '
+                              f'camera ({LARGEST})')
+        if length != expected:
+            raise CameraError(f'{self._what} has {length} bytes, expected {expected}: the file is '
+                              'damaged, or another client uses the camera too')
+        if not self.data:
+            self.data = bytearray(length)
+
+    def _landed(self, count: int) -> None:
+        self.got += count
+        if self._progress is not None:
+            self._progress(self.got, len(self.data))

@@ -1,0 +1,208 @@
+"""What the camera's transfer buffer and replies hold (lytro_f01.md, A5)."""
+
+import math
+import re
+import struct
+from dataclasses import dataclass
+from datetime import datetime, timezone
+
+from pmcl_ros.errors import ProtocolError
+
+HARDWARE_INFO_LENGTH = 644
+RECORD_LENGTH = 128
+
+_HARDWARE = struct.Struct('<256s128s128s128sI')
+_RECORD = struct.Struct('<8s8sii16xif48s28si')
+_KEY_LENGTH = 24
+_TIME = struct.Struct('<7H')
+_FILE_ENTRY = struct.Struct('<I32s')
+_MOST_FILES = 4096  # a camera has some hundreds; what holds more is no table
+# Where the fields of a record begin; the list says so itself, in its own header.
+_FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
+_ROTATIONS = {0: 0, 1: 0, 8: 90, 3: 180, 6: 270}
+# Names become paths, on the camera and on this machine's disk.
+_NAME = re.compile(r'[A-Za-z0-9_]*')
+
+
+@dataclass(frozen=True)
+class HardwareInfo:
+    """Who the camera is."""
+
+    manufacturer: str
+    serial: str
+    build: str
+    software: str
+
+    def encode(self) -> bytes:
+        """The 644 bytes."""
+        texts = (self.manufacturer, self.serial, self.build, self.software)
+        return _HARDWARE.pack(*(each.encode() for each in texts), 0)
+
+    @classmethod
+    def decode(cls, data: bytes) -> 'HardwareInfo':
+        """Read what C2 00 00 loads; ProtocolError when it is too short or no text."""
+        if len(data) != HARDWARE_INFO_LENGTH:
+            raise ProtocolError(f'hardware info has {HARDWARE_INFO_LENGTH} bytes, got {len(data)}')
+        *texts, _ = _HARDWARE.unpack(data)
+        return cls(*(_text(each, 'hardware info') for each in texts))
+
+
+@dataclass(frozen=True)
+class PictureRecord:
+    """A record of the picture list.
+
+    id: "sha1-" and 40 hexadecimal digits. date: of the camera's clock, ISO 8601, UTC.
+    focus: the lambda chosen on the camera. orientation: the camera's code, see `rotation`.
+    """
+
+    folder: int
+    number: int
+    id: str
+    date: str
+    liked: bool = False
+    focus: float = 0.0
+    orientation: int = 1
+    folder_postfix: str = 'PHOTO'
+    prefix: str = 'IMG_'
+
+    @property
+    def name(self) -> str:
+        """As in IMG_0001."""
+        return f'{self.prefix}{self.number:04d}'
+
+    def path(self, extension: str) -> str:
+        r"""Of its file on the camera, as in I:\DCIM\100PHOTO\IMG_0001.RAW."""
+        return rf'I:\DCIM\{self.folder:03d}{self.folder_postfix}\{self.name}.{extension}'
+
+    @property
+    def rotation(self) -> int | None:
+        """Degrees counter-clockwise; None when the code is not a known one."""
+        return _ROTATIONS.get(self.orientation)
+
+    @property
+    def taken(self) -> datetime | None:
+        """`date` as a time, by the camera's clock; None when it is not ISO 8601."""
+        try:  # Python 3.10 does not know the Z
+            moment = datetime.fromisoformat(self.date.replace('Z', '+00:00'))
+        except ValueError:
+            return None
+        return moment if moment.tzinfo else moment.replace(tzinfo=timezone.utc)
+
+    @property
+    def key(self) -> bytes:
+        """The 24 bytes that C0 00 05 deletes a picture by: the beginning of its record."""
+        return self.encode()[:_KEY_LENGTH]
+
+    def encode(self) -> bytes:
+        """The 128 bytes."""
+        return _RECORD.pack(self.folder_postfix.encode(), self.prefix.encode(), self.folder,
+                            self.number, self.liked, self.focus, self.id.encode(),
+                            self.date.encode(), self.orientation)
+
+    @classmethod
+    def decode(cls, data: bytes) -> 'PictureRecord':
+        """Read the first 128 bytes of a record; ProtocolError when they are impossible."""
+        postfix, prefix, folder, number, liked, focus, identity, date, orientation = \
+            _RECORD.unpack(data[:RECORD_LENGTH])
+        texts = [_text(each, 'picture list') for each in (postfix, prefix, identity, date)]
+        if not (_NAME.fullmatch(texts[0]) and _NAME.fullmatch(texts[1])
+                and folder >= 0 and number >= 0 and texts[2]):
+            raise ProtocolError(f'picture list holds an impossible record: folder {folder} '
+                                f'{texts[0]!r}, file {texts[1]!r} {number}, id {texts[2]!r}')
+        return cls(folder, number, texts[2], texts[3], liked == 1, focus, orientation,
+                   texts[0], texts[1])
+
+
+def encode_picture_list(pictures: list[PictureRecord]) -> bytes:
+    """What C2 00 02 loads; the newest picture first."""
+    fields = b''.join(struct.pack('<II', *each) for each in enumerate(_FIELD_OFFSETS))
+    header = struct.pack('<III', 1, RECORD_LENGTH, len(_FIELD_OFFSETS)) + fields
+    return header + b''.join(each.encode() for each in pictures)
+
+
+def decode_picture_list(data: bytes) -> list[PictureRecord]:
+    """Read what C2 00 02 loads; ProtocolError when it is impossible.
+
+    The header tells how long it and the records are; what is left at the end is no record.
+    """
+    if len(data) < 12:
+        raise ProtocolError(f'picture list has {len(data)} bytes, its header alone has 12')
+    _, length, fields = struct.unpack_from('<III', data)
+    start = 12 + 8 * fields
+    if length < RECORD_LENGTH or start > len(data):
+        raise ProtocolError(f'picture list of {len(data)} bytes has an impossible header: '
+                            f'{fields} fields, records of {length} bytes')
+    return [PictureRecord.decode(data[each:each + length])
+            for each in range(start, len(data) - length + 1, length)]
+
+
+def encode_time(moment: datetime) -> bytes:
+    """14 bytes; `moment` has a time zone."""
+    utc = moment.astimezone(timezone.utc)
+    return _TIME.pack(utc.year, utc.month, utc.day, utc.hour, utc.minute, utc.second,
+                      utc.microsecond // 1000)
+
+
+def decode_time(data: bytes) -> datetime:
+    """Read 14 bytes: a time in UTC; ProtocolError when there is no such time."""
+    if len(data) != _TIME.size:
+        raise ProtocolError(f'a time has {_TIME.size} bytes, got {len(data)}')
+    year, month, day, hour, minute, second, milliseconds = _TIME.unpack(data)
+    try:
+        return datetime(year, month, day, hour, minute, second, 1000 * milliseconds, timezone.utc)
+    except ValueError as error:
+        raise ProtocolError(f'no time: {_TIME.unpack(data)} ({error})') from None
+
+
+def decode_battery(data: bytes) -> float:
+    """Read 4 bytes: percent; ProtocolError when it is no number from 0 to 100."""
+    if len(data) != 4:
+        raise ProtocolError(f'a battery level has 4 bytes, got {len(data)}')
+    percent = float(struct.unpack('<f', data)[0])
+    if not (math.isfinite(percent) and -1 <= percent <= 101):
+        raise ProtocolError(f'no battery level: {percent} percent')
+    return min(max(percent, 0.0), 100.0)
+
+
+def decode_length(data: bytes) -> int:
+    """Read 4 bytes: how many bytes the transfer buffer holds."""
+    if len(data) != 4:
+        raise ProtocolError(f'a length has 4 bytes, got {len(data)}')
+    return int.from_bytes(data, 'little')
+
+
+def encode_files(files: dict[str, bytes]) -> bytes:
+    """What C2 00 06 loads: a table of lengths and paths, then the files."""
+    table = [_FILE_ENTRY.pack(len(body), path.encode()) for path, body in files.items()]
+    return b''.join([*table, *files.values()])
+
+
+def decode_files(data: bytes) -> dict[str, bytes]:
+    """Read what C2 00 06 loads; the table ends where it and the files make up all bytes."""
+    entries: list[tuple[int, str]] = []
+    total = 0
+    while (begin := _FILE_ENTRY.size * len(entries)) + total < len(data):
+        if begin + _FILE_ENTRY.size > len(data) or len(entries) == _MOST_FILES:
+            break
+        length, path = _FILE_ENTRY.unpack_from(data, begin)
+        entries.append((length, _text(path, 'calibration')))
+        total += length
+    if begin + total != len(data):
+        raise ProtocolError(f'calibration of {len(data)} bytes has a table of {len(entries)} '
+                            f'files of {total} bytes')
+    files: dict[str, bytes] = {}
+    for length, path in entries:
+        files[path] = data[begin:begin + length]
+        begin += length
+    return files
+
+
+def _text(data: bytes, where: str) -> str:
+    """What stands before the first NUL."""
+    try:
+        text = data.split(b'\0', 1)[0].decode()
+    except UnicodeDecodeError:
+        text = '\0'
+    if not text.isprintable():
+        raise ProtocolError(f'{where} holds {data[:48]!r} where a text should be')
+    return text

@@ -1,0 +1,155 @@
+"""What the simulated camera has stored: pictures, kept by reference to files on this disk."""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from pmcl_ros.camera.files import list_pictures, read_metadata, read_picture
+from pmcl_ros.camera.lytro.payloads import PictureRecord, encode_files
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.simulated.previews import jpeg, thumbnail
+
+_CALIBRATION = 'C:\\T1CALIB\\'
+_PER_FOLDER = 9999  # files; the number in a name has four digits
+_DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Capture:
+    """A picture on this machine's disk that the camera shows as its own."""
+
+    path: Path
+    metadata: CameraMetadata
+
+    def file(self, extension: str) -> bytes:
+        """What the camera would have stored; KeyError for an extension that it has not."""
+        content = {'RAW': self._raw, 'JPG': self._jpeg, '128': self._thumbnail,
+                   'TXT': self.metadata.text.encode}[extension.upper()]
+        return content()
+
+    def _raw(self) -> bytes:
+        return _raw_bytes(self.path)
+
+    def _jpeg(self) -> bytes:
+        return jpeg(self._raw(), self.metadata.image.width, self.metadata.image.height)
+
+    def _thumbnail(self) -> bytes:
+        return thumbnail(self._raw(), self.metadata.image.width, self.metadata.image.height)
+
+
+@lru_cache(maxsize=4)
+def _raw_bytes(path: Path) -> bytes:
+    return read_picture(path)[0]
+
+
+class Card:
+    """The camera's memory.
+
+    pictures, whites: what is served; white images are calibration files. empty: begin without a
+    picture; else all are there, as taken in the order of their names.
+    """
+
+    def __init__(self, pictures: list[Capture], whites: list[Capture], *,
+                 empty: bool = False) -> None:
+        self._captures = pictures
+        self._whites = whites
+        self._next = 0
+        self._number = 0
+        self._stored: dict[str, tuple[PictureRecord, Capture]] = {}  # by id, oldest first
+        newest = 0.0
+        for capture in () if empty else pictures:
+            newest = max(newest, capture.path.stat().st_mtime)
+            self.store(*self.expose(datetime.fromtimestamp(newest, timezone.utc)))
+
+    @classmethod
+    def of(cls, folder: Path | str, *, empty: bool = False) -> 'Card':
+        """The pictures at `folder` and in its subfolders; CameraError when there is none.
+
+        Those that the camera marked as white (modulationFrame) are calibration files, unless there
+        are no others.
+        """
+        captures = [Capture(path, read_metadata(path)) for path in list_pictures(folder)]
+        whites = [each for each in captures if each.metadata.tags.modulationFrame]
+        pictures = [each for each in captures if not each.metadata.tags.modulationFrame]
+        _log.info('%d pictures and %d white images in %s', len(pictures), len(whites), folder)
+        return cls(pictures or whites, whites, empty=empty)
+
+    @property
+    def serial(self) -> str:
+        """Of the camera that took the pictures."""
+        return self._captures[0].metadata.serial or 'A000000000'
+
+    @property
+    def records(self) -> list[PictureRecord]:
+        """The picture list, newest first."""
+        return [record for record, _ in reversed(self._stored.values())]
+
+    def expose(self, moment: datetime) -> tuple[PictureRecord, Capture]:
+        """Take the next capture in turn; it is not stored yet."""
+        capture = self._captures[self._next]
+        self._next = (self._next + 1) % len(self._captures)
+        self._number += 1
+        folder, number = divmod(self._number - 1, _PER_FOLDER)
+        date = moment.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
+        digest = hashlib.sha1(f'{self.serial} {self._number} {capture.path.name} {date}'.encode())
+        return PictureRecord(100 + folder, number + 1, f'sha1-{digest.hexdigest()}', date), capture
+
+    def store(self, record: PictureRecord, capture: Capture) -> None:
+        """The picture can be downloaded from now on."""
+        self._stored[record.id] = (record, capture)
+
+    def delete(self, key: bytes) -> PictureRecord | None:
+        """Delete by the first 24 bytes of a record; what was deleted."""
+        for record, _ in self._stored.values():
+            if record.key == key:
+                return self._stored.pop(record.id)[0]
+        return None
+
+    def file(self, path: str) -> Callable[[], bytes] | None:
+        r"""What reads a file by its path on the camera; slashes and letter case do not matter."""
+        path = path.replace('/', '\\').upper()
+        extension = path.rpartition('.')[2]
+        for record, capture in self._stored.values():
+            if extension in _DIGITS.values() and record.path(extension).upper() == path:
+                return _reader(capture, extension)
+        return self._calibration().get(path)
+
+    def picture(self, identity: str, digit: str) -> Callable[[], bytes] | None:
+        """What reads a picture's file by its id and the digit of C2 00 05."""
+        if identity not in self._stored or digit not in _DIGITS:
+            return None
+        return _reader(self._stored[identity][1], _DIGITS[digit])
+
+    def calibration(self) -> bytes:
+        """What C2 00 06 loads."""
+        return encode_files({path: read() for path, read in self._calibration().items()})
+
+    def _calibration(self) -> dict[str, Callable[[], bytes]]:
+        files: dict[str, Callable[[], bytes]] = {
+            f'{_CALIBRATION}MLACALIBRATION.TXT': self._lenslets}
+        for number, white in enumerate(self._whites):
+            for extension in ('TXT', 'RAW'):
+                files[f'{_CALIBRATION}MOD_{number:04d}.{extension}'] = _reader(white, extension)
+        return files
+
+    def _lenslets(self) -> bytes:
+        """What the metadata says of the lenslets."""
+        found: Any = json.loads(self._captures[0].metadata.text)
+        for step in ('master', 'picture', 'frameArray', 0, 'frame', 'metadata', 'devices', 'mla'):
+            try:
+                found = found[step]
+            except (KeyError, IndexError, TypeError):
+                return b'{}'
+        return json.dumps({'mla': found}, indent=1).encode()
+
+
+def _reader(capture: Capture, extension: str) -> Callable[[], bytes]:
+    return lambda: capture.file(extension)

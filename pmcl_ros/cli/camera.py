@@ -1,0 +1,158 @@
+"""`pmcl camera`: a Lytro on the network, and one made of software."""
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+from rich.progress import BarColumn, DownloadColumn, Progress, TransferSpeedColumn
+
+from pmcl_ros.camera.client import Picture
+from pmcl_ros.camera.files import write_picture
+from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.discovery import find_camera
+from pmcl_ros.camera.lytro.payloads import PictureRecord
+from pmcl_ros.camera.lytro.settings import Address, LinkSettings
+from pmcl_ros.camera.simulated.announce import announced
+from pmcl_ros.camera.simulated.camera import SimulatedCamera
+from pmcl_ros.camera.simulated.card import Card
+from pmcl_ros.camera.simulated.faults import HELP, Faults
+from pmcl_ros.camera.simulated.process import READY
+from pmcl_ros.camera.simulated.server import CameraServer
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.gateway import gateway
+from pmcl_ros.errors import CameraError
+
+_PORT = click.IntRange(0, 65535)
+_USUAL_SECOND_PORT = 5679
+
+
+@click.group()
+def camera() -> None:
+    """A Lytro on the network, and one made of software."""
+
+
+camera.add_command(gateway)
+
+
+@camera.command(epilog='\b\nFaults:\n' + HELP)
+@click.option('--pictures', required=True, type=click.Path(exists=True, path_type=Path),
+              help='Folder of RAW[.xz] with TXT, or of LFP, also in subfolders. White images '
+              '(modulationFrame) become the calibration files.')
+@click.option('--host', default='127.0.0.1', show_default=True, help='Address to listen at.')
+@click.option('--port', default=5678, show_default=True, type=_PORT,
+              help='Port for commands; 0: any free one.')
+@click.option('--callback-port', default=5677, show_default=True, type=_PORT,
+              help='Port for callbacks; 0: any free one.')
+@click.option('--second-port', type=_PORT, help='Another port for commands.  [default: 5679 with '
+              '--port 5678, else none]')
+@click.option('--delay', default=0.5, show_default=True, type=click.FloatRange(0, 3600),
+              help='From the shutter to NewPictureAvailable, seconds.')
+@click.option('--battery', default=87.5, show_default=True, type=click.FloatRange(0, 100),
+              help='Charge, percent.')
+@click.option('--empty', is_flag=True, help='Begin with an empty card; else it holds PICTURES.')
+@click.option('--fault', multiple=True, metavar='FAULT', help='Let go wrong, see below.')
+@click.option('--mdns', is_flag=True, help='Announce the camera by mDNS.')
+def serve(pictures: Path, host: str, port: int, callback_port: int, second_port: int | None,
+          delay: float, battery: float, empty: bool, fault: tuple[str, ...], mdns: bool) -> None:
+    """Be a Lytro F01 to every client, until interrupted.
+
+    Each command to take a picture adds the next one of PICTURES in turn, and begins again after
+    the last. Nothing of it was compared with a real camera: clients of others work with it.
+    """
+    if second_port is None and port == Address().port:
+        second_port = _USUAL_SECOND_PORT
+    card = Card.of(pictures, empty=empty)
+    simulated = SimulatedCamera(card, faults=Faults.parse(fault), delay=delay, battery=battery)
+    server = CameraServer(simulated, host, port, callback_port, second_port)
+    with announced(server.address, card.serial) if mdns else contextlib.nullcontext():
+        asyncio.run(_until_told(server, f'{len(card.records)} pictures'))
+
+
+async def _until_told(server: CameraServer, what: str) -> None:
+    task = asyncio.ensure_future(server.run())
+    for each in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(each, task.cancel)
+    address = server.address
+    click.echo(f'{READY}{address.text} (commands on {address.port}, callbacks on '
+               f'{address.callback_port}), {what}')
+    with contextlib.suppress(asyncio.CancelledError):
+        await task
+
+
+@camera.command()
+@click.option('--address', default=Address().host, show_default=True,
+              metavar='HOST[:PORT[:CALLBACK_PORT]]', help='Where the camera is; mdns: the '
+              'one that announces itself.')
+@click.option('--out', type=FOLDER, help='Folder for RAW and TXT; the time of a file is that of '
+              'the shutter.')
+@click.option('--count', default=1, show_default=True, type=click.IntRange(1),
+              help='Pictures to take.')
+@click.option('--list', 'listing', is_flag=True, help='List the pictures instead.')
+@click.option('--download', metavar='NAME|all', help='Download IMG_0001, or all that OUT does not '
+              'have, instead.')
+@click.option('--delete', is_flag=True, help='Delete from the camera what was downloaded.')
+@click.option('--timeout', default=LinkSettings().picture_timeout, show_default=True,
+              type=click.FloatRange(0.1, 3600), help='For a picture to come, seconds.')
+def capture(address: str, out: Path | None, count: int, listing: bool, download: str | None,
+            delete: bool, timeout: float) -> None:
+    """Take pictures, and save them."""
+    if out is None and not listing:
+        raise click.UsageError('give --out, or --list')
+    with LytroClient(find_camera(address), LinkSettings(picture_timeout=timeout)) as client:
+        status = client.status()
+        click.echo(str(status), err=True)
+        if out is None:
+            for record in client.records():
+                click.echo(f'{record.name}  {record.date}  {record.id}')
+            return
+        for picture, record in _wanted(client, download, count, out):
+            _save(client, picture, record, out)
+            if delete:
+                client.delete(picture)
+
+
+def _wanted(client: LytroClient, download: str | None, count: int, out: Path
+            ) -> Iterator[tuple[Picture, PictureRecord]]:
+    """The pictures to save, oldest first; they are taken one after the other."""
+    if download is None:
+        for _ in range(count):
+            picture = client.capture()
+            yield picture, _record(client, picture)
+        return
+    names = []
+    for picture in client.pictures():
+        record = _record(client, picture)
+        names.append(record.name)
+        if download == record.name or (download == 'all' and not _path(out, record).exists()):
+            yield picture, record
+    if download not in ('all', *names):
+        raise CameraError(f'the camera has no {download}, only {", ".join(names) or "nothing"}')
+
+
+def _record(client: LytroClient, picture: Picture) -> PictureRecord:
+    return next(each for each in client.records() if each.id == picture.id)
+
+
+def _path(out: Path, record: PictureRecord) -> Path:
+    return out / f'{record.name}.RAW'
+
+
+def _save(client: LytroClient, picture: Picture, record: PictureRecord, out: Path) -> None:
+    path = _path(out, record)
+    if path.exists():
+        raise CameraError(f'{path} is there already; the picture is still on the camera: give '
+                          'another --out')
+    with Progress('{task.description}', BarColumn(), DownloadColumn(), TransferSpeedColumn(),
+                  console=STDERR, transient=True) as bar:
+        task = bar.add_task(record.name)
+        raw, text = client.fetch(
+            picture, lambda got, total: bar.update(task, completed=got, total=total))
+    out.mkdir(parents=True, exist_ok=True)
+    write_picture(path, raw, text)
+    for each in (path, path.with_suffix('.TXT')):
+        os.utime(each, ns=(picture.shutter_ns, picture.shutter_ns))
+    click.echo(path)

@@ -1,0 +1,114 @@
+"""Many captures in a row through the simulated camera, over a link that drops at random."""
+
+import json
+import os
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.settings import Address
+from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.errors import CameraError
+
+_SOURCES = 3  # captures that are served in turn
+
+
+@dataclass(frozen=True)
+class DriverBench:
+    """captures: taken; frames: distinct pictures that arrived; intact: with all bytes right.
+
+    megabytes_per_second: median of downloads, over a `clean` link, over the `dropping` one.
+    memory_growth, descriptor_growth: of the client's and of the camera's process, from a tenth of
+    the captures (at least six) to the end, MB and number.
+    """
+
+    captures: int
+    frames: int
+    intact: int
+    seconds: float
+    megabytes_per_second: dict[str, float]
+    memory_growth: dict[str, float]
+    descriptor_growth: dict[str, int]
+
+
+def bench_driver(captures: int = 200, drop: str = '5MB', seed: int = 0, side: int = 3280
+                 ) -> DriverBench:
+    """Take and fetch `captures` pictures of `side` x `side` pixels.
+
+    drop: each connection is cut after so many bytes on average. The camera is another process.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        raws = _write_captures(Path(folder), side, seed)
+        with served(folder, '--empty', '--delay', '0') as (address, _), \
+                LytroClient(address) as client:
+            clean = [_rate(client, raws[each % _SOURCES]) for each in range(3 * _SOURCES)]
+        with served(folder, '--empty', '--delay', '0', '--fault',
+                    f'drop-random={drop}:{seed}') as (address, process):
+            return _run(address, process.pid, raws, captures, float(np.median(clean)))
+
+
+def _run(address: Address, pid: int, raws: list[bytes], captures: int, clean: float
+         ) -> DriverBench:
+    processes = {'client': os.getpid(), 'camera': pid}
+    identities: set[str] = set()
+    intact, rates = 0, []
+    began = time.perf_counter()
+    with LytroClient(address) as client:
+        for number in range(captures):
+            if number == min(max(2 * _SOURCES, captures // 10), captures - 1):
+                before = {name: _usage(each) for name, each in processes.items()}
+            picture = client.capture()
+            started = time.perf_counter()
+            raw, _ = client.fetch(picture)
+            rates.append(len(raw) / 1e6 / (time.perf_counter() - started))
+            identities.add(picture.id)
+            intact += raw == raws[number % len(raws)]
+        after = {name: _usage(each) for name, each in processes.items()}
+    return DriverBench(
+        captures, len(identities), intact, time.perf_counter() - began,
+        {'clean': clean, 'dropping': float(np.median(rates))},
+        {name: after[name][0] - before[name][0] for name in processes},
+        {name: after[name][1] - before[name][1] for name in processes})
+
+
+def _rate(client: LytroClient, expected: bytes) -> float:
+    """Of the download of the next picture, MB/s."""
+    picture = client.capture()
+    started = time.perf_counter()
+    raw, _ = client.fetch(picture)
+    seconds = time.perf_counter() - started
+    if raw != expected:
+        raise CameraError(f'{picture.id} arrived with wrong bytes')
+    return len(raw) / 1e6 / seconds
+
+
+def _write_captures(folder: Path, side: int, seed: int) -> list[bytes]:
+    """Noise: a wrong byte anywhere is seen."""
+    rng = np.random.default_rng(seed)
+    raws = [rng.bytes(side * side * 3 // 2) for _ in range(_SOURCES)]
+    for number, raw in enumerate(raws):
+        (folder / f'{number}.RAW').write_bytes(raw)
+        (folder / f'{number}.TXT').write_text(_metadata(side))
+    return raws
+
+
+def _metadata(side: int) -> str:
+    levels = {name: dict.fromkeys(('r', 'gr', 'gb', 'b'), value)
+              for name, value in (('black', 168), ('white', 4095))}
+    return json.dumps({'image': {
+        'width': side, 'height': side,
+        'rawDetails': {'pixelFormat': levels,
+                       'mosaic': {'tile': 'r,gr:gb,b', 'upperLeftPixel': 'b'}},
+        'color': {'ccmRgbToSrgbArray': np.eye(3).ravel().tolist(), 'gamma': 0.41666,
+                  'whiteBalanceGain': dict.fromkeys(('r', 'gr', 'gb', 'b'), 1.0)}}})
+
+
+def _usage(pid: int) -> tuple[float, int]:
+    """Resident memory, MB, and open descriptors of a process of this machine (Linux)."""
+    process = Path('/proc') / str(pid)
+    pages = int((process / 'statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6, len(list((process / 'fd').iterdir()))

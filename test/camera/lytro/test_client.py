@@ -1,0 +1,225 @@
+"""The client with a simulated camera, over real sockets."""
+
+import logging
+import os
+import socket
+import threading
+import time
+from datetime import datetime, timedelta, timezone
+from pathlib import Path
+
+import pytest
+from simulated_cameras import (
+    QUICK,
+    SIDE,
+    callbacks_that_can_be_cut,
+    client_of,
+    serving,
+    write_captures,
+)
+
+from pmcl_ros.camera.client import CameraClient, Picture
+from pmcl_ros.camera.files import read_picture
+from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.settings import Address
+from pmcl_ros.camera.simulated.camera import SimulatedCamera
+from pmcl_ros.camera.simulated.card import Card
+from pmcl_ros.camera.simulated.server import CameraServer
+from pmcl_ros.errors import CameraError, LinkError, SettingsError
+
+ROOT = Path(__file__).parents[3]
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def captures(tmp_path, camera_text):
+    return tmp_path, write_captures(tmp_path, camera_text(SIDE, SIDE))
+
+
+@pytest.fixture
+def client(captures):
+    with client_of(captures[0]) as client:
+        yield client
+
+
+def test_who_the_camera_is(client):
+    same: CameraClient = client
+    status = same.status()
+    assert status.battery == 87.5
+    assert (status.serial, status.firmware) == (client.hardware_info().serial,
+                                                client.hardware_info().software)
+    assert client.connected
+
+
+def test_a_picture_is_taken_and_fetched(client, captures, camera_text):
+    old = client.pictures()
+    before = time.time_ns()
+    picture = client.capture()
+    assert before <= picture.shutter_ns <= time.time_ns()
+    assert client.pictures() == [*old, picture]
+    progress = []
+    raw, text = client.fetch(picture, lambda *each: progress.append(each))
+    assert (raw, text) == (captures[1][0], camera_text(SIDE, SIDE))
+    assert progress[-1] == (len(raw), len(raw))
+    assert client.fetch(old[2])[0] == captures[1][2]
+
+
+def test_the_time_of_the_shutter_is_not_that_of_the_arrival(captures):
+    with client_of(captures[0], delay=1.0) as client:
+        shot = client.take_picture()
+        picture = client.wait_for_picture(shot=shot)
+        assert time.time_ns() - picture.shutter_ns > SECOND // 2
+        assert shot.sent_ns < picture.shutter_ns == shot.pressed_ns
+
+
+def test_a_picture_that_another_client_takes_is_noticed(captures):
+    with serving(captures[0]) as address, LytroClient(address, QUICK) as one, \
+            LytroClient(address, QUICK) as other:
+        picture = one.capture()
+        seen = other.wait_for_picture()
+        assert seen.id == picture.id
+        assert abs(seen.shutter_ns - picture.shutter_ns) < 5 * SECOND
+        with pytest.raises(CameraError, match='no new picture within'):
+            other.wait_for_picture(0.05)
+
+
+def test_pictures_before_it_came_have_the_date_of_this_hosts_clock(captures):
+    with serving(captures[0]) as address:
+        with LytroClient(address, QUICK) as first:
+            first.set_time(datetime(2013, 1, 1, tzinfo=timezone.utc))
+            picture = first.capture()
+            assert first.records()[0].date.startswith('2013-01-01')
+        with LytroClient(address, QUICK) as second:
+            assert abs(second.pictures()[-1].shutter_ns - picture.shutter_ns) < 60 * SECOND
+
+
+def test_the_clock(client):
+    moment = datetime.now(timezone.utc) + timedelta(days=400)
+    client.set_time(moment)
+    assert timedelta(0) <= client.camera_time() - moment + timedelta(milliseconds=1) < timedelta(
+        seconds=60)
+    client.set_time()
+    assert abs(client.camera_time() - datetime.now(timezone.utc)) < timedelta(seconds=60)
+
+
+def test_a_picture_is_deleted(client):
+    first, second, third = client.pictures()
+    client.delete(second)
+    assert client.pictures() == [first, third]
+    for again in (client.delete, client.fetch):
+        with pytest.raises(CameraError, match=f'no picture {second.id}'):
+            again(second)
+
+
+def test_files_and_calibration(client, captures):
+    assert client.download(r'i:\dcim\100photo\img_0002.raw') == captures[1][1]
+    assert list(client.calibration()) == ['C:\\T1CALIB\\MLACALIBRATION.TXT']
+    with pytest.raises(CameraError, match=r'the camera has no C:\\NOTHING'):
+        client.download('C:\\NOTHING')
+    with pytest.raises(CameraError, match='no picture sha1-x'):
+        client.fetch(Picture('sha1-x', 0))
+
+
+def test_pictures_that_are_no_pictures(captures):
+    folder, _ = captures
+    with client_of(folder) as client:
+        (folder / 'capture0' / 'IMG.RAW').write_bytes(b'too short')
+        with pytest.raises(CameraError, match=r'IMG_0001\.RAW has 9 bytes, expected 6144'):
+            client.fetch(client.pictures()[0])
+
+
+@pytest.mark.parametrize('heard', [False, True])
+def test_what_was_taken_while_the_callbacks_were_lost_is_found(captures, heard):
+    with serving(captures[0], delay=0.3) as address, \
+            callbacks_that_can_be_cut(address) as (relayed, cut), \
+            LytroClient(relayed, QUICK) as client:
+        if not heard:
+            cut()
+        shot = client.take_picture()
+        cut()
+        picture = client.wait_for_picture(shot=shot)
+        assert picture.shutter_ns in (shot.sent_ns, shot.pressed_ns)
+        assert client.pictures()[-1] == picture
+        with pytest.raises(CameraError):
+            client.wait_for_picture(0.5)  # it is new once
+
+
+def test_a_camera_that_comes_back(captures):
+    with serving(captures[0]) as address:
+        settings = QUICK.model_copy(update={'patience': 0.2})
+        client = LytroClient(address, settings)
+        known = client.pictures()
+    with client:
+        with pytest.raises(LinkError, match='no camera answers'):
+            client.battery()
+        again = CameraServer(SimulatedCamera(Card.of(captures[0]), delay=0), port=address.port,
+                             callback_port=address.callback_port)
+        with again.in_thread():
+            assert client.pictures() == known
+            assert client.fetch(client.capture())[0] == captures[1][0]
+
+
+def test_the_camera_is_kept_awake(captures, caplog):
+    caplog.set_level(logging.DEBUG, 'pmcl_ros.camera.simulated.server')
+    settings = QUICK.model_copy(update={'keep_alive': 0.1})
+    with client_of(captures[0], settings=settings):
+        deadline = time.monotonic() + 5
+        while caplog.text.count('C606') < 3 and time.monotonic() < deadline:
+            time.sleep(0.02)
+    assert caplog.text.count('C606') >= 3  # nobody asked for the battery
+
+
+def test_closing_leaves_no_thread_and_no_descriptor(captures):
+    with serving(captures[0]) as address:
+        with LytroClient(address, QUICK) as client:
+            client.capture()
+        threads, descriptors = threading.active_count(), len(os.listdir('/proc/self/fd'))
+        for _ in range(5):
+            with LytroClient(address, QUICK) as client:
+                client.battery()
+            with pytest.raises(LinkError, match='is closed'):
+                client.battery()
+        deadline = time.monotonic() + 5  # the server's side ends a tick later
+        while len(os.listdir('/proc/self/fd')) > descriptors and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert len(os.listdir('/proc/self/fd')) <= descriptors
+        assert threading.active_count() <= threads
+
+
+def test_a_picture_of_full_size_over_a_link_that_drops(tmp_path):
+    white = ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz'
+    for each in (white, white.with_name('demo_white.TXT')):
+        (tmp_path / each.name).symlink_to(each)
+    expected = read_picture(white)
+    with client_of(tmp_path, 'drop-random=5MB:1') as client:
+        assert client.fetch(client.capture()) == expected
+
+
+def test_no_camera_there():
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(LinkError, match=r'network lytro\.camera\.NNN'):
+        LytroClient(Address(host='127.0.0.1', port=port), QUICK.model_copy(
+            update={'patience': 0.1}))
+
+
+def test_a_camera_without_callbacks(captures):
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with serving(captures[0]) as address, pytest.raises(LinkError, match=f'answers at .*:{port}'):
+        LytroClient(address.model_copy(update={'callback_port': port}), QUICK)
+
+
+@pytest.mark.parametrize(('text', 'values'), [
+    ('10.100.1.1', ('10.100.1.1', 5678, 5677)), ('cam.local:1', ('cam.local', 1, 5677)),
+    ('[::1]:1:2', ('::1', 1, 2)), ('[::1]', ('::1', 5678, 5677))])
+def test_addresses(text, values):
+    address = Address.parse(text)
+    assert (address.host, address.port, address.callback_port) == values
+    assert Address.parse(address.text) == address
+
+
+@pytest.mark.parametrize('text', ['', ':', 'a:b', 'a:1:2:3', 'a:70000', '::1', 'a:0', '[]:1'])
+def test_no_addresses(text):
+    with pytest.raises(SettingsError):
+        Address.parse(text)

@@ -1,0 +1,199 @@
+"""The command connection under cameras that answer anything."""
+
+import contextlib
+import socket
+import struct
+import threading
+import time
+import tracemalloc
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pmcl_ros.camera.lytro import frames
+from pmcl_ros.camera.lytro.frames import load_file
+from pmcl_ros.camera.lytro.link import Link
+from pmcl_ros.camera.lytro.settings import Address, LinkSettings
+from pmcl_ros.errors import CameraError, LinkError, ProtocolError
+
+BATTERY = bytes.fromhex('AF55AAFA 04000000 03000000 C600 06' + '00' * 13 + '0000AF42')
+QUICK = LinkSettings(timeout=0.2, patience=0.3)
+SURE = LinkSettings(timeout=20, patience=20)
+
+
+@contextlib.contextmanager
+def camera(answer):
+    """Calls `answer(connection, request)` for each 28 bytes; its address."""
+    with socket.create_server(('127.0.0.1', 0)) as listening:
+        open_ones = []
+
+        def serve():
+            with contextlib.suppress(OSError):
+                while True:
+                    open_ones.append(listening.accept()[0])
+                    threading.Thread(target=converse, args=[open_ones[-1]], daemon=True).start()
+
+        def converse(connected):
+            with connected, contextlib.suppress(OSError):
+                while request := connected.recv(28, socket.MSG_WAITALL):
+                    answer(connected, request)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        try:
+            yield Address(host='127.0.0.1', port=listening.getsockname()[1])
+        finally:
+            listening.shutdown(socket.SHUT_RDWR)
+            thread.join()
+            for each in open_ones:
+                each.close()
+
+
+def reply(request, payload):
+    flags = struct.unpack_from('<I', request, 8)[0]
+    return struct.pack('<III', 0xFAAA55AF, len(payload), flags | 2) + request[12:] + payload
+
+
+def test_a_reply_in_single_bytes():
+    def answer(connected, _):
+        connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for byte in BATTERY:
+            connected.sendall(bytes([byte]))
+            time.sleep(0.001)
+
+    with camera(answer) as address:
+        assert Link(address, SURE).ask(frames.BATTERY) == bytes.fromhex('0000AF42')
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.lists(st.tuples(st.integers(0, 31), st.integers(1, 255)), min_size=1, max_size=3),
+       st.integers(0, 32))
+def test_damaged_replies_end_in_the_packages_own_errors(flips, cut):
+    data = bytearray(BATTERY)
+    for place, flip in flips:
+        data[place] ^= flip
+
+    def answer(connected, _):
+        connected.sendall(data[:cut])
+        connected.close()
+
+    with camera(answer) as address:
+        link = Link(address, LinkSettings(timeout=0.2, patience=0.01))
+        with contextlib.suppress(CameraError):
+            assert len(link.ask(frames.BATTERY)) <= 4
+        link.close()
+
+
+def test_gigabytes_that_are_announced_are_not_allocated():
+    lies = iter([reply(bytes.fromhex('AF55AAFA 04000000 01000000 C600 00' + '00' * 13),
+                       struct.pack('<I', 2**32 - 1))])
+
+    def answer(connected, request):
+        if request[12] == 0xC6:
+            connected.sendall(next(lies, BATTERY))
+        else:
+            connected.sendall(reply(request, b''))
+
+    with camera(answer) as address:
+        tracemalloc.start()
+        with pytest.raises(CameraError, match='has 4294967295 bytes, more than any file'):
+            Link(address, QUICK).load(frames.LOAD_PICTURE_LIST, 'the picture list')
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+        tracemalloc.stop()
+
+
+def test_a_header_that_announces_gigabytes_is_refused():
+    def answer(connected, request):
+        connected.sendall(BATTERY[:4] + b'\xff\xff\xff\xff' + BATTERY[8:28] + bytes(1000))
+
+    with camera(answer) as address, pytest.raises(
+            ProtocolError, match='announces 4294967295 bytes, at most 4'):
+        Link(address, QUICK).ask(frames.BATTERY)
+
+
+def test_a_camera_that_sends_a_byte_now_and_then_is_given_up():
+    def answer(connected, _):
+        for byte in BATTERY:
+            connected.sendall(bytes([byte]))
+            time.sleep(0.1)
+
+    with camera(answer) as address, pytest.raises(LinkError, match='lost the camera'):
+        Link(address, QUICK).ask_once(frames.BATTERY)  # without a deadline it would succeed
+
+
+def test_nothing_of_the_buffer_is_told():
+    def answer(connected, request):
+        connected.sendall(reply(request, struct.pack('<I', 100) if request[12] == 0xC6 else b''))
+
+    with camera(answer) as address, pytest.raises(
+            ProtocolError, match='sends no byte 0 of 100 of the picture list'):
+        Link(address, QUICK).load(frames.LOAD_PICTURE_LIST, 'the picture list')
+
+
+def test_a_file_that_changes_its_length_is_refused():
+    lengths = iter([100, 50])
+
+    def answer(connected, request):
+        if request[12] == 0xC2:
+            length = struct.unpack_from('<I', request, 4)[0]
+            connected.sendall(reply(request, connected.recv(length, socket.MSG_WAITALL)))
+        elif request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', next(lengths))))
+        else:
+            connected.sendall(reply(request, bytes(60))[:58])
+            connected.close()
+
+    with camera(answer) as address, pytest.raises(
+            CameraError, match=r'A\.RAW has 50 bytes, expected 100'):
+        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+
+
+def test_one_request_is_in_flight_at_a_time():
+    flying, most = [], []
+
+    def answer(connected, request):
+        flying.append(request)
+        most.append(len(flying))
+        time.sleep(0.01)
+        flying.pop()
+        connected.sendall(BATTERY)
+
+    with camera(answer) as address:
+        link = Link(address, SURE)
+        threads = [threading.Thread(target=link.ask, args=[frames.BATTERY]) for _ in range(10)]
+        for each in threads:
+            each.start()
+        for each in threads:
+            each.join()
+        assert most == [1] * 10
+
+
+def test_closing_ends_what_waits():
+    asked = threading.Event()
+    with camera(lambda *_: asked.set()) as address:
+        link, errors = Link(address, SURE), []
+
+        def wait():
+            try:
+                link.ask(frames.BATTERY)
+            except LinkError as error:
+                errors.append(error)
+
+        thread = threading.Thread(target=wait)
+        thread.start()
+        assert asked.wait(5)
+        link.close()
+        thread.join(5)
+        assert not thread.is_alive()
+        assert len(errors) == 1
+        with pytest.raises(LinkError, match='is closed'):
+            link.ask_once(frames.BATTERY)
+
+
+@pytest.mark.parametrize('host', ['127.0.0.1', 'no.such.host.invalid', 'x' * 100])
+def test_nobody_there_says_what_to_look_at(host):
+    with socket.create_server(('127.0.0.1', 0)) as free:
+        port = free.getsockname()[1]
+    with pytest.raises(LinkError, match=r'no camera answers .*network lytro\.camera\.NNN'):
+        Link(Address(host=host, port=port), QUICK).ask(frames.BATTERY)

@@ -1,0 +1,84 @@
+"""Simulated cameras for the tests: small pictures, real sockets."""
+
+import contextlib
+import socket
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+
+from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.settings import LinkSettings
+from pmcl_ros.camera.packing import pack12
+from pmcl_ros.camera.simulated.camera import SimulatedCamera
+from pmcl_ros.camera.simulated.card import Card
+from pmcl_ros.camera.simulated.faults import Faults
+from pmcl_ros.camera.simulated.server import CameraServer
+
+SIDE = 64  # pixels: 6144 bytes
+# Upper bounds, which a loaded machine may come near to.
+QUICK = LinkSettings(timeout=5, patience=10, picture_timeout=5, watchdog=2)
+
+
+def write_captures(folder, text, count=3, side=SIDE):
+    """`count` pictures of noise, text: their metadata; their bytes."""
+    raws = []
+    for number in range(count):
+        place = folder / f'capture{number}'
+        place.mkdir(parents=True)
+        counts = np.random.default_rng(number).integers(0, 4096, (side, side)).astype(np.uint16)
+        raws.append(pack12(counts))
+        (place / 'IMG.RAW').write_bytes(raws[-1])
+        (place / 'IMG.TXT').write_text(text)
+    return raws
+
+
+@contextmanager
+def serving(folder, *faults, empty=False, delay=0.02):
+    """The address of a camera in a thread of this process."""
+    camera = SimulatedCamera(Card.of(folder, empty=empty), faults=Faults.parse(faults),
+                             delay=delay)
+    with CameraServer(camera, port=0, callback_port=0).in_thread() as address:
+        yield address
+
+
+@contextmanager
+def client_of(folder, *faults, settings=QUICK, **options):
+    """A client of such a camera."""
+    with serving(folder, *faults, **options) as address, LytroClient(address, settings) as client:
+        yield client
+
+
+@contextmanager
+def callbacks_that_can_be_cut(address):
+    """The address with its callbacks relayed, and a function that cuts their connections."""
+    with socket.create_server((address.host, 0)) as listening:
+        pairs = []
+
+        def serve():
+            with contextlib.suppress(OSError):
+                while True:
+                    near = listening.accept()[0]
+                    far = socket.create_connection((address.host, address.callback_port))
+                    pairs.append((near, far))
+                    threading.Thread(target=relay, args=[near, far], daemon=True).start()
+
+        def relay(near, far):
+            with near, far, contextlib.suppress(OSError):
+                while data := far.recv(4096):
+                    near.sendall(data)
+
+        def cut():
+            for pair in pairs:
+                for each in pair:
+                    with contextlib.suppress(OSError):
+                        each.shutdown(socket.SHUT_RDWR)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        try:
+            yield address.model_copy(update={'callback_port': listening.getsockname()[1]}), cut
+        finally:
+            cut()
+            listening.shutdown(socket.SHUT_RDWR)
+            thread.join()
