@@ -1,0 +1,228 @@
+"""A camera that is reached by a gateway: HTTP that survives lost connections."""
+
+import logging
+import re
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import TracebackType
+from typing import TypeVar
+from urllib.parse import quote, urlsplit
+
+import requests
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from pmcl_ros.camera.client import CameraStatus, Picture
+from pmcl_ros.camera.gateway.clocks import ClockDifference
+from pmcl_ros.camera.gateway.download import Download, LostError, Progress
+from pmcl_ros.camera.gateway.handler import TIME_HEADER
+from pmcl_ros.camera.gateway.settings import GatewaySettings
+from pmcl_ros.camera.gateway.token import check_token
+from pmcl_ros.camera.lfp import LARGEST_TEXT
+from pmcl_ros.camera.lfp_picture import LARGEST_RAW
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.settings import explain
+
+_LARGEST_ANSWER = 1 << 20  # bytes of JSON
+_TIME = re.compile('[0-9]{19}')
+_PAUSE, _LONGEST_PAUSE = 0.1, 2.0  # seconds between attempts
+
+_log = logging.getLogger(__name__)
+_Value = TypeVar('_Value')
+
+
+class _Answer(BaseModel):
+    model_config = ConfigDict(frozen=True, extra='ignore', allow_inf_nan=False)
+
+
+class _Status(_Answer):
+    link: str
+    problem: str = ''
+    serial: str = ''
+    firmware: str = ''
+    battery: float | None = None
+
+
+class _Picture(_Answer):
+    id: str = Field(min_length=1, max_length=64)
+    shutter_ns: int
+
+
+class _Problem(_Answer):
+    error: str
+
+
+_PICTURES = TypeAdapter(list[_Picture])
+
+
+class GatewayClient:
+    """A `CameraClient` by way of a gateway (`pmcl camera gateway`); usable from several threads.
+
+    url: as in http://192.168.1.7:5680. token: what the gateway's --token-file holds.
+    Nothing is asked until a method is called; it tries again where the connection is lost, until
+    `settings.patience` is over, then raises LinkError; other errors are CameraError. Stamps are of
+    this machine's clock, whatever the gateway's says.
+    """
+
+    def __init__(self, url: str, token: str | None = None,
+                 settings: GatewaySettings | None = None) -> None:
+        self._url, self._settings = _checked(url), settings or GatewaySettings()
+        self._clock = ClockDifference()
+        self._session = requests.Session()
+        self._session.trust_env = False  # no proxy lies between a robot and its gateway
+        self._session.headers['Accept-Encoding'] = 'identity'
+        if token is not None:
+            self._session.headers['Authorization'] = f'Bearer {check_token(token)}'
+
+    # CameraClient
+
+    def status(self) -> CameraStatus:
+        """Who the camera is and how it is; LinkError when the gateway does not reach it."""
+        found = self._get('/status', _Status.model_validate_json)
+        if found.link != 'up':
+            raise LinkError(f'gateway: {found.problem[:1000]}')
+        return CameraStatus(found.serial, found.firmware, found.battery)
+
+    def pictures(self) -> list[Picture]:
+        """What is on the card, oldest first."""
+        return [self._picture(each) for each in self._get('/pictures', _PICTURES.validate_json)]
+
+    def capture(self) -> Picture:
+        """Take a picture; returns when it can be fetched.
+
+        However often the request has to be repeated, the gateway takes one picture.
+        """
+        self.pictures()  # compares the clocks, and finds out in time who cannot be reached
+        key = {'Idempotency-Key': uuid.uuid4().hex}
+
+        def attempt() -> Picture:
+            with self._ask('POST', '/capture', key) as response:
+                return self._picture(_value(response, _Picture.model_validate_json))
+        return self._persist(attempt)
+
+    def fetch(self, picture: Picture, progress: Progress | None = None) -> tuple[bytes, str]:
+        """The .RAW (12 bits, packed) and the .TXT (JSON), checked by their SHA-256.
+
+        progress: told bytes got and bytes in all, of the .RAW.
+        """
+        path, slow = f'/pictures/{quote(picture.id, safe="")}', self._settings.answer_timeout
+        body = self._download(f'{path}/txt', Download(f'{picture.id}, text,', LARGEST_TEXT), slow)
+        try:
+            text = body.decode('utf-8')
+        except UnicodeDecodeError:
+            raise CameraError(f'the text of {picture.id} is not text') from None
+        image = CameraMetadata.parse(text).image
+        expected = image.width * image.height * 3 // 2
+        # The gateway fetched both from its camera: it need not be waited for as long again.
+        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, progress),
+                             self._settings.timeout)
+        if len(raw) != expected:
+            raise CameraError(f'{picture.id} has {len(raw)} bytes, its metadata says {expected}')
+        return raw, text
+
+    def close(self) -> None:
+        """End every connection."""
+        self._session.close()
+
+    def __enter__(self) -> 'GatewayClient':
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 trace: TracebackType | None) -> None:
+        self.close()
+
+    def _get(self, path: str, read: Callable[[bytes], _Value]) -> _Value:
+        def attempt() -> _Value:
+            with self._ask('GET', path) as response:
+                return _value(response, read)
+        return self._persist(attempt)
+
+    def _download(self, path: str, download: Download, timeout: float) -> bytes:
+        def attempt() -> bytes:
+            with self._ask('GET', path, download.headers, timeout) as response:
+                return download.take(response)
+        return self._persist(attempt, lambda: download.most)
+
+    def _picture(self, found: _Picture) -> Picture:
+        return Picture(found.id, found.shutter_ns - self._clock.ahead_ns)
+
+    @contextmanager
+    def _ask(self, method: str, path: str, headers: dict[str, str] | None = None,
+             timeout: float | None = None) -> Iterator[requests.Response]:
+        """The answer, its body not read; LostError when the connection fails until it is."""
+        timeouts = (self._settings.timeout, timeout or self._settings.answer_timeout)
+        asked = time.time_ns()
+        try:
+            with self._session.request(method, self._url + path, headers=headers, stream=True,
+                                       allow_redirects=False, timeout=timeouts) as response:
+                told = response.headers.get(TIME_HEADER, '')
+                if not _TIME.fullmatch(told):  # its last line
+                    raise LostError(f'{self._url} answers as no gateway of pmcl_ros does, or its '
+                                    'answer was cut short')
+                self._clock = self._clock.heard(asked, int(told), time.time_ns())
+                if response.status_code not in (200, 201, 206):
+                    raise _refusal(response)
+                yield response
+        except requests.RequestException as error:
+            raise LostError(f'gateway {self._url}: {str(error)[:500]}') from None
+
+    def _persist(self, attempt: Callable[[], _Value],
+                 progress: Callable[[], int] = lambda: 0) -> _Value:
+        """The value of the first attempt that does not lose the connection."""
+        began, before, pause = time.monotonic(), progress(), _PAUSE
+        while True:
+            try:
+                return attempt()
+            except LostError as error:
+                if progress() > before:
+                    began, before, pause = time.monotonic(), progress(), _PAUSE
+                elif time.monotonic() - began > self._settings.patience:
+                    raise
+                _log.info('%s; trying again', error)
+            time.sleep(pause)
+            pause = min(2 * pause, _LONGEST_PAUSE)
+
+
+def _checked(url: str) -> str:
+    try:
+        parts = urlsplit(url)
+        right = parts.scheme in ('http', 'https') and parts.hostname and parts.port != 0
+    except ValueError:
+        right = False
+    if not right or parts.path.strip('/') or parts.query or parts.fragment or parts.username:
+        raise SettingsError(f'{url!r} is no address of a gateway: expected http://HOST:PORT')
+    return url.rstrip('/')
+
+
+def _value(response: requests.Response, read: Callable[[bytes], _Value]) -> _Value:
+    """What a JSON answer says; CameraError when it is none, or too long."""
+    body = b''
+    for block in response.iter_content(_LARGEST_ANSWER):
+        body += block
+        if len(body) > _LARGEST_ANSWER:
+            raise CameraError(f'the gateway answers more than {_LARGEST_ANSWER} bytes')
+    if response.headers.get('Content-Length') != str(len(body)):
+        raise LostError('an answer of the gateway was cut short')
+    try:
+        return read(body)
+    except ValidationError as error:
+        first = explain(error)[:500]
+        raise CameraError(f'the gateway answers something else than expected: {first}') from None
+
+
+def _refusal(response: requests.Response) -> CameraError:
+    """The error that an answer stands for."""
+    code = response.status_code
+    try:
+        reason = _value(response, _Problem.model_validate_json).error[:1000]
+    except LostError as error:
+        return error
+    except CameraError:
+        reason = 'no reason given'
+    if code in (409, 416):  # somebody else's capture; another file than before
+        return LostError(f'gateway: {reason}')
+    if code == 503:
+        return LinkError(f'gateway: {reason}')
+    return CameraError(f'gateway: {reason} (HTTP {code})')
