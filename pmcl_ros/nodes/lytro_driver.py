@@ -1,69 +1,191 @@
-"""camera -> RawFrame: publishes pictures that lie on disk as the camera would."""
+"""camera -> RawFrame: takes pictures and publishes them, each once."""
 
 import sys
 import time
+from concurrent.futures import Future as Job
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidHandle
+from rclpy.task import Future
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-from pmcl_ros.camera.files import list_pictures, read_raw_frame
+from pmcl_ros.camera.client import Picture
+from pmcl_ros.camera.file_camera import NoMorePictures
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.packing import unpack12
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.camera.roll import Roll
 from pmcl_ros.camera.settings import CameraSettings
+from pmcl_ros.camera.sources import open_camera
 from pmcl_ros.conversions import Buffer, raw_frame_to_messages
-from pmcl_ros.errors import CameraError
+from pmcl_ros.errors import CameraError, LinkError
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 
+_LOOK = 2.0  # s between two looks for pictures that nobody here asked for, or that got lost
+_LONGEST = 30.0  # s between two when the camera does not answer
+_STATUS = 30.0  # s between two questions for the battery
+_ARRIVAL = Duration(seconds=5)
+_ENDED = 'the node was deactivated meanwhile: the picture is published when it is active again'
+_NOTHING: 'Job[None]' = Job()
+_NOTHING.set_result(None)
+
 
 class LytroDriver(StageNode):
-    """Publishes `metadata`, then `image_raw`, for each picture: on a timer, or on `~/capture`."""
+    """Publishes `metadata`, then `image_raw`, for each picture: stamp, the time of its shutter.
+
+    Pictures are taken on `~/capture`, on a timer, or by hand. A download takes seconds: it runs on
+    a thread of its own, which alone uses the camera, so that the node answers meanwhile.
+    """
 
     name = 'lytro_driver'
     settings_class = CameraSettings
 
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)
+        self._streaming = False
+        # There in every state, as an answer may take longer than the node is active. In a group of
+        # its own: while it waits nothing else of its group runs.
+        self.create_service(Trigger, '~/capture', self._asked,
+                            callback_group=MutuallyExclusiveCallbackGroup())
+
     def set_up(self, settings: CameraSettings) -> None:
-        """Find the pictures."""
+        """Connect to the camera."""
+        names = ('path',) if settings.source == 'files' else ('token_file',)
+        paths = {name: str(resolve(value, name)) for name in names
+                 if (value := getattr(settings, name)) or name == 'path'}
         self._settings = settings
-        self._pictures = list_pictures(resolve(settings.source, 'source'))
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix='camera')
+        self.configured.callback(self._thread.shutdown, cancel_futures=True)
+        self._camera = open_camera(settings.model_copy(update=paths))
+        self.configured.callback(self._camera.close)  # first: what waits for it gives up
+        self._roll = Roll(self._camera)
+        self._told: dict[str, object] = {'source': settings.source}
+        self._failures, self._next_look = 0, 0.0
+        self._ask_status()
         self._metadata = self.publisher(String, 'metadata', LATCHED)
         self._image = self.publisher(Image, 'image_raw', BIG)
         self._buffer = Buffer()
-        self.get_logger().info(f'{len(self._pictures)} pictures in {settings.source}')
 
     def start(self) -> None:
-        """Begin with the first picture."""
-        self._next = 0
-        self.serve('~/capture', self._capture)
+        """Publish what is taken from now on, and what was taken while the node was inactive."""
+        self.health.hardware_id, self.health.extra = self._serial, self._told
+        self._streaming = True
+        self.active.callback(self._stop)
+        self._looking = self._taking = _NOTHING
+        self.every(_LOOK / 4, self._look_if_due)
+        self._timer = None
         if self._settings.period > 0:
             self._timer = self.every(self._settings.period, self._due)
 
-    def _due(self) -> None:
-        if self._next == len(self._pictures) and not self._settings.loop:
-            self.get_logger().info(f'all {len(self._pictures)} pictures are published')
-            self._timer.cancel()
-        else:
-            self._capture()
+    def _stop(self) -> None:
+        self._streaming = False
 
-    def _capture(self) -> str:
-        """Publish the next picture; stamp: now, the time of the shutter."""
-        if self._next == len(self._pictures):
-            if not self._settings.loop:
-                raise CameraError(f'all {self._next} pictures of {self._settings.source} are '
-                                  'published; set loop to begin again')
-            self._next = 0
-        path = self._pictures[self._next]
-        self._next += 1  # a picture that cannot be read is not tried for ever
+    # on the node's thread
+
+    async def _asked(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._streaming:
+            response.message = f'{self.name} is not active: activate it first'
+            return response
+        answer = Future()
+        self._thread.submit(self._capture).add_done_callback(partial(self._answer, answer))
+        response.success, response.message = await answer
+        return response
+
+    def _answer(self, answer: Future, job: 'Job[tuple[bool, str]]') -> None:
+        answer.set_result((False, _ENDED) if job.cancelled() else job.result())
+        with suppress(InvalidHandle):  # nobody spins any more
+            self.executor.create_task(lambda: None)  # wakes it
+
+    def _due(self) -> None:
+        if self._taking.done():
+            self._taking = self._thread.submit(self._capture)
+        else:
+            self.dropped('a capture: the one before it is on its way; set a longer period')
+
+    def _look_if_due(self) -> None:
+        if self._looking.done() and time.monotonic() >= self._next_look:
+            self._looking = self._thread.submit(self._look)
+
+    # on the camera's thread
+
+    def _capture(self) -> tuple[bool, str]:
+        with self.watched('capture') as problems:
+            try:
+                return True, self._deliver(self._camera.capture())
+            except NoMorePictures as end:
+                if self._timer is not None:
+                    self._timer.cancel()
+                    self.get_logger().info(str(end))
+                return False, str(end)
+            except LinkError:
+                if self._streaming:
+                    raise
+                return False, _ENDED
+        return False, problems[0]
+
+    def _look(self) -> None:
+        """Publish what waits on the card; come back later and later while there is no answer."""
+        with self.watched('camera'):
+            try:
+                for picture in self._roll.waiting():
+                    self._deliver(picture)
+                if time.monotonic() >= self._next_status:
+                    self._ask_status()
+                self._failures, self._told['link'] = 0, 'up'
+            except LinkError:
+                self._failures, self._told['link'] = self._failures + 1, 'lost'
+                if self._streaming:
+                    raise
+            finally:
+                self._next_look = time.monotonic() + min(_LOOK * 2 ** self._failures, _LONGEST)
+
+    def _deliver(self, picture: Picture) -> str:
+        """Fetch and publish a picture; one that is no picture is given up."""
         began = time.monotonic()
-        header = Header(self.get_clock().now().nanoseconds, self._settings.frame_id)
-        frame = read_raw_frame(path, header)
+        try:
+            raw, text = self._camera.fetch(picture)
+            seconds = time.monotonic() - began
+            metadata = CameraMetadata.parse(text)
+            counts = unpack12(raw, metadata.image.width, metadata.image.height)
+            frame = RawFrame(Header(picture.shutter_ns, self._settings.frame_id), counts, metadata)
+        except LinkError:
+            raise
+        except CameraError as error:
+            self._roll.done(picture)  # it gets no better
+            raise CameraError(f'picture {picture.id}: {error}') from error
+        if not self._streaming:
+            return _ENDED
         self.health.frames_in += 1
-        self.health.hardware_id = frame.metadata.serial
-        metadata, image = raw_frame_to_messages(frame, self._buffer)
-        self._metadata.publish(metadata)
-        self._image.publish(image)
+        self._told['last download [s]'] = f'{seconds:.2f}'
+        self._told['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
+        for publisher, message in zip((self._metadata, self._image),
+                                      raw_frame_to_messages(frame, self._buffer), strict=True):
+            publisher.publish(message)
+        self._roll.done(picture)
         self.health.done(time.monotonic() - began)
-        return f'published {path.name} with stamp {header.stamp_ns}'
+        # The next may follow at once, and the history of the topic has room for one.
+        self._image.wait_for_all_acked(_ARRIVAL)
+        if self._settings.delete:
+            self._camera.delete(picture)
+        return f'published {picture.id} with stamp {picture.shutter_ns}'
+
+    def _ask_status(self) -> None:
+        status = self._camera.status()
+        self._serial = status.serial
+        if status.firmware:
+            self._told['firmware'] = status.firmware
+        if status.battery is not None:
+            self._told['battery [%]'] = f'{status.battery:.0f}'
+        self._next_status = time.monotonic() + _STATUS
 
 
 def main() -> int:

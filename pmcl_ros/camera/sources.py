@@ -1,0 +1,25 @@
+"""The camera that the settings name."""
+
+from pmcl_ros.camera.client import CameraClient
+from pmcl_ros.camera.file_camera import FileCamera
+from pmcl_ros.camera.gateway.client import GatewayClient
+from pmcl_ros.camera.gateway.settings import GatewaySettings
+from pmcl_ros.camera.gateway.token import read_token
+from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.discovery import find_camera
+from pmcl_ros.camera.lytro.settings import LinkSettings
+from pmcl_ros.camera.settings import CameraSettings
+
+
+def open_camera(settings: CameraSettings) -> CameraClient:
+    """Connect to the camera of `settings.source`.
+
+    Raises CameraError when it cannot be reached, SettingsError when its address is none.
+    """
+    if settings.source == 'files':
+        return FileCamera(settings.path, settings.loop)
+    if settings.source == 'gateway':
+        token = read_token(settings.token_file) if settings.token_file else None
+        return GatewayClient(settings.gateway, token, GatewaySettings(patience=settings.patience))
+    link = LinkSettings(patience=settings.patience, picture_timeout=settings.picture_timeout)
+    return LytroClient(find_camera(settings.address), link)
