@@ -37,3 +37,27 @@ class Lattice(Settings):
         i, j = along / self.pitch_px, across / self.row_step_px
         return (int(np.floor(i.min())) - 2, int(np.ceil(i.max())) + 2,
                 int(np.floor(j.min())) - 2, int(np.ceil(j.max())) + 2)
+
+    def nearest(self, points: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """i, j (...) of the lenslet whose centre is nearest to each raw pixel (..., 2)."""
+        apart = np.asarray(points, float) - self.centre_px
+        cos, sin = np.cos(self.rotation), np.sin(self.rotation)
+        along = (cos * apart[..., 0] + sin * apart[..., 1]) / self.pitch_px
+        across = (cos * apart[..., 1] - sin * apart[..., 0]) / self.row_step_px
+        # The nearest lens of each of the two rows about the point, then the nearer of the two.
+        rows = np.floor(across)[..., None] + [0, 1]
+        halves = np.mod(rows, 2) / 2
+        columns = np.rint(along[..., None] - halves)
+        distances = np.hypot((along[..., None] - columns - halves) * self.pitch_px,
+                             (across[..., None] - rows) * self.row_step_px)
+        nearer = distances.argmin(axis=-1)[..., None]
+        i, j = (np.take_along_axis(each, nearer, axis=-1)[..., 0].astype(np.int64)
+                for each in (columns, rows))
+        return i, j
+
+    def difference(self, other: 'Lattice', width: int, height: int) -> NDArray[np.float64]:
+        """(n,) raw px from each centre of `other` on a sensor to the nearest one of this."""
+        i0, i1, j0, j1 = other.index_range(width, height)
+        centres = other.centres(*np.meshgrid(np.arange(i0, i1), np.arange(j0, j1))).reshape(-1, 2)
+        centres = centres[((centres >= 0) & (centres <= [width - 1, height - 1])).all(axis=1)]
+        return np.asarray(np.hypot(*(self.centres(*self.nearest(centres)) - centres).T))

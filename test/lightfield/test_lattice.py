@@ -46,3 +46,29 @@ def test_the_index_range_covers_the_sensor_and_little_more(lattice, width, heigh
     for lenslets, first, end in ((i[inside], i0, i1), (j[inside], j0, j1)):
         assert first <= lenslets.min() <= first + 4
         assert lenslets.max() < end <= lenslets.max() + 5
+
+
+@settings(deadline=None)
+@given(LATTICES, st.integers(0, 2 ** 32 - 1))
+def test_the_nearest_lenslet_is_the_nearest_of_all(lattice, seed):
+    points = np.random.default_rng(seed).uniform(-60, 60, (20, 2)) + lattice.centre_px
+    i, j = lattice.nearest(points)
+    centres = lattice.centres(*np.meshgrid(np.arange(-40, 40), np.arange(-40, 40)))
+    apart = np.hypot(*np.moveaxis(points[:, None] - centres.reshape(-1, 2), -1, 0))
+    found = np.hypot(*(points - lattice.centres(i, j)).T)
+    np.testing.assert_allclose(found, apart.min(axis=1), atol=1e-9)
+
+
+def test_the_nearest_lenslet_of_one_point():
+    lattice = Lattice(pitch_px=10, row_step_px=8, rotation=0, centre_px=(100, 50))
+    assert lattice.nearest(np.array([94.0, 43.0])) == (-1, -1)
+
+
+def test_a_lattice_differs_from_a_moved_one_by_the_way():
+    one = Lattice(pitch_px=10, row_step_px=8, rotation=0.01, centre_px=(100, 50))
+    i, j = np.array(7), np.array(-4)  # the same lattice, counted from another lenslet
+    x, y = one.centres(i, j)
+    other = one.model_copy(update={'centre_px': (x + 0.3, y - 0.4)})
+    apart = one.difference(other, 300, 200)
+    np.testing.assert_allclose(apart, 0.5)
+    assert abs(len(apart) - 300 * 200 / 80) < 60

@@ -1,0 +1,93 @@
+"""A sensor's mosaic that somebody saved as an 8-bit image, as a RawFrame with derived metadata."""
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.errors import CameraError
+from pmcl_ros.header import Header
+
+_SUFFIXES = ('.png', '.jpg', '.jpeg')
+_COUNTS = 16  # of 12 bits per level of 8 bits
+_DARK = 1.0  # percent of the pixels that get no light to speak of
+# The same for both first-generation cameras whose metadata are known (lytro_f01.md, B3).
+_TO_SRGB = (3.1116, -1.9394, -0.1722, -0.3629, 1.6409, -0.2780, 0.0790, -1.1558, 2.0768)
+_GAMMA = 0.41666
+
+
+def is_mosaic_image(path: Path | str) -> bool:
+    """Whether `path` is named as what `read_mosaic_image` reads."""
+    return Path(path).suffix.lower() in _SUFFIXES
+
+
+def read_mosaic_image(path: Path | str, gain: float = 1.0, black: float | None = None,
+                      header: Header | None = None) -> RawFrame:
+    """Read a BGGR mosaic saved as a one-channel 8-bit PNG or JPEG.
+
+    gain: what the sensor's intensity was multiplied by when it was saved: counts are
+        16 / gain times the levels, and the white level is that of 255.
+    black: level of 8 bits without light; None: the darkest 1 % of the pixels (the gaps between
+        lenslets, where the scene is dark).
+    header: whose picture it is; by default the stamp is the file's modification time.
+
+    The metadata are derived, not a camera's, and say so (`derived`): a generic first-generation
+    Lytro's colour matrix and gamma, white balance unknown (gains of 1).
+    Raises CameraError when the file cannot be read or is no such image.
+    """
+    path = Path(path)
+    if not 0 < gain < 100:
+        raise CameraError(f'{path}: a gain of {gain} is impossible; it must be positive')
+    levels = _read_levels(path)
+    if black is None:
+        black = float(np.percentile(levels, _DARK))
+    if not 0 <= black < 255:
+        raise CameraError(f'{path}: a black level of {black} of 255 is impossible; is the picture '
+                          'saturated?')
+    scale = _COUNTS / gain
+    white = min(4095, round(255 * scale))
+    counts = np.minimum(np.rint(levels * np.float32(scale)), white).astype(np.uint16)
+    zero = min(round(black * scale), white - 1)
+    text = _derived_text(counts.shape, zero, white, path.name, gain)
+    if header is None:
+        header = Header(stamp_ns=path.stat().st_mtime_ns)
+    return RawFrame(header, counts, CameraMetadata.parse(text))
+
+
+def _read_levels(path: Path) -> NDArray[np.uint8]:
+    try:
+        data = np.frombuffer(path.read_bytes(), np.uint8)
+    except OSError as error:
+        raise CameraError(f'cannot read {path}: {error.strerror or error}') from None
+    levels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    if levels is None:
+        raise CameraError(f'{path} is not a complete PNG or JPEG image')
+    if levels.ndim != 2 or levels.dtype != np.uint8:
+        raise CameraError(
+            f'{path} has {1 if levels.ndim == 2 else levels.shape[2]} channels of {levels.dtype}; '
+            'the mosaic of a sensor is one channel of 8 bits. A developed colour picture holds no '
+            'light field')
+    return np.asarray(levels, np.uint8)
+
+
+def _derived_text(shape: tuple[int, ...], black: int, white: int, name: str, gain: float) -> str:
+    """The JSON of a frame, as far as it can be told."""
+    colours = ('r', 'gr', 'gb', 'b')
+    return json.dumps({
+        'derived': {'from': name, 'gain': gain,
+                    'note': 'made from an 8-bit mosaic, not written by a camera: colour matrix '
+                            'and gamma are the usual ones, white balance is unknown, levels are '
+                            "the image's"},
+        'image': {
+            'width': shape[1], 'height': shape[0], 'orientation': 1,
+            'rawDetails': {
+                'pixelFormat': {'black': dict.fromkeys(colours, black),
+                                'white': dict.fromkeys(colours, white)},
+                'mosaic': {'tile': 'r,gr:gb,b', 'upperLeftPixel': 'b'}},
+            'color': {'ccmRgbToSrgbArray': _TO_SRGB, 'gamma': _GAMMA,
+                      'whiteBalanceGain': dict.fromkeys(colours, 1.0)}},
+        'camera': {'model': 'F01'}}, indent=1)
