@@ -1,18 +1,85 @@
-"""`pmcl calibration-from-truth`: a simulated camera's calibration."""
+"""`pmcl calibrate`: a camera's geometry from pictures of a checkerboard; or from truth files."""
 
+import json
 from pathlib import Path
 
 import click
+from rich.console import Console
+from rich.progress import Progress
 
-from pmcl_ros.cli.base import FILE
+from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
+from pmcl_ros.camera.white_images import choose_white
+from pmcl_ros.cli.base import FILE, PATH, STDERR
+from pmcl_ros.errors import PmclError
+from pmcl_ros.evaluation.calibration_report import numbers, summary, tables, write_report
+from pmcl_ros.lightfield.boards import Checkerboard
+from pmcl_ros.lightfield.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration import Calibration
+
+_OUT = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command()
+@click.option('--white', required=True, type=PATH, help='White image of the camera, or a folder '
+              'of such: the one that fits the first picture is chosen.')
+@click.option('--boards', required=True, type=click.Path(exists=True, path_type=Path),
+              help='Folder with pictures of the board, searched with its subfolders.')
+@click.option('--corners', required=True, metavar='COLUMNSxROWS',
+              help='Inner corners of the board, as 10x7.')
+@click.option('--square', required=True, type=float, help='Side of a square [m].')
+@click.option('--out', required=True, type=_OUT,
+              help='Calibration to write, YAML; a report goes beside it (.png, .json).')
+def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path) -> None:
+    """Calibrate the camera from pictures of a checkerboard at one zoom and focus.
+
+    What shows no complete board, or is of another camera, is named and left out.
+    """
+    if out.suffix.lower() not in ('.yaml', '.yml'):
+        raise click.BadParameter(f'{out} does not end in .yaml', param_hint='--out')
+    board = Checkerboard.parse(corners, square)
+    result = run_calibration(white, boards, board)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PmclError(f'cannot make {out.parent}: {error.strerror or error}') from None
+    result.calibration.save(out, summary(result))
+    write_report(out.with_suffix('.png'), result)
+    out.with_suffix('.json').write_text(json.dumps(numbers(result), indent=1) + '\n')
+    console = Console()
+    for table in tables(result):
+        console.print(table)
+    STDERR.print(f'{out}, report in {out.with_suffix(".png")} and {out.with_suffix(".json")}',
+                 markup=False, highlight=False, soft_wrap=True)
+
+
+def run_calibration(white: Path, boards: Path, board: Checkerboard) -> CalibrationResult:
+    """Calibrate from the pictures in a folder; progress, and what is left out, is shown.
+
+    white: a white image, or a folder of such.
+    """
+    if white.is_dir():
+        choice = choose_white(white, read_metadata(list_pictures(boards)[0]))
+        STDERR.print(f'white image: {choice.why}', markup=False, soft_wrap=True)
+        frame = choice.frame
+    else:
+        frame = read_raw_frame(white)
+    with Progress(console=STDERR, transient=True) as bar:
+        task = bar.add_task('lattice', total=None)
+
+        def looked(path: Path, count: int, why: str) -> None:
+            bar.update(task, description=path.parent.name or path.name, total=count, advance=1)
+            if why:
+                bar.console.print(f'left out {path}: {why}', markup=False, highlight=False,
+                                  soft_wrap=True)
+
+        return calibrate_folder(frame, boards, board, looked)
 
 
 @click.command('calibration-from-truth')
 @click.argument('capture', type=FILE)
 @click.argument('white', type=FILE)
 @click.option('--serial', default='', help='Serial number of the camera.')
-@click.option('--out', required=True, type=click.Path(dir_okay=False, path_type=Path))
+@click.option('--out', required=True, type=_OUT)
 def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path) -> None:
     """Write the calibration of simulated captures from their truth.json files.
 
