@@ -2,6 +2,7 @@
 # .venv gets what is missing; the stamps in it remember what has been installed.
 PYTHON ?= python3
 BAG ?= bags/wine_glass
+CAMERA ?=
 BIN := .venv/bin
 RUN := .venv/.installed-run
 TEST := .venv/.installed-test
@@ -10,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 .PHONY: demo test lint venv eval clean
 
 demo: $(RUN)
-	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --out out
+	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
 	$(BIN)/python -m pytest -n 2 --dist loadfile

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rosbags.interfaces import (
     Connection,
     ConnectionExtRosbag2,
@@ -27,13 +28,17 @@ from rosbags.rosbag2 import (
 )
 from rosbags.typesys import Stores, get_typestore
 
-from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.camera.files import read_raw_frame, write_picture
+from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import BagError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
 
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 _FORMAT: Literal[9] = 9  # rosbag2's version of metadata.yaml as of Jazzy
+_VIEW_WHITE = 32768  # as in conversions, which cannot be imported without ROS
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE
 
 
@@ -109,16 +114,88 @@ def record_capture(picture: Path | str, bag: Path | str, header: Header | None =
 
 def capture_messages(frame: RawFrame) -> list[Recorded]:
     """What `lytro_driver` would publish for a raw frame, in its order."""
-    kinds, time_ns = _TYPES.types, frame.header.stamp_ns
-    height, width = frame.counts.shape
-    stamp = kinds['builtin_interfaces/msg/Time'](*divmod(time_ns, 10**9))
-    image = kinds['sensor_msgs/msg/Image'](
-        header=kinds['std_msgs/msg/Header'](stamp=stamp, frame_id=frame.header.frame_id),
-        height=height, width=width, encoding='bayer_bggr16', is_bigendian=0, step=2 * width,
-        data=np.ascontiguousarray(frame.counts, '<u2').view(np.uint8).ravel())
-    text = kinds['std_msgs/msg/String'](data=frame.metadata.text)
-    return [Recorded('/metadata', text.__msgtype__, time_ns, _cdr(text), LATCHED),
-            Recorded('/image_raw', image.__msgtype__, time_ns, _cdr(image))]
+    image = _image(frame.header, 'bayer_bggr16', np.ascontiguousarray(frame.counts, '<u2'))
+    text = _TYPES.types['std_msgs/msg/String'](data=frame.metadata.text)
+    return [_recorded('/metadata', text, frame.header, LATCHED),
+            _recorded('/image_raw', image, frame.header)]
+
+
+def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
+    """Write each picture of a bag as the camera has it, RAW and TXT; their paths.
+
+    The inverse of `record_capture`, for every `/image_raw` with the `/metadata` before it. Raises
+    BagError when there is none.
+    """
+    text = ''
+    paths: list[Path] = []
+    for each in read(bag):
+        if each.topic == '/metadata':
+            text = _TYPES.deserialize_cdr(each.cdr, each.type).data  # type: ignore[attr-defined]
+        elif each.topic == '/image_raw' and text:
+            image: Any = _TYPES.deserialize_cdr(each.cdr, each.type)
+            counts = image.data.view('<u2').reshape(image.height, image.width)
+            paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
+            write_picture(paths[-1], pack12(counts), text)
+    if not paths:
+        raise BagError(f'{bag} holds no /image_raw with /metadata before it')
+    return paths
+
+
+def record_light_field(light_field: LightField, bag: Path | str) -> None:
+    """Make a bag of `/views`, `/center/image` and what belongs to them."""
+    record(bag, light_field_messages(light_field))
+
+
+def light_field_messages(light_field: LightField) -> list[Recorded]:
+    """What `subaperture_node` would publish for a light field."""
+    grid, header = light_field.grid, light_field.header
+    light = np.concatenate([grid.weights[..., None], grid.positions], axis=2).astype('<f4')
+    return [_recorded('/center/camera_info', _camera_info(header, grid.pinhole, 0.0), header),
+            _recorded('/center/image', _image(header, 'rgb8', light_field.picture()), header),
+            _recorded('/views/camera_info', _camera_info(header, grid.pinhole, grid.baseline),
+                      header),
+            _recorded('/views/pupil', _image(header, '32FC3', light), header),
+            _recorded('/views', _image(header, 'rgb16', _mosaic(light_field)), header)]
+
+
+def _recorded(topic: str, message: Any, header: Header, qos: Qos = VOLATILE) -> Recorded:
+    cdr = bytes(_TYPES.serialize_cdr(message, message.__msgtype__))
+    return Recorded(topic, message.__msgtype__, header.stamp_ns, cdr, qos)
+
+
+def _header(header: Header) -> Any:
+    stamp = _TYPES.types['builtin_interfaces/msg/Time'](*divmod(header.stamp_ns, 10**9))
+    return _TYPES.types['std_msgs/msg/Header'](stamp=stamp, frame_id=header.frame_id)
+
+
+def _image(header: Header, encoding: str, pixels: NDArray[Any]) -> Any:
+    """An Image of little-endian pixels (height, width[, channels])."""
+    height, width = pixels.shape[:2]
+    return _TYPES.types['sensor_msgs/msg/Image'](
+        header=_header(header), height=height, width=width, encoding=encoding, is_bigendian=0,
+        step=pixels.nbytes // height, data=pixels.reshape(-1).view(np.uint8))
+
+
+def _mosaic(light_field: LightField) -> NDArray[np.uint16]:
+    """As `conversions.light_field_to_messages`."""
+    rows, columns, height, width = light_field.views.shape[:4]
+    counts = np.clip(light_field.views * np.float32(_VIEW_WHITE) + np.float32(0.5), 0, 65535)
+    tiles = counts.astype('<u2').transpose(0, 2, 1, 3, 4)
+    return tiles.reshape(rows * height, columns * width, 3)
+
+
+def _camera_info(header: Header, pinhole: Pinhole, baseline: float) -> Any:
+    """As `conversions.pinhole_to_message`."""
+    types = _TYPES.types
+    p = np.zeros((3, 4))
+    p[:, :3] = pinhole.matrix
+    p[:2, 3] = -pinhole.fx * baseline, -pinhole.fy * baseline
+    return types['sensor_msgs/msg/CameraInfo'](
+        header=_header(header), height=pinhole.height, width=pinhole.width,
+        distortion_model='plumb_bob', d=np.zeros(5), k=pinhole.matrix.ravel(),
+        r=np.eye(3).ravel(), p=p.ravel(), binning_x=0, binning_y=0,
+        roi=types['sensor_msgs/msg/RegionOfInterest'](x_offset=0, y_offset=0, height=0, width=0,
+                                                      do_rectify=False))
 
 
 @contextmanager
@@ -134,6 +211,3 @@ def _qos(connection: Connection) -> Qos:
     assert isinstance(connection.ext, ConnectionExtRosbag2)
     return next(iter(connection.ext.offered_qos_profiles), VOLATILE)
 
-
-def _cdr(message: Any) -> bytes:
-    return bytes(_TYPES.serialize_cdr(message, message.__msgtype__))

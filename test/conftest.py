@@ -1,14 +1,33 @@
-"""What the tests share: a ROS domain for each worker, and the JSON of a made-up camera."""
+"""What the tests share: a ROS domain of each worker's own, and the JSON of a made-up camera."""
 
+import errno
 import json
 import os
+import socket
 
 import pytest
 
+
+def _own_domain():
+    """(number, what holds it) of a ROS domain that no other worker, nor another run, is in."""
+    for number in range(1, 102):  # those whose ports are free for everybody's use
+        # An abstract name is the network's, as the domain is, and vanishes with its owner.
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            lock.bind(f'\0pmcl_ros-test-domain-{number}')
+        except OSError as error:
+            lock.close()
+            if error.errno != errno.EADDRINUSE:
+                raise
+        else:
+            return number, lock
+    raise RuntimeError('all ROS domains are taken')
+
+
 # Before any rclpy.init, and inherited by every process a test starts. Fields are checked, as a
 # message that only passes unchecked is not one that another build of ROS takes.
-_WORKER = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
-os.environ['ROS_DOMAIN_ID'] = str(50 + int(_WORKER) % 50)
+_NUMBER, _LOCK = _own_domain()
+os.environ['ROS_DOMAIN_ID'] = str(_NUMBER)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 

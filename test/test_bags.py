@@ -12,14 +12,18 @@ from pmcl_ros.bags import (
     Recorded,
     Topic,
     capture_messages,
+    light_field_messages,
     read,
     record,
+    record_light_field,
     topics,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import BagError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
 
 SHIPPED = sorted((Path(__file__).parents[1] / 'bags').iterdir())
 HEADER = Header(1_700_000_000_123_456_789, 'lytro_optical_frame')
@@ -54,6 +58,35 @@ def test_recorded_messages_are_those_of_the_driver(raw_frame):
     found = raw_frame_from(image, metadata_from(text))
     np.testing.assert_array_equal(found.counts, raw_frame.counts)
     assert found.header == HEADER
+
+
+@pytest.fixture
+def light_field():
+    """4x6 views at irregular places, two dark ones, light below 0 and beyond what is kept."""
+    random = np.random.default_rng(7)
+    weights = random.random((4, 6), np.float32)
+    weights[0, 0] = weights[3, 5] = 0
+    grid = ViewGrid(Pinhole(17, 11, 31.25, 29.7, 8.1, 4.9), 0.0123,
+                    random.normal(size=(4, 6, 2)), weights)
+    views = random.normal(0.5, 1, (4, 6, 11, 17, 3)).astype(np.float32)
+    return LightField(HEADER, views, grid)
+
+
+def test_recorded_views_are_those_of_the_node(light_field, tmp_path):
+    pytest.importorskip('rclpy')
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import CameraInfo, Image
+
+    from pmcl_ros.conversions import light_field_to_messages, picture_from
+    record_light_field(light_field, tmp_path / 'bag')
+    recorded = list(read(tmp_path / 'bag'))
+    assert recorded == light_field_messages(light_field)
+    picture, *parts = (deserialize_message(each.cdr, kind) for each, kind in
+                       zip(recorded, (Image, CameraInfo, Image, Image), strict=True))
+    assert tuple(parts) == tuple(light_field_to_messages(light_field))
+    np.testing.assert_array_equal(picture_from(picture), light_field.picture())
+    assert [each.topic for each in recorded] == [
+        '/center/image', '/views/camera_info', '/views/pupil', '/views']
 
 
 def test_messages_come_in_the_order_of_their_times(tmp_path):

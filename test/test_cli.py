@@ -13,10 +13,12 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.bags import read
+from pmcl_ros.bags import Recorded, read, record
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.lightfield.sources.npz import write_npz
+from pmcl_ros.lightfield.sources.read import read_light_field
 
 ROOT = Path(__file__).parents[1]
 CAMERA = ['--calibration', str(ROOT / 'config/cameras/demo.yaml'),
@@ -108,14 +110,59 @@ def test_errors_are_one_line_that_says_what_to_do(captures, tmp_path):
     assert not (tmp_path / 'out').exists()
 
 
-def test_decode_writes_rectified_views(captures, tmp_path):
-    pmcl('decode', captures / 'wine_glass/IMG.RAW', *CAMERA, '--out', tmp_path)
-    with np.load(tmp_path / 'views.npz') as decoded:
-        assert decoded['views'].shape == (9, 9, 328, 328, 3)
-        assert decoded['views'].dtype == np.float32
-        assert float(decoded['baseline']) == pytest.approx(0.00073975, rel=1e-4)
-        assert {'fx', 'fy', 'cx', 'cy', 'weights', 'positions'} <= set(decoded)
-    assert cv2.imread(str(tmp_path / 'views.png')) is not None
+@pytest.fixture(scope='module')
+def decoded(captures, tmp_path_factory):
+    """The folder that `pmcl decode` made of a capture, with its object and truth."""
+    folder = tmp_path_factory.mktemp('decoded') / 'glass'
+    done = pmcl('decode', captures / 'wine_glass/IMG.RAW', *CAMERA[:2], '--white', captures,
+                '--out', folder)
+    # Chosen among all pictures of the folder, and told.
+    assert 'white image: IMG.RAW.xz of camera A000000001' in done.stderr
+    assert 'zoom step 600 (picture: 600)' in done.stderr
+    for each in ('truth.json', 'model.obj'):
+        shutil.copy(captures / 'wine_glass' / each, folder)
+    return folder
+
+
+def test_decode_writes_rectified_views(decoded):
+    with np.load(decoded / 'views.npz') as found:
+        assert found['views'].shape == (9, 9, 328, 328, 3)
+        assert found['views'].dtype == np.float32
+        assert float(found['baseline']) == pytest.approx(0.00073975, rel=1e-4)
+        assert {'fx', 'fy', 'cx', 'cy', 'weights', 'positions'} <= set(found)
+    assert cv2.imread(str(decoded / 'views.png')) is not None
+
+
+def test_a_light_field_is_localised_in_without_a_calibration(decoded, tmp_path):
+    """An NPZ file: by localize, and as a capture by evaluate."""
+    truth = Truth.load(decoded / 'truth.json')
+    done = pmcl('localize', decoded, '--shrink', 2, '--object', decoded / 'model.obj', '--roi',
+                *truth.roi_center, *truth.roi_size, '--json', '--out', tmp_path)
+    result = json.loads(done.stdout)
+    assert result['lost'] is False
+    assert np.linalg.norm(np.subtract(result['position'], truth.pose[:3, 3])) < 0.02
+    assert cv2.imread(str(tmp_path / 'centre.png')).shape[:2] == (164, 164)
+    coarse = shutil.copytree(decoded, tmp_path / 'coarse')
+    write_npz(coarse / 'views.npz', read_light_field(decoded, shrink=4))
+    pmcl('evaluate', tmp_path, '--trials', 1, '--out', tmp_path)
+    with (tmp_path / 'results.csv').open() as stream:
+        row, = csv.DictReader(stream)
+    assert row['capture'] == 'coarse'
+    assert float(row['translation_mm']) < 50
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    (['{raw}'], 'is a raw picture: it needs --calibration and --white'),
+    (['{folder}'], 'no light_field.yaml, parameters.cfg or views.npz'),
+])
+def test_a_source_that_cannot_be_read_is_told(captures, arguments, reason):
+    capture = captures / 'wine_glass'
+    names = {'raw': capture / 'IMG.RAW', 'folder': capture}
+    done = pmcl('localize', *(each.format(**names) for each in arguments), '--object',
+                capture / 'model.obj', '--roi', 0, 0, 0.5, 0.1, 0.1, 0.1, check=False)
+    assert done.returncode in (1, 2)
+    assert reason in ' '.join(done.stderr.split())
+    assert 'Traceback' not in done.stderr
 
 
 def test_evaluate_tabulates_trials(captures, tmp_path):
@@ -149,3 +196,17 @@ def test_bag_record_makes_the_shipped_messages(captures, tmp_path):
     assert made['/metadata'].cdr == shipped['/metadata'].cdr
     # All but the stamp, which is the file's time.
     assert made['/image_raw'].cdr[12:] == shipped['/image_raw'].cdr[12:]
+
+
+def test_bag_extract_gives_the_picture_back(captures, tmp_path):
+    pmcl('bag', 'extract', ROOT / 'bags/shaker', tmp_path)
+    for name in ('RAW', 'TXT'):
+        assert ((tmp_path / f'IMG_0001.{name}').read_bytes()
+                == (captures / f'shaker/IMG.{name}').read_bytes())
+
+
+def test_a_bag_without_pictures_is_told(tmp_path):
+    record(tmp_path / 'bag', [Recorded('/a', 'std_msgs/msg/String', 0, b'\0\1\0\0\1\0\0\0\0')])
+    done = pmcl('bag', 'extract', tmp_path / 'bag', tmp_path / 'out', check=False)
+    assert done.returncode == 1
+    assert 'holds no /image_raw' in done.stderr

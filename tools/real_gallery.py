@@ -16,10 +16,7 @@ import cv2
 import numpy as np
 
 from pmcl_ros.camera.mosaic_image import read_mosaic_image
-from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.lattice_fit import lattice_from_picture
-from pmcl_ros.lightfield.light_from_picture import light_from_picture
+from pmcl_ros.lightfield.uncalibrated import uncalibrated_decoder
 from pmcl_ros.lightfield.white_balance import shades_of_grey
 
 MIDDLE, LEFT, RIGHT = 4, 0, 8  # of the 9x9 views
@@ -57,10 +54,7 @@ def panel(path, gain):
 def middle_row(path, gain):
     """(9, height, width, 3) uint8: the views of the middle row, to look at."""
     frame = read_mosaic_image(path, gain)
-    lattice = lattice_from_picture(frame).lattice
-    light = light_from_picture(frame, lattice)
-    height, width = (side // 10 for side in frame.counts.shape)
-    decoder = Decoder.of_light(Calibration.aligned(lattice, width, height), light)
+    decoder = uncalibrated_decoder(frame)
     light_field = decoder.decode(frame)
     views = light_field.views[MIDDLE]
     gains = shades_of_grey(views[MIDDLE])

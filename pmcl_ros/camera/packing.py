@@ -1,9 +1,13 @@
 """The F01's 12-bit packing: two pixels in three bytes, big-endian (lytro_f01.md, B2)."""
 
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.errors import CameraError
+from pmcl_ros.kernels import LOCK, compiled
+
+_PAIRS = 4096  # that one task unpacks
 
 
 def unpack12(data: bytes, width: int, height: int) -> NDArray[np.uint16]:
@@ -19,9 +23,10 @@ def unpack12(data: bytes, width: int, height: int) -> NDArray[np.uint16]:
         raise CameraError(
             f'raw picture holds {len(data)} bytes, expected {expected} ({width}x{height}, 12 bits '
             'packed); the download was cut short or this is another format')
-    first, second, third = np.frombuffer(data, np.uint8).reshape(-1, 3).astype(np.uint16).T
-    counts = np.stack([first << 4 | second >> 4, (second & 15) << 8 | third], axis=1)
-    return counts.reshape(height, width)
+    counts = np.empty((height, width), np.uint16)
+    with LOCK:
+        _unpack(np.frombuffer(data, np.uint8), counts.reshape(-1))
+    return counts
 
 
 def pack12(counts: NDArray[np.uint16]) -> bytes:
@@ -32,3 +37,15 @@ def pack12(counts: NDArray[np.uint16]) -> bytes:
     first, second = counts.reshape(-1, 2).astype(np.uint16).T
     triples = np.stack([first >> 4, (first & 15) << 4 | second >> 8, second & 255], axis=1)
     return triples.astype(np.uint8).tobytes()
+
+
+@compiled(parallel=True)
+def _unpack(data, counts):  # type: ignore[no-untyped-def]
+    pairs = len(counts) // 2
+    for task in prange(-(-pairs // _PAIRS)):
+        for pair in range(task * _PAIRS, min((task + 1) * _PAIRS, pairs)):
+            first = np.uint16(data[3 * pair])
+            middle = np.uint16(data[3 * pair + 1])
+            last = np.uint16(data[3 * pair + 2])
+            counts[2 * pair] = first << 4 | middle >> 4
+            counts[2 * pair + 1] = (middle & 15) << 8 | last

@@ -9,9 +9,13 @@ from pmcl_ros import __version__
 from pmcl_ros.cli.bag import bag
 from pmcl_ros.cli.base import STDERR, Commands
 from pmcl_ros.cli.bench import bench
-from pmcl_ros.cli.calibrate import calibration_from_truth
+from pmcl_ros.cli.calibrate import calibrate, calibration_from_truth
+from pmcl_ros.cli.camera import camera
 from pmcl_ros.cli.decode import decode
 from pmcl_ros.cli.evaluate import evaluate
+from pmcl_ros.cli.figures import figures
+from pmcl_ros.cli.lattice import lattice
+from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
 
 
@@ -24,5 +28,6 @@ def main(verbose: bool) -> None:
                         handlers=[RichHandler(console=STDERR, show_path=False)])
 
 
-for _command in (decode, calibration_from_truth, localize, evaluate, bench, bag):
+for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
+                 bag, lattice, lfp, camera):
     main.add_command(_command)

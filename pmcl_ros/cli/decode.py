@@ -1,33 +1,94 @@
 """`pmcl decode`: a raw picture's views, as NPZ and pictures."""
 
+import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
 
 from pmcl_ros.camera.files import read_raw_frame
-from pmcl_ros.cli.base import FOLDER, capture_options
+from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
+from pmcl_ros.camera.white_images import choose_white
+from pmcl_ros.cli.base import FILE, FOLDER, PATH, open_decoders
 from pmcl_ros.evaluation.pictures import write_png
+from pmcl_ros.evaluation.view_comparison import IdealViews, compare_views, table
 from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.decode import VIEWS, Decoder
+from pmcl_ros.lightfield.sources.npz import write_npz
+from pmcl_ros.lightfield.uncalibrated import uncalibrated_decoder
+from pmcl_ros.lightfield.white_balance import shades_of_grey
+
+
+def _size(_context: click.Context, _option: click.Parameter,
+          value: str | None) -> tuple[int, int] | None:
+    """Width and height of WxH."""
+    if value is None:
+        return None
+    found = re.fullmatch(r'([1-9]\d{0,3})x([1-9]\d{0,3})', value)
+    if found is None:
+        raise click.BadParameter(f'{value!r} is no size; expected width x height, as 328x328')
+    return int(found[1]), int(found[2])
 
 
 @click.command()
-@capture_options
+@click.argument('raw', type=FILE)
+@click.option('--calibration', type=FILE, help="The camera's calibration, YAML; without it the "
+              'views are lattice-aligned, and their geometry is not known.')
+@click.option('--white', type=PATH, help="The camera's white image, RAW[.xz] with its TXT, or a "
+              'folder of such: the one that fits the picture is chosen. Without it, and without '
+              '--calibration, the picture itself must do.')
+@click.option('--gain', type=float, default=1.0, show_default=True,
+              help='Of a PNG or JPEG: what its intensity was multiplied by.')
+@click.option('--views', type=click.IntRange(1), default=VIEWS, show_default=True,
+              help='Views of a row and column, odd, one raw pixel apart.')
+@click.option('--size', metavar='WxH', callback=_size,
+              help="Of a view [px]; default: the calibration's.")
 @click.option('--out', required=True, type=FOLDER, help='Folder for views.npz and pictures.')
-def decode(raw: Path, calibration: Path, white: Path, out: Path) -> None:
-    """Decode RAW (.RAW or .RAW.xz with its .TXT) into rectified views: NPZ and PNG."""
-    decoder = Decoder(Calibration.load(calibration), read_raw_frame(white))
-    light_field = decoder.decode(read_raw_frame(raw))
+@click.option('--compare', type=FILE, metavar='VIEWS.npz',
+              help='Ideal lattice-aligned views, `views` (3, 3, height, width, 3) three steps '
+              'apart: tell how the decode differs from them.')
+def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float, views: int,
+           size: tuple[int, int] | None, out: Path, compare: Path | None) -> None:
+    """Decode RAW into views: NPZ and PNG.
+
+    RAW: .RAW or .RAW.xz with its .TXT, .LFP, or the sensor's mosaic as an 8-bit PNG or JPEG. With
+    --calibration and --white the views are rectified.
+    """
+    frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
+    if calibration is None:
+        chosen = None if white is None else choose_white(white, frame.metadata).frame
+        decoder = uncalibrated_decoder(frame, chosen, views, size)
+    elif white is None:
+        raise click.UsageError('--calibration needs --white: an image of a white surface by the '
+                               'same camera')
+    else:
+        decoder = open_decoders(Calibration.load(calibration), white, views, size).of(
+            frame.metadata)
+    light_field = decoder.decode(frame)
+    if is_mosaic_image(raw):  # nobody wrote its white balance down
+        gains = shades_of_grey(light_field.centre_view)
+        light_field = replace(light_field, colour=replace(
+            light_field.colour, gains=tuple(gains.tolist())))
     out.mkdir(parents=True, exist_ok=True)
-    pinhole = light_field.grid.pinhole
-    np.savez_compressed(out / 'views.npz', views=light_field.views, fx=pinhole.fx, fy=pinhole.fy,
-                        cx=pinhole.cx, cy=pinhole.cy, baseline=light_field.grid.baseline,
-                        weights=light_field.grid.weights, positions=light_field.grid.positions)
+    if calibration is None:
+        np.savez_compressed(out / 'views.npz', views=light_field.views,
+                            weights=light_field.grid.weights,
+                            positions=light_field.grid.positions)
+        click.echo('no calibration: the views are lattice-aligned, their geometry is not known',
+                   err=True)
+    else:
+        write_npz(out / 'views.npz', light_field)
     write_png(out / 'centre.png', light_field.picture())
     rows, columns = light_field.grid.shape
-    shown = np.clip(light_field.views[:, :, ::3, ::3], 0, 1) ** light_field.gamma
-    mosaic = shown.transpose(0, 2, 1, 3, 4).reshape(rows * shown.shape[2],
-                                                    columns * shown.shape[3], 3)
-    write_png(out / 'views.png', np.round(255 * mosaic).astype(np.uint8))
+    shown = light_field.colour.displayed(light_field.views[:, :, ::3, ::3], light_field.gamma)
+    write_png(out / 'views.png', shown.transpose(0, 2, 1, 3, 4).reshape(
+        rows * shown.shape[2], columns * shown.shape[3], 3))
+    pinhole = light_field.grid.pinhole
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)
+    if compare is not None:
+        aligned = decoder.calibration.model_copy(update={'focus_distance': math.inf})
+        errors = compare_views(Decoder.of_light(aligned, decoder.light, views=views, size=size)
+                               .decode(frame), IdealViews.load(compare))
+        click.echo(table(errors))

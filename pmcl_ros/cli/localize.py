@@ -8,15 +8,12 @@ import click
 import numpy as np
 from rich.progress import Progress
 
-from pmcl_ros.camera.files import read_raw_frame
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR, capture_options
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR, open_source, source_options
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.pictures import depth_picture, overlay, write_png
 from pmcl_ros.evaluation.trials import volume_settings
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -24,7 +21,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 
 
 @click.command()
-@capture_options
+@source_options
 @click.option('--object', 'object_path', required=True, type=FILE,
               help='A mesh in metres, or an object YAML.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
@@ -37,24 +34,29 @@ from pmcl_ros.pmcl.settings import PmclSettings
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
-def localize(raw: Path, calibration: Path, white: Path, object_path: Path,
-             roi: tuple[float, ...], mode: str, seed: int, as_json: bool, out: Path | None,
-             truth: Path | None) -> None:
-    """Find the object's pose in RAW (.RAW or .RAW.xz with its .TXT)."""
+def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
+             object_path: Path, roi: tuple[float, ...], mode: str, seed: int, as_json: bool,
+             out: Path | None, truth: Path | None) -> None:
+    """Find the object's pose in SOURCE, a raw picture or a light field.
+
+    A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
+    light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
+    folder of the 4D Light Field Benchmark.
+    """
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
                                   'roi_center': roi[:3], 'roi_size': roi[3:]},
                                  '--roi, --mode, --seed')
     model = ObjectModel.load(object_path)
     near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
-    decoder = Decoder(Calibration.load(calibration), read_raw_frame(white))
-    frame = read_raw_frame(raw)
+    read = open_source(source, calibration, white, every, shrink)
     with Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer:
         task = bar.add_task('views', total=1.0)
         started = time.perf_counter()
-        light_field = decoder.decode(frame)
+        light_field = read()
         decoded = time.perf_counter()
         bar.update(task, description='volume')
-        volume = build_volume(light_field, volume_settings(settings.mode, near, far))
+        volume = build_volume(light_field, volume_settings(settings.mode, near, far,
+                                                           light_field.grid))
         built = time.perf_counter()
         bar.update(task, description='pose')
 
@@ -80,5 +82,6 @@ def localize(raw: Path, calibration: Path, white: Path, object_path: Path,
         picture = light_field.picture()
         write_png(out / 'centre.png', picture)
         write_png(out / 'depth.png', depth_picture(volume.depth_map(), near, far))
-        write_png(out / 'overlay.png', overlay(picture, volume.pinhole, model, estimate.pose))
+        write_png(out / 'overlay.png', overlay(picture, light_field.grid.pinhole, model,
+                                              estimate.pose))
         click.echo(f'pictures in {out}', err=True)

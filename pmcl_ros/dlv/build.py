@@ -1,24 +1,39 @@
 """LightField -> DepthLikelihoodVolume: the third arrow."""
 
+import logging
+from functools import lru_cache
+
 import numpy as np
 
 from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.edges import edge_volume
+from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.likelihood import log_likelihood, truncate
+from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
+
+_LOG = logging.getLogger(__name__)
+_MOST_BYTES = 2 ** 31  # of a volume with its edges; making them takes about thrice that
 
 
 def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
     """The paper's depth likelihood volume of one capture (section V.A), with its edge volume.
 
-    With `interpolation` 'phase' every view is shifted to every label by a Fourier transform, which
-    takes many seconds. Raises VolumeError when fewer than two views have light, or the labels are
-    too near.
+    Both are made for the pixels of `Lattice.of` the settings, and carry their camera. With
+    `interpolation` 'phase' every view is shifted to every label by a Fourier transform, which
+    takes many seconds. Raises VolumeError when fewer than two views have light, the labels are too
+    near, or the volume would be too large.
     """
+    lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    _check_size(lattice.pinhole, light_field.grid.pinhole, settings)
+    needed = StereoPairs.of(light_field.grid, settings.views).labels_needed(settings.near,
+                                                                            settings.far)
+    _warn_of_few_labels(settings, needed)
     depths = depth_labels(settings.near, settings.far, settings.labels)
     if settings.interpolation == 'phase':
         costs = reference.cost_volume(light_field, depths, settings).astype(np.float32)
@@ -28,8 +43,30 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
     if settings.truncate:
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
     edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
-    return DepthLikelihoodVolume(light_field.header, likelihood, depths, light_field.grid.pinhole,
-                                 edge_volume(light_field, edge_depths, settings.views))
+    edges = edge_volume(light_field, edge_depths, settings.views).on(lattice)
+    return DepthLikelihoodVolume(light_field.header, likelihood, depths, lattice.pinhole, edges)
+
+
+def _check_size(volume: Pinhole, edges: Pinhole, settings: DlvSettings) -> None:
+    """edges: they are made for all pixels, whatever is kept of them."""
+    size = 4 * (volume.height * volume.width * settings.labels
+                + 3 * edges.height * edges.width * settings.edge_labels)
+    if size > _MOST_BYTES:
+        raise VolumeError(
+            f'{settings.labels} labels of {volume.width}x{volume.height} px and '
+            f'{settings.edge_labels} edge labels of {edges.width}x{edges.height} px take '
+            f'{size / 2 ** 30:.1f} GiB, more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer '
+            'labels, or shrink the views')
+
+
+@lru_cache(maxsize=16)  # told once, not at every capture
+def _warn_of_few_labels(settings: DlvSettings, needed: int) -> None:
+    for name in ('labels', 'edge_labels'):
+        count = getattr(settings, name)
+        if count < needed:
+            _LOG.warning('views move by up to %.1f px from label to label, more than one: set %s '
+                         'to %d (it is %d), or near and far closer together',
+                         (needed - 1) / (count - 1), name, needed, count)
 
 
 def warm_up() -> None:

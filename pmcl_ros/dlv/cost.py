@@ -1,18 +1,21 @@
-"""The cost volume with bilinear sampling, fast.
+"""The cost volume, fast.
 
-While a view's displacement stays in one cell of the pixel grid, its bilinear sample minus the
-centre view's pixel is a quadratic in the label's disparity. Three coefficients for each pixel,
-view, cell and channel serve all the labels in the cell: two multiplications each, instead of four
-reads and a weighing. It is exact; `reference` is the plain form.
+While a view's displacement stays within about a pixel its samples are quadratics in the label's
+disparity: exactly, if they are bilinear and stay in a cell of the pixel grid, and nearly so if
+they are noise-neutral (`sampling`). The view is sampled at three nodes; the three coefficients
+through them, for each pixel and channel, serve all the labels of the run: two multiplications each
+instead of a sample. `reference` is the plain form.
 """
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import matching_planes
 from pmcl_ros.dlv.runs import Runs
+from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
@@ -26,76 +29,134 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> NDArray[np.float32]:
     """C(x, l) of the paper's section V.A, (labels, height, width) float32.
 
-    depths: (labels,) [m], monotone. The values are those of `reference.cost_volume` with bilinear
-    sampling, whatever `settings.interpolation` says. Needs time in proportion to views and labels.
-    Raises VolumeError when no two views have light, or the depths shift views out of the image.
+    depths: (labels,) [m], monotone. height and width are those of `Lattice.of` the settings. The
+    values are those of `reference.cost_volume`; interpolation 'phase' has no fast form. Needs time
+    in proportion to views, labels and pixels. Raises VolumeError when no two views have light, the
+    depths shift views out of the image, or the crop is not in it.
     """
     pairs = StereoPairs.of(light_field.grid, settings.views)
     shifts = pairs.shifts(depths)
-    runs = Runs.of(shifts, depths)
+    neutral = settings.interpolation == 'neutral'
+    runs = Runs.neutral(shifts) if neutral else Runs.bilinear(shifts)
     # The weights of the terms are folded into the coefficients and the truncations.
     gradient = 1 - settings.beta
     weights = np.stack([np.full_like(pairs.gamma, settings.beta), gradient * pairs.gamma,
-                        gradient * (1 - pairs.gamma)], axis=1).astype(np.float32)
-    limits = weights * np.array([settings.tau_color, settings.tau_gradient, settings.tau_gradient],
-                                np.float32)
-    pad = int(np.ceil(np.abs(shifts).max())) + 1
-    planes = matching_planes(light_field, pairs.indices, pad)
-    pinhole = light_field.grid.pinhole
-    cost = np.empty((len(depths), pinhole.height, pinhole.width), np.float32)
+                        gradient * (1 - pairs.gamma)], axis=1)
+    if settings.view_weights == 'light':
+        weights *= pairs.light[:, None]
+    limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
+    pad = int(np.ceil(np.abs(shifts).max())) + TAPS
+    planes = matching_planes(light_field, pairs.indices, pad, neutral)
+    wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    half = settings.window // 2 // settings.stride
+    lattice = wanted.grown(half)
+    cost = np.empty((len(depths), len(lattice.rows), len(lattice.columns)), np.float32)
     with LOCK:
-        _match(planes, pad, runs.where, runs.origin, runs.slope, runs.time, weights, limits,
+        _match(planes, pad, runs.where, runs.cells, runs.taps, runs.time,
+               weights.astype(np.float32), limits.astype(np.float32),
+               _within(pairs.inside(depths), lattice), lattice.left, lattice.top, lattice.stride,
                settings.color_cost == 'l2', cost)
-        if settings.window > 1:
-            _sum_windows(cost, settings.window // 2)
-    return cost
+        if half:
+            _sum_windows(cost, half)
+    rows, columns = wanted.within(lattice)
+    return np.ascontiguousarray(cost[:, rows, columns])
+
+
+def _within(inside: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
+    """Ranges of x and y [px] as ranges of columns and rows of the lattice."""
+    corner = np.repeat([lattice.left, lattice.top], 2)
+    ends = np.repeat([len(lattice.columns), len(lattice.rows)], 2)
+    return np.clip(-(-(inside - corner) // lattice.stride), 0, ends)
 
 
 @compiled(parallel=True)
-def _match(planes, pad, where, origin, slope, time,  # type: ignore[no-untyped-def]
-           weights, limits, l2, cost):
+def _match(planes, pad, where, cells, taps, time,  # type: ignore[no-untyped-def]
+           weights, limits, inside, left, top, stride, l2, cost):
     """Costs of single pixels, summed over the views: row by row, a tile of the row at a time."""
     labels, height, width = cost.shape
     tiles = -(-width // _TILE)
     length = min(-(-width // (16 * tiles)) * 16, width)  # whole vectors where there is room
-    for y in prange(height):
+    for row in prange(height):
         total = np.empty(labels * _TILE, np.float32)
         quadratics = np.empty(15 * _TILE, np.float32)
+        nodes = np.empty((5, 3, _TILE), np.float32)
+        centre = np.empty((5, _TILE), np.float32)
+        between = np.empty(stride * _TILE + TAPS, np.float32)
+        y = top + stride * row + pad
         for tile in range(tiles):
-            left = min(tile * length, width - length)  # the last tile overlaps the one before
+            start = min(tile * length, width - length)  # the last tile overlaps the one before
             total[:] = 0
+            for channel in range(5):
+                for i in range(length):
+                    centre[channel, i] = planes[0, channel, y, left + stride * (start + i) + pad]
+            kept = -1  # the node whose samples are in the last of the three places
             for run in range(len(where)):
-                pair, label, end, cell_x, cell_y = where[run]
-                top, start = y + pad + cell_y, left + pad + cell_x
+                pair, label, end, node = where[run]
+                first = max(inside[pair, 0], start)
+                count = min(inside[pair, 1], start + length) - first
+                if count <= 0 or row < inside[pair, 2] or row >= inside[pair, 3]:
+                    continue
+                x, offset = left + stride * first + pad, first - start
                 for channel in range(5):
-                    _fit(planes[0, channel, y + pad, left + pad:left + pad + length],
-                         planes[pair + 1, channel, top, start:start + length + 1],
-                         planes[pair + 1, channel, top + 1, start:start + length + 1],
-                         origin[run], slope[run], weights[pair, max(channel - 2, 0)],
-                         quadratics[3 * channel * _TILE:3 * (channel + 1) * _TILE], length)
+                    here = nodes[channel]
+                    view = planes[pair + 1, channel]
+                    if node == kept:
+                        here[0, :count] = here[2, :count]
+                    else:
+                        sample_row(view, x + cells[node, 0], y + cells[node, 1], taps[node],
+                                   stride, between, here[0], count)
+                    for k in range(1, 3):
+                        sample_row(view, x + cells[node + k, 0], y + cells[node + k, 1],
+                                   taps[node + k], stride, between, here[k], count)
+                    _fit(centre[channel, offset:offset + count], here,
+                         weights[pair, max(channel - 2, 0)],
+                         quadratics[3 * channel * _TILE:3 * (channel + 1) * _TILE], count)
+                kept = node + 2
                 while label < end:
-                    count = 3 if label + 3 <= end else 1
-                    _add(l2, quadratics, time[pair, label:label + count], limits[pair],
-                         total[label * _TILE:(label + count) * _TILE], length)
-                    label += count
+                    several = 3 if label + 3 <= end else 1
+                    _add(l2, quadratics, time[pair, label:label + several], limits[pair],
+                         total[label * _TILE + offset:(label + several) * _TILE], count)
+                    label += several
             for label in range(labels):
-                cost[label, y, left:left + length] = total[label * _TILE:label * _TILE + length]
+                cost[label, row, start:start + length] = total[
+                    label * _TILE:label * _TILE + length]
 
 
 @compiled()
-def _fit(centre, upper, lower, origin, slope,  # type: ignore[no-untyped-def]
-         weight, out, length):
+def sample_row(view, x, y, taps, stride, between, out, count):  # type: ignore[no-untyped-def]
+    """`count` samples of a row, `stride` apart, from the pixels around (x, y) on: down, across."""
+    source = stride * (count - 1) + TAPS
+    above, upper = view[y - 1, x - 1:x - 1 + source], view[y, x - 1:x - 1 + source]
+    lower, below = view[y + 1, x - 1:x - 1 + source], view[y + 2, x - 1:x - 1 + source]
+    # Weights of differences: what is the same everywhere is then read exactly.
+    a, c, d = taps[1, 0], taps[1, 2], taps[1, 3]
+    for i in range(source):
+        u = upper[i]
+        between[i] = u + (a * (above[i] - u) + c * (lower[i] - u) + d * (below[i] - u))
+    a, c, d = taps[0, 0], taps[0, 2], taps[0, 3]
+    if stride == 1:
+        for i in range(count):
+            u = between[i + 1]
+            out[i] = u + (a * (between[i] - u) + c * (between[i + 2] - u)
+                          + d * (between[i + 3] - u))
+    else:
+        for i in range(count):
+            k = stride * i
+            u = between[k + 1]
+            out[i] = u + (a * (between[k] - u) + c * (between[k + 2] - u)
+                          + d * (between[k + 3] - u))
+
+
+@compiled()
+def _fit(centre, nodes, weight, out, count):  # type: ignore[no-untyped-def]
     """The quadratics in time of one channel: the constants, then the slopes, the curvatures."""
-    x, y, u, v = origin[0], origin[1], slope[0], slope[1]
-    xy, twist, bend = x * y, x * v + y * u, u * v
-    for i in range(length):
-        corner = upper[i]
-        right = upper[i + 1] - corner
-        down = lower[i] - corner
-        cross = lower[i + 1] - lower[i] - right
-        out[i] = weight * (corner - centre[i] + x * right + y * down + xy * cross)
-        out[_TILE + i] = weight * (u * right + v * down + twist * cross)
-        out[2 * _TILE + i] = weight * (bend * cross)
+    begin, middle, end = nodes[0], nodes[1], nodes[2]
+    two, four = np.float32(2), np.float32(4)
+    for i in range(count):
+        half, whole = middle[i] - begin[i], end[i] - begin[i]
+        out[i] = weight * (begin[i] - centre[i])
+        out[_TILE + i] = weight * (four * half - whole)
+        out[2 * _TILE + i] = weight * two * (whole - two * half)
 
 
 @compiled()

@@ -6,20 +6,26 @@ an edge that is sharp when refocused at its own depth stays where the edge is (d
 
 import cv2
 import numpy as np
-import scipy.fft
 from numba import prange
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.cost import sample_row
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.planes import colour_planes, mirrored
+from pmcl_ros.dlv.runs import Runs
+from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 
-_SIGMA = 0.8  # px: the smoothing before the derivative, about what the lenslets' sampling left
+# px: of the smoothing before the derivative. With that before the sampling (`SMOOTHER`) it is one
+# of 0.8 px, about what the lenslets left.
+_SIGMA = 0.7
+_REACH = 4  # px: of the smoothing's weights
 _NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
-_PAD = 16  # px: mirrored border: the transform's period puts one border's content at the other
-_CHANNELS = 64  # labels that are blurred at once: OpenCV 5 takes no more than 128
+_TILE = 336  # pixels of a row worked on at once: their sums at all labels stay near the core
 
 
 def edge_volume(light_field: LightField, depths: NDArray[np.floating],
@@ -28,29 +34,35 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
 
     depths: (labels,) [m], far to near, uniform in inverse depth.
 
-    The views (gamma encoded, brought to the centre view's mean) are summed at each label in the
-    Fourier domain, where a sub-pixel shift is a phase and treats noise alike at every label (Jeon
-    et al. 2015); smoothing and derivatives are factors there too. The tensor is divided by its own
-    mean over a neighbourhood plus its median over the image and the labels.
-    Raises VolumeError when no view has light.
+    The views (gamma encoded, brought to the centre view's mean) are summed at each label, sampled
+    between pixels by noise-neutral weights; a Gaussian's derivatives follow. The tensor is divided
+    by its own mean over a neighbourhood plus its median over the image and the labels.
+    Raises VolumeError when no view has light or the depths shift views out of the image.
     """
     grid = light_field.grid
-    chosen = _inner(grid, views)
-    pinhole = grid.pinhole
-    spectra, frequency_y, frequency_x = _spectra(light_field, chosen)
-    # A point at depth z is seen displaced by -f B a / z: view a is sampled so far away.
-    steps = grid.positions[chosen] * [-pinhole.fx * grid.baseline, -pinhole.fy * grid.baseline]
-    across = _phases(steps[:, 0], depths, frequency_x)
-    down = _phases(steps[:, 1], depths, frequency_y)
+    chosen = StereoPairs(grid, np.argwhere(_inner(grid, views)))
+    shifts = chosen.shifts(depths)
+    runs = Runs.neutral(shifts)
+    pad = int(np.ceil(np.abs(shifts).max())) + TAPS
+    planes, brightness = colour_planes(light_field, chosen.indices, pad)
+    centre = (chosen.indices == grid.centre).all(axis=1)
+    # Without a centre view (dark) the mean over the views does as well: the tensor is normalised.
+    target = brightness[centre].mean() if centre.any() else brightness.mean()
+    gain = target / np.maximum(brightness, 1e-6) / len(brightness)
+    pinhole, count = grid.pinhole, len(depths)
+    refocused = np.empty((count, 3, pinhole.height, pinhole.width), np.float32)
+    tensor = np.empty((count, pinhole.height, pinhole.width, 3), np.float32)
+    energy = np.empty((count, pinhole.height, pinhole.width), np.float32)
     with LOCK:
-        refocused = _refocus(spectra.real.copy(), spectra.imag.copy(), down, across)
-    tensor = np.empty((pinhole.height, pinhole.width, len(depths), 3), np.float32)
-    for label, spectrum in enumerate(refocused):
-        gx = _derivative(spectrum, frequency_x, pinhole.width + 2 * _PAD)
-        gy = _derivative(spectrum, frequency_y[:, None], pinhole.width + 2 * _PAD)
-        with LOCK:
-            _outer(gx, gy, _PAD, label, tensor)
-    return EdgeVolume(light_field.header, _normalise(tensor), np.asarray(depths, float), pinhole)
+        _refocus(planes, pad, runs.where, runs.cells, runs.taps,
+                 _node_weights(runs.time.astype(float)) * gain[:, None, None].astype(np.float32),
+                 refocused)
+        _differentiate(refocused, *_gaussian(), tensor, energy)
+    around = np.stack([cv2.GaussianBlur(each, (0, 0), _NEIGHBOURHOOD) for each in energy])
+    normalised = np.empty((pinhole.height, pinhole.width, count, 3), np.float32)
+    with LOCK:
+        _normalise(tensor, around, np.float32(np.median(energy)), normalised)
+    return EdgeVolume(light_field.header, normalised, np.asarray(depths, float), pinhole)
 
 
 def _inner(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
@@ -63,24 +75,6 @@ def _inner(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
         raise VolumeError(f'none of the inner {views}x{views} views has light: the pupil weights '
                           f'are {grid.weights.tolist()}')
     return chosen
-
-
-def _spectra(light_field: LightField, chosen: NDArray[np.bool_]) -> tuple[
-        NDArray[np.complex64], NDArray[np.float32], NDArray[np.float32]]:
-    """(views, 3, ky, kx) spectra of the chosen views, smoothed, and their frequencies [rad/px]."""
-    gamma = np.float32(light_field.gamma)
-    views = np.clip(light_field.views[chosen], 0, 1) ** gamma
-    brightness = views.mean(axis=(1, 2, 3), keepdims=True)
-    centre = np.clip(light_field.centre_view, 0, 1) ** gamma
-    views = views * centre.mean() / np.maximum(brightness, 1e-6)
-    border = (_PAD, _PAD)
-    padded = np.pad(views, ((0, 0), border, border, (0, 0)), mode='reflect').astype(np.float32)
-    spectra = scipy.fft.rfft2(np.moveaxis(padded, -1, 1), axes=(-2, -1), workers=2)
-    frequency_y = (2 * np.pi * scipy.fft.fftfreq(padded.shape[1])).astype(np.float32)
-    frequency_x = (2 * np.pi * scipy.fft.rfftfreq(padded.shape[2])).astype(np.float32)
-    square = frequency_y[:, None] ** 2 + frequency_x ** 2
-    smooth = np.exp(-0.5 * _SIGMA ** 2 * square) / len(views)
-    return spectra * smooth.astype(np.float32), frequency_y, frequency_x
 
 
 def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> EdgeVolume:
@@ -103,72 +97,121 @@ def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> Ed
     return EdgeVolume(volume.header, tensor, volume.depths[::step], volume.pinhole)
 
 
-def _phases(steps: NDArray[np.float64], depths: NDArray[np.floating],
-            frequency: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(labels, views, frequencies, 2) real and imaginary part of a shift by steps / depth."""
-    angle = (steps / depths[:, None])[..., None] * frequency
-    return np.stack([np.cos(angle), np.sin(angle)], axis=-1).astype(np.float32)
+def _node_weights(time: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(..., 3) how much of a run's three nodes there is at `time` (...): the quadratic's."""
+    return np.stack([(2 * time - 1) * (time - 1), 4 * time * (1 - time), time * (2 * time - 1)],
+                    axis=-1).astype(np.float32)
 
 
-def _derivative(spectrum: NDArray[np.complex64], frequency: NDArray[np.float32],
-                width: int) -> NDArray[np.float32]:
-    """(3, y, x) the derivative of a picture along the axis of `frequency`, from its spectrum."""
-    size = spectrum.shape[1], width
-    return scipy.fft.irfft2(spectrum * (1j * frequency), size, axes=(-2, -1), workers=2)
+def _gaussian() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """(2 reach + 1,) weights of the smoothing, and of its derivative [1/px]."""
+    x = np.arange(-_REACH, _REACH + 1)
+    smooth = np.exp(-0.5 * (x / _SIGMA) ** 2)
+    slope = x * smooth
+    return ((smooth / smooth.sum()).astype(np.float32), (slope / (slope @ x)).astype(np.float32))
 
 
 @compiled(parallel=True)
-def _refocus(real, imaginary, down, across):  # type: ignore[no-untyped-def]
-    """(labels, 3, ky, kx) complex64: the sum of the shifted views, at every label.
-
-    Row by row, so that a row of all the views' spectra stays near the core for all labels.
-    """
-    views, channels, height, width = real.shape
-    labels = down.shape[0]
-    out = np.empty((labels, channels, height, width), np.complex64)
+def _refocus(planes, pad, where, cells, taps, weights, out):  # type: ignore[no-untyped-def]
+    """(labels, 3, height, width) sums of the views at every label, a row at a time."""
+    labels, channels, height, width = out.shape
+    tiles = -(-width // _TILE)
+    length = min(-(-width // (16 * tiles)) * 16, width)  # whole vectors where there is room
     for y in prange(height):
-        sum_real = np.empty((channels, width), np.float32)
-        sum_imaginary = np.empty((channels, width), np.float32)
-        for label in range(labels):
-            sum_real[:] = 0
-            sum_imaginary[:] = 0
-            for v in range(views):
-                c, s = down[label, v, y, 0], down[label, v, y, 1]
-                for x in range(width):
-                    p = c * across[label, v, x, 0] - s * across[label, v, x, 1]
-                    q = c * across[label, v, x, 1] + s * across[label, v, x, 0]
-                    for k in range(3):
-                        a, b = real[v, k, y, x], imaginary[v, k, y, x]
-                        sum_real[k, x] += a * p - b * q
-                        sum_imaginary[k, x] += a * q + b * p
-            for k in range(channels):
-                for x in range(width):
-                    out[label, k, y, x] = complex(sum_real[k, x], sum_imaginary[k, x])
-    return out
+        total = np.empty((labels, channels, _TILE), np.float32)
+        nodes = np.empty((3, channels, _TILE), np.float32)
+        between = np.empty(_TILE + TAPS, np.float32)
+        for tile in range(tiles):
+            start = min(tile * length, width - length)  # the last tile overlaps the one before
+            total[:] = 0
+            kept = -1  # the node whose samples are in the last of the three places
+            for run in range(len(where)):
+                view, label, end, node = where[run]
+                for k in range(3):
+                    for channel in range(channels):
+                        if k == 0 and node == kept:
+                            nodes[0, channel] = nodes[2, channel]
+                        else:
+                            sample_row(planes[view, channel], start + pad + cells[node + k, 0],
+                                       y + pad + cells[node + k, 1], taps[node + k], 1, between,
+                                       nodes[k, channel], length)
+                kept = node + 2
+                for at in range(label, end):
+                    a, b, c = weights[view, at, 0], weights[view, at, 1], weights[view, at, 2]
+                    for channel in range(channels):
+                        _add(total[at, channel], nodes[0, channel], nodes[1, channel],
+                             nodes[2, channel], a, b, c, length)
+            for label in range(labels):
+                for channel in range(channels):
+                    out[label, channel, y, start:start + length] = total[label, channel, :length]
+
+
+@compiled()
+def _add(total, first, middle, last, a, b, c, length):  # type: ignore[no-untyped-def]
+    for i in range(length):
+        total[i] += a * first[i] + b * middle[i] + c * last[i]
 
 
 @compiled(parallel=True)
-def _outer(gx, gy, pad, label, tensor):  # type: ignore[no-untyped-def]
-    """Sum of the channels' gradient products, the padding cut off, into tensor[:, :, label]."""
-    height, width = tensor.shape[:2]
+def _differentiate(pictures, smooth, slope, tensor, energy):  # type: ignore[no-untyped-def]
+    """Gradient products of smoothed pictures, summed over the channels, and their trace."""
+    labels, channels, height, width = pictures.shape
+    reach = len(smooth) // 2
+    for label in prange(labels):
+        down = np.empty(width + 2 * reach, np.float32)
+        level = np.empty(width + 2 * reach, np.float32)
+        sums = np.empty((3, width), np.float32)
+        for y in range(height):
+            sums[:] = 0
+            for channel in range(channels):
+                _vertical(pictures[label, channel], y, smooth, slope, level, down)
+                _products(level, down, smooth, slope, sums)
+            xx, yy, xy = sums[0], sums[1], sums[2]
+            for x in range(width):
+                tensor[label, y, x, 0], tensor[label, y, x, 1] = xx[x], yy[x]
+                tensor[label, y, x, 2] = xy[x]
+                energy[label, y, x] = xx[x] + yy[x]
+
+
+@compiled()
+def _vertical(picture, y, smooth, slope, level, down):  # type: ignore[no-untyped-def]
+    """A row smoothed and differentiated along y; outside are the mirrored borders."""
+    height, width = picture.shape
+    reach = len(smooth) // 2
+    level[:] = 0
+    down[:] = 0
+    inside, steep = level[reach:reach + width], down[reach:reach + width]
+    for k in range(len(smooth)):
+        row, a, b = picture[mirrored(y + k - reach, height)], smooth[k], slope[k]
+        for x in range(width):
+            inside[x] += a * row[x]
+            steep[x] += b * row[x]
+    for k in range(reach):
+        before, after = mirrored(k - reach, width), mirrored(width + k, width)
+        level[k], level[reach + width + k] = inside[before], inside[after]
+        down[k], down[reach + width + k] = steep[before], steep[after]
+
+
+@compiled()
+def _products(level, down, smooth, slope, sums):  # type: ignore[no-untyped-def]
+    xx, yy, xy = sums[0], sums[1], sums[2]
+    for x in range(len(xx)):
+        gx = gy = np.float32(0)
+        for k in range(2 * _REACH + 1):
+            gx += slope[k] * level[x + k]
+            gy += smooth[k] * down[x + k]
+        xx[x] += gx * gx
+        yy[x] += gy * gy
+        xy[x] += gx * gy
+
+
+@compiled(parallel=True)
+def _normalise(tensor, around, median, out):  # type: ignore[no-untyped-def]
+    """The tensor in units of the contrast around, (height, width, labels, 3)."""
+    labels, height, width, _ = tensor.shape
     for y in prange(height):
         for x in range(width):
-            xx = yy = xy = np.float32(0)
-            for k in range(gx.shape[0]):
-                a, b = gx[k, y + pad, x + pad], gy[k, y + pad, x + pad]
-                xx += a * a
-                yy += b * b
-                xy += a * b
-            tensor[y, x, label, 0] = xx
-            tensor[y, x, label, 1] = yy
-            tensor[y, x, label, 2] = xy
-
-
-def _normalise(tensor: NDArray[np.float32]) -> NDArray[np.float32]:
-    energy = tensor[..., 0] + tensor[..., 1]
-    around = np.empty_like(energy)
-    for first in range(0, energy.shape[2], _CHANNELS):
-        some = np.s_[:, :, first:first + _CHANNELS]
-        around[some] = cv2.GaussianBlur(energy[some], (0, 0), _NEIGHBOURHOOD).reshape(
-            energy[some].shape)
-    return tensor / np.maximum(around + np.median(energy), 1e-12)[..., None]
+            for label in range(labels):
+                scale = np.float32(1) / max(around[label, y, x] + median, np.float32(1e-12))
+                for k in range(3):
+                    out[y, x, label, k] = tensor[label, y, x, k] * scale

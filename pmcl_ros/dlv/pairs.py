@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.lightfield.geometry import ViewGrid
 
+_ROUNDING = 1e-6  # px: a place so little outside is inside
+
 
 @dataclass(frozen=True)
 class StereoPairs:
@@ -24,9 +26,9 @@ class StereoPairs:
     def of(cls, grid: ViewGrid, views: int) -> 'StereoPairs':
         """The inner `views` x `views` of the grid (a smaller grid: all), without the centre.
 
-        A view outside the pupil (weight 0) holds no picture and is left out. Any other counts
-        fully, as in the paper, however little light it got: its brightness is restored when it is
-        decoded. Raises VolumeError when the centre view or every other view is dark.
+        A view outside the pupil (weight 0) holds no picture and is left out: so is any view whose
+        weight the caller sets to 0. Raises VolumeError when the centre view or every other view
+        is dark.
         """
         row, column = grid.centre
         if grid.weights[row, column] <= 0:
@@ -55,6 +57,31 @@ class StereoPairs:
         total = x + y
         return np.divide(x, total, out=np.full_like(total, 0.5), where=total > 0)
 
+    @property
+    def light(self) -> NDArray[np.float64]:
+        """(pairs,) how much a pair's difference tells, next to one of two views of full light.
+
+        A view of weight w was made 1 / w times as bright, and its photon noise with it: the
+        variance of its difference from the centre view is (1 + 1 / w) / 2 times that of a view
+        like the centre. Costs count by the inverse of that.
+        """
+        rows, columns = self.indices.T
+        weights = (self.grid.weights[rows, columns] / self.grid.weights[self.grid.centre])
+        return np.asarray(2 * weights / (1 + weights), float)
+
+    def inside(self, depths: NDArray[np.floating]) -> NDArray[np.int64]:
+        """(pairs, 4) first x, one past the last x, first y, one past the last y [px] of the pixels
+        whose displaced places lie inside the pair's view at all `depths` [m].
+
+        A pair counts for these pixels alone. Then every label of a pixel is judged by the same
+        views, and none is punished because its samples leave the image.
+        """
+        shifts = self.shifts(depths)
+        size = np.array([self.grid.pinhole.width, self.grid.pinhole.height])
+        first = np.maximum(np.ceil(-shifts.min(axis=1) - _ROUNDING), 0)
+        end = np.minimum(np.floor(size - 1 - shifts.max(axis=1) + _ROUNDING) + 1, size)
+        return np.stack([first, np.maximum(end, first)], axis=-1).reshape(-1, 4).astype(np.int64)
+
     def shifts(self, depths: NDArray[np.floating]) -> NDArray[np.float64]:
         """(pairs, labels, 2) displacement in each view, x and y [px], of a point at `depths` [m].
 
@@ -69,3 +96,10 @@ class StereoPairs:
                 f'at {np.min(depths):g} m views are displaced by {np.abs(shifts).max():.0f} px, '
                 f'out of their {pinhole.width}x{pinhole.height} px: choose a larger near')
         return shifts
+
+    def labels_needed(self, near: float, far: float) -> int:
+        """How many labels from `near` to `far` [m] it takes for no view to move by more than 1 px
+        from one to the next: between coarser ones, matches and edges are missed.
+        """
+        first, last = self.shifts(np.array([far, near])).swapaxes(0, 1)
+        return int(np.ceil(np.abs(last - first).max())) + 1

@@ -1,7 +1,7 @@
 """The cost volume as the paper writes it (section V.A), plainly: what the fast form must equal.
 
 It is also the only form with the paper's phase shift, for the faithful mode: a transform for each
-view and label.
+view and label. How it samples does not depend on how the fast form does.
 """
 
 from collections.abc import Callable, Iterator
@@ -10,8 +10,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import LUMINANCE
+from pmcl_ros.dlv.runs import Runs
+from pmcl_ros.dlv.sampling import neutral_taps, smoothed
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.light_field import LightField
 
@@ -24,32 +27,50 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> NDArray[np.float64]:
     """C(x, l) = beta C_c + (1 - beta) C_g, (labels, height, width) float64.
 
-    depths: (labels,) [m]. The sums run over the views and the window R_x, cut off at the image's
-    border. Intensities are linear light, clipped to [0, 1] and gamma encoded as in a displayed
-    picture, so that the noise of dark and of bright pixels counts about alike. Raises VolumeError
-    when no two views have light, or the depths shift views out of the image.
+    depths: (labels,) [m]. height and width are those of `Lattice.of` the settings. The sums run
+    over the views and the window R_x, cut off at the image's border; at a pixel a view counts if
+    its samples at all labels lie inside it. Intensities are linear light, clipped to [0, 1] and
+    gamma encoded as in a displayed picture, so that the noise of dark and of bright pixels counts
+    about alike. Raises VolumeError when no two views have light, the depths shift views out of the
+    image, or the crop is not in it.
     """
-    pinhole = light_field.grid.pinhole
-    total = np.zeros((len(depths), pinhole.height, pinhole.width))
+    wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    half = settings.window // 2 // settings.stride
+    lattice = wanted.grown(half)
+    total = np.zeros((len(depths), len(lattice.rows), len(lattice.columns)))
     for label, cost in pixel_costs(light_field, depths, settings):
-        total[label] += cost
-    return window_sum(total, settings.window)
+        total[label] += cost[np.ix_(lattice.rows, lattice.columns)]
+    rows, columns = wanted.within(lattice)
+    return window_sum(total, 2 * half + 1)[:, rows, columns]
 
 
 def pixel_costs(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> Iterator[tuple[int, NDArray[np.floating]]]:
     """Each view's part of each label's cost, as (label, (height, width)), no window summed.
 
-    Views come one after the other, with all labels: who waits for a phase shift can count them.
+    It is 0 where a sample of the view lies outside it at any label.
     """
     pairs = StereoPairs.of(light_field.grid, settings.views)
-    sampler = {'bilinear': bilinear, 'phase': phase_shift}[settings.interpolation]
-    centre = sampler(channels(light_field.centre_view, light_field.gamma))(np.zeros(2))
     shifts = pairs.shifts(depths)
-    for (row, column), gamma, places in zip(pairs.indices, pairs.gamma, shifts, strict=True):
-        sample = sampler(channels(light_field.views[row, column], light_field.gamma))
-        for label, place in enumerate(places):
-            yield label, _pixel_cost(centre, sample(place), float(gamma), settings)
+    neutral = settings.interpolation == 'neutral'
+    runs = Runs.neutral(shifts) if neutral else None
+    light = pairs.light if settings.view_weights == 'light' else np.ones(len(pairs.indices))
+    centre = _channels_of(light_field, light_field.grid.centre, neutral)
+    for pair, (left, right, top, bottom) in enumerate(pairs.inside(depths)):
+        view = _channels_of(light_field, pairs.indices[pair], neutral)
+        sample = {'bilinear': bilinear, 'phase': phase_shift, 'neutral': tapped}[
+            settings.interpolation](view)
+        samples = map(sample, shifts[pair]) if runs is None else on_runs(sample, runs, pair)
+        inside = np.zeros(view.shape[1:])
+        inside[top:bottom, left:right] = light[pair]
+        for label, seen in enumerate(samples):
+            yield label, inside * _pixel_cost(centre, seen, float(pairs.gamma[pair]), settings)
+
+
+def _channels_of(light_field: LightField, place: NDArray[np.int64] | tuple[int, int],
+                 smooth: bool) -> NDArray[np.float64]:
+    row, column = place
+    return channels(light_field.views[row, column], light_field.gamma, smooth)
 
 
 def _pixel_cost(centre: NDArray[np.floating], view: NDArray[np.floating], gamma: float,
@@ -62,13 +83,17 @@ def _pixel_cost(centre: NDArray[np.floating], view: NDArray[np.floating], gamma:
     return np.asarray(settings.beta * colour + (1 - settings.beta) * gradient)
 
 
-def channels(view: NDArray[np.float32], gamma: float) -> NDArray[np.float64]:
+def channels(view: NDArray[np.float32], gamma: float, smooth: bool = False
+             ) -> NDArray[np.float64]:
     """(5, height, width): red, green, blue in [0, 1], gamma encoded; d/dx, d/dy of luma [1/px].
 
-    view: (height, width, 3), linear. The luminance is that of the encoded colours; its derivatives
-    are central differences, the border's values going on outwards.
+    view: (height, width, 3), linear. smooth: the colours go through `sampling.SMOOTHER`. The
+    luminance is that of the encoded colours; its derivatives are central differences, the border's
+    values going on outwards.
     """
     colour = np.clip(view.astype(float), 0, 1) ** gamma
+    if smooth:
+        colour = np.moveaxis(smoothed(np.moveaxis(colour, -1, 0)), 0, -1)
     padded = np.pad(colour @ LUMINANCE.astype(float), 1, mode='edge')
     across = (padded[1:-1, 2:] - padded[1:-1, :-2]) / 2
     along = (padded[2:, 1:-1] - padded[:-2, 1:-1]) / 2
@@ -91,6 +116,32 @@ def bilinear(image: NDArray[np.float64]) -> Sampler:
         lower = image[:, bottom, left] * (1 - u) + image[:, bottom, right] * u
         return np.asarray(upper * (1 - v) + lower * v)
     return sample
+
+
+def tapped(image: NDArray[np.float64]) -> Sampler:
+    """Sampler like `bilinear`, by noise-neutral taps; the image is a smoothed one."""
+    height, width = image.shape[1:]
+
+    def sample(shift: NDArray[np.float64]) -> NDArray[np.float64]:
+        cell = np.floor(shift).astype(int)
+        across, down = neutral_taps(shift - cell)
+        rows = [np.clip(np.arange(height) + cell[1] + k, 0, height - 1) for k in range(-1, 3)]
+        columns = [np.clip(np.arange(width) + cell[0] + k, 0, width - 1) for k in range(-1, 3)]
+        part = np.einsum('k,ckyx->cyx', down, np.stack([image[:, each] for each in rows], axis=1))
+        part = np.stack([part[:, :, each] for each in columns], axis=-1)
+        return np.asarray(part @ across)
+    return sample
+
+
+def on_runs(sample: Sampler, runs: Runs, pair: int) -> Iterator[NDArray[np.floating]]:
+    """Samples of a pair's view at each label, between the three exact ones of the label's run."""
+    where = runs.where[runs.where[:, 0] == pair]
+    for _, first, end, node in where:
+        places = runs.places[node:node + 3]
+        begin, middle, last = (sample(place) for place in places)
+        for t in runs.time[pair, first:end].astype(float):
+            yield ((2 * t - 1) * (t - 1) * begin + 4 * t * (1 - t) * middle
+                   + t * (2 * t - 1) * last)
 
 
 def phase_shift(image: NDArray[np.float64]) -> Sampler:

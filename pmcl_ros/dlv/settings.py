@@ -1,10 +1,12 @@
 """Parameters of the depth likelihood volume."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.settings import Settings
+
+_Pixels = Annotated[int, Field(ge=0, le=100_000)]
 
 
 class DlvSettings(Settings):
@@ -28,10 +30,19 @@ class DlvSettings(Settings):
     color_cost: Literal['l2', 'sad'] = Field(
         'l2', description='colour distance over RGB: l2 as in the paper, or sad, the sum of '
         'absolute differences')
-    interpolation: Literal['phase', 'bilinear'] = Field(
-        'bilinear', description='how views are sampled between pixels: phase shifts them exactly '
-        '(the paper; many seconds); bilinear is fast, but averages noise and so favours labels of '
-        'half-pixel displacement on flat pixels')
+    interpolation: Literal['neutral', 'phase', 'bilinear'] = Field(
+        'neutral', description='how views are sampled between pixels: neutral leaves noise as '
+        'strong at every displacement; phase shifts exactly (the paper; many seconds); bilinear '
+        'averages noise, and so favours labels of half-pixel displacement on flat pixels')
+    view_weights: Literal['light', 'equal'] = Field(
+        'light', description='how much a view counts: light, by the light it got, since a dim '
+        'view is a noisy one; equal, as in the paper')
+    crop: tuple[_Pixels, _Pixels, _Pixels, _Pixels] = Field(
+        (0, 0, 0, 0), description='left, top, width, height of the part of the centre view that '
+        'gets a volume; a size of 0 is up to the end of the image [px]')
+    stride: int = Field(
+        1, ge=1, le=16, description='only every stride-th pixel of the crop, across and down, '
+        'gets a ray; the window sums over such pixels alone [px]')
     truncate: bool = Field(
         False, description='keep only the highest local maxima of each pixel, set the rest to 0')
     maxima: int = Field(2, ge=1, le=100,

@@ -1,10 +1,12 @@
 """The third of the four values: how likely light on a pixel came from each depth."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.lattice import Lattice
+from pmcl_ros.dlv.layers import Layers, read_layers
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole
@@ -52,6 +54,13 @@ class EdgeVolume:
     def __post_init__(self) -> None:
         _check(self.tensor, (3,), self.depths, self.pinhole, 'edge volume')
 
+    def on(self, lattice: Lattice) -> 'EdgeVolume':
+        """The same on some of the pixels."""
+        if lattice.pinhole == self.pinhole:
+            return self
+        tensor = np.ascontiguousarray(self.tensor[lattice.rows[:, None], lattice.columns])
+        return replace(self, tensor=tensor, pinhole=lattice.pinhole)
+
 
 @dataclass(frozen=True)
 class DepthLikelihoodVolume:
@@ -72,8 +81,13 @@ class DepthLikelihoodVolume:
     def __post_init__(self) -> None:
         _check(self.likelihood, (), self.depths, self.pinhole, 'volume')
 
+    def layers(self, count: int = 2, prominence: float = 0.1) -> Layers:
+        """The most likely distinct surfaces along each ray (`read_layers`)."""
+        return read_layers(self.likelihood, self.depths, count, prominence)
+
     def depth_map(self) -> NDArray[np.float32]:
-        """(height, width) the most likely depth of each pixel [m]; NaN where all are alike."""
-        best = self.likelihood.argmax(axis=2)
-        flat = self.likelihood.max(axis=2) <= 0
-        return np.where(flat, np.nan, self.depths[best]).astype(np.float32)
+        """(height, width) the most likely depth of each pixel [m], between the labels.
+
+        NaN where all labels are alike.
+        """
+        return self.layers(1, 0).depths[..., 0]

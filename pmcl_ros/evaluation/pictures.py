@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.errors import PmclError
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -67,6 +68,19 @@ def depth_picture(depth: NDArray[np.floating], near: float, far: float) -> NDArr
     for metres, x in ((far, 2), (middle, width // 2 - 22), (near, width - 48)):
         _write(bar, f'{metres:.2f} m', x, 11)
     return np.concatenate([picture, bar])
+
+
+def layers_picture(layers: Layers, near: float, far: float) -> NDArray[np.uint8]:
+    """Two depth pictures side by side: the front surface of each ray, and what is behind it.
+
+    Behind a ray's only surface there is nothing (black).
+    """
+    halves = []
+    for name, depth in (('front', layers.front), ('behind it', layers.behind)):
+        half = depth_picture(depth, near, far)
+        _write(half, name, 4, 14)
+        halves.append(half)
+    return np.concatenate(halves, axis=1)
 
 
 def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:

@@ -8,17 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from pmcl_ros.camera.files import list_pictures, read_raw_frame
+from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
 from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.geometry import ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.sources.read import read_light_field
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
+
+_MOST_LABELS = 1000  # that the settings allow; the volume warns where more are needed
 
 
 @dataclass(frozen=True)
@@ -52,14 +58,17 @@ def find_captures(folder: Path | str) -> list[Path]:
     return found
 
 
-def run_trials(capture: Path, decoder: Decoder, mode: Mode, seeds: Iterable[int]
+def run_trials(capture: Path, decoders: Decoders | None, mode: Mode, seeds: Iterable[int]
                ) -> Iterator[Trial]:
-    """Localise one capture once for each seed."""
+    """Localise one capture once for each seed.
+
+    decoders: of the camera; None where the capture is a light field, not a raw picture.
+    """
     truth = Truth.load(capture / 'truth.json')
     model = ObjectModel.load(capture / 'model.obj')
     near, far = Region(truth.roi_center, truth.roi_size).grown(model.radius)
-    frame = read_raw_frame(list_pictures(capture)[0])
-    volume = build_volume(decoder.decode(frame), volume_settings(mode, near, far))
+    light_field = _light_field(capture, decoders)
+    volume = build_volume(light_field, volume_settings(mode, near, far, light_field.grid))
     settings = PmclSettings(mode=mode, roi_center=truth.roi_center, roi_size=truth.roi_size)
     with Localizer(model, settings) as localizer:
         for seed in seeds:
@@ -72,11 +81,27 @@ def run_trials(capture: Path, decoder: Decoder, mode: Mode, seeds: Iterable[int]
                         truth.empty, seconds)
 
 
-def volume_settings(mode: Mode, near: float, far: float) -> DlvSettings:
-    """The volume that belongs to a mode: the paper shifts by phase and truncates."""
-    values: dict[str, object] = {'near': near, 'far': far}
+def _light_field(capture: Path, decoders: Decoders | None) -> LightField:
+    """Of the raw picture in a capture's folder, where there is one, else of the views there."""
+    if not any(is_picture(path) for path in capture.iterdir()):
+        return read_light_field(capture)
+    picture = list_pictures(capture)[0]
+    if decoders is None:
+        raise SettingsError(f'{picture} is a raw picture: its calibration is needed')
+    return decoders.decode(read_raw_frame(picture))
+
+
+def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid) -> DlvSettings:
+    """The volume that belongs to a mode: the paper shifts by phase, truncates, weighs no views.
+
+    There are as many labels as by default, or more where the views are farther apart.
+    """
+    default = DlvSettings()
+    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
+    values: dict[str, object] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
+                                 'edge_labels': max(default.edge_labels, needed)}
     if mode == 'faithful':
-        values |= {'interpolation': 'phase', 'truncate': True}
+        values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
     return DlvSettings.make(values, 'region of interest')
 
 

@@ -29,12 +29,12 @@ class Calibration(Settings):
     baseline: float = Field(gt=0, lt=0.1,
                             description='between adjacent views (one raw pixel apart) [m]')
     focus_distance: float = Field(
-        gt=0, allow_inf_nan=True, description='depth of zero disparity of lattice-aligned views '
-        '[m]; .inf: the views are left lattice-aligned')
+        gt=0, allow_inf_nan=True, description='depth of zero disparity of lattice-aligned '
+        'views; .inf: the views are left lattice-aligned [m]')
     k1: float = Field(0.0, gt=-10, lt=10,
                       description='radial distortion: x_distorted = x (1 + k1 r^2 + k2 r^4), x '
-                      'and r in normalised image coordinates')
-    k2: float = Field(0.0, gt=-10, lt=10, description='radial distortion, fourth order')
+                      'and r in normalised image coordinates [1]')
+    k2: float = Field(0.0, gt=-10, lt=10, description='radial distortion, fourth order [1]')
     lattice: Lattice
     serial: str = Field('', description='serial number of the camera; empty: unknown')
 

@@ -1,91 +1,91 @@
 """RawFrame -> LightField: 9x9 rectified views of one raw frame (lytro_f01.md, section C)."""
 
+import threading
+
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.devignette import devignette, relative_light
-from pmcl_ros.lightfield.geometry import ViewGrid, nominal_positions
-from pmcl_ros.lightfield.lenslets import sample_lenslets
+from pmcl_ros.lightfield.colour import Colour
+from pmcl_ros.lightfield.devignette import relative_light
+from pmcl_ros.lightfield.geometry import ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.resample import resample_views
+from pmcl_ros.lightfield.plan import DecodePlan
 
-_VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
-_PITCH = 10  # raw pixels per view pixel
-# Raw px: so far within its lenslet's edge must a view be read. On the edge half the light is the
-# neighbour's; bodies whose pitch is 10.004 px have the 3-4-5 views there, inside by a hair.
-_WITHIN = 0.25
-_BRIGHTEST = 1.1  # times the centre's light: no view gets as much, if the lattice is the camera's
+VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
+_PITCH = 10  # raw pixels per pixel of the calibration
 
 
 class Decoder:
     """Decodes the raw frames of one camera body at one zoom and focus.
 
     calibration: geometry and lattice. white: a white image of the same body, zoom and focus.
-    Raises LightFieldError when the two do not fit each other.
+    views: of a row and column of the grid, odd, one raw pixel apart. size: width and height of a
+    view [px] other than the calibration's.
+    Keeps the plan of the decode; `light` is the (height, width) map of the light that each raw
+    pixel got. Raises LightFieldError when calibration and white image do not fit each other.
     """
 
-    def __init__(self, calibration: Calibration, white: RawFrame) -> None:
-        height, width = white.counts.shape
-        if (calibration.width * _PITCH, calibration.height * _PITCH) != (width, height):
-            raise LightFieldError(
-                f'calibration is for views of {calibration.width}x{calibration.height}, that is '
-                f'raw frames of {calibration.width * _PITCH}x{calibration.height * _PITCH}; the '
-                f'white image has {width}x{height}')
-        self.calibration = calibration
-        self._check_serial(white, 'the white image')
-        self._light = relative_light(white)
-        lattice = calibration.lattice
-        self._radius = lattice.pitch_px / 2
-        i0, i1, j0, j1 = lattice.index_range(width, height)
-        self._origin = (j0, i0)
-        self._centres = lattice.centres(*np.meshgrid(np.arange(i0, i1), np.arange(j0, j1)))
-        positions = nominal_positions(_VIEWS, _VIEWS)
-        weights = self._weights(positions)
-        self._inside = weights > 0
-        self._offsets = positions[self._inside]
-        focus = calibration.baseline / calibration.focus_distance
-        self._shifts = self._offsets * [calibration.fx * focus, calibration.fy * focus]
-        self._grid = ViewGrid(calibration.pinhole, calibration.baseline, positions, weights)
+    def __init__(self, calibration: Calibration, white: RawFrame, views: int = VIEWS,
+                 size: tuple[int, int] | None = None) -> None:
+        self._begin(calibration, white.counts.shape, white.metadata.serial, 'the white image')
+        self._prepare(relative_light(white), views, size)
+
+    @classmethod
+    def of_light(cls, calibration: Calibration, light: NDArray[np.float32], serial: str = '',
+                 views: int = VIEWS, size: tuple[int, int] | None = None) -> 'Decoder':
+        """A decoder where there is no white image.
+
+        light: (height, width) float32, the light each pixel got, 1 at the centres of lenslets.
+        serial: of the camera that it belongs to; empty: unknown.
+        """
+        decoder = cls.__new__(cls)
+        decoder._begin(calibration, light.shape, serial, 'the map of light')
+        decoder._prepare(light, views, size)
+        return decoder
 
     @property
     def grid(self) -> ViewGrid:
         """The geometry and the weights of the views."""
-        return self._grid
+        return self.plan.grid
 
     def decode(self, frame: RawFrame) -> LightField:
         """The views of one raw frame; LightFieldError when it is of another size or camera."""
-        self._check_serial(frame, 'the picture')
-        linear = devignette(frame, self._light)
-        samples = sample_lenslets(linear, self._centres, self._offsets, self._radius)
-        pinhole = self._grid.pinhole
-        views = np.zeros((_VIEWS, _VIEWS, pinhole.height, pinhole.width, 3), np.float32)
-        views[self._inside] = resample_views(samples, self.calibration.lattice, self._origin,
-                                             pinhole.width, pinhole.height, self._shifts)
-        return LightField(frame.header, views, self._grid, frame.metadata.image.color.gamma)
+        metadata, pinhole = frame.metadata, self.grid.pinhole
+        self._check_serial(metadata.serial, 'the picture')
+        if frame.counts.shape != self.light.shape:
+            raise LightFieldError(f'raw frame {frame.counts.shape} and white image '
+                                  f'{self.light.shape} differ in size')
+        # A fresh array of this size from numpy has large pages, which cost little to get.
+        views = np.empty((*self.grid.shape, pinhole.height, pinhole.width, 3), np.float32)
+        with self._busy:
+            self.plan.sample(frame, self._samples)
+            self.plan.resample(self._samples, views)
+        return LightField(frame.header, views, self.grid, metadata.image.color.gamma,
+                          Colour.of(metadata))
 
-    def _check_serial(self, frame: RawFrame, what: str) -> None:
-        serial, expected = frame.metadata.serial, self.calibration.serial
+    def _begin(self, calibration: Calibration, shape: tuple[int, ...], serial: str,
+               what: str) -> None:
+        self.calibration = calibration
+        if shape != (calibration.height * _PITCH, calibration.width * _PITCH):
+            raise LightFieldError(
+                f'calibration is for views of {calibration.width}x{calibration.height}, that is '
+                f'raw frames of {calibration.width * _PITCH}x{calibration.height * _PITCH}; '
+                f'{what} has {"x".join(str(side) for side in shape[::-1])}')
+        self._check_serial(serial, what)
+
+    def _prepare(self, light: NDArray[np.float32], views: int,
+                 size: tuple[int, int] | None) -> None:
+        self.light = light
+        self.plan = DecodePlan.make(self.calibration, light, views, size)
+        self._samples = np.empty(self.plan.factors.shape, np.float32)
+        self._busy = threading.Lock()  # of the samples, which every picture overwrites
+
+    def _check_serial(self, serial: str, what: str) -> None:
+        expected = self.calibration.serial
         if serial and expected and serial != expected:
             raise LightFieldError(
                 f'{what} is from camera {serial}, the calibration is for {expected}; use the '
                 'calibration and the white image of one camera')
-
-    def _weights(self, positions: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(9, 9) the light of each view relative to the centre view's; 0 outside the pupil.
-
-        Beyond its disc a lenslet's neighbour begins: such a view would show the neighbour's light.
-        """
-        inside = np.hypot(*np.moveaxis(positions, -1, 0)) < self._radius - _WITHIN
-        light = sample_lenslets(self._light, self._centres, positions[inside], self._radius)
-        weights = np.zeros(inside.shape, np.float32)
-        weights[inside] = np.nanmean(light, axis=(1, 2, 3))
-        centre = weights[_VIEWS // 2, _VIEWS // 2]
-        if not weights.max() < _BRIGHTEST * centre:
-            raise LightFieldError(
-                f'the white image is {centre:.2f} bright under the centres of the lenslets, up to '
-                f'{weights.max():.2f} beside them; the lattice of the calibration belongs to '
-                'another camera, zoom or focus')
-        return np.maximum(weights / centre, 0)

@@ -44,6 +44,17 @@ class Pinhole:
         """The same camera seen through a window of its image."""
         return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
 
+    def resized(self, width: int, height: int) -> 'Pinhole':
+        """The same camera with other pixels: the same field of view in width x height."""
+        across, down = width / self.width, height / self.height
+        return Pinhole(width, height, self.fx * across, self.fy * down,
+                       (self.cx + 0.5) * across - 0.5, (self.cy + 0.5) * down - 0.5)
+
+    def subsample(self, step: int) -> 'Pinhole':
+        """The camera of every `step`-th pixel of each axis, the first included."""
+        return Pinhole(-(-self.width // step), -(-self.height // step), self.fx / step,
+                       self.fy / step, self.cx / step, self.cy / step)
+
 
 @dataclass(frozen=True)
 class ViewGrid:

@@ -1,84 +1,200 @@
 """From the hexagonal lattice of lenslets to square views, by the triangle of the nearest three."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.lightfield.lattice import Lattice
+from pmcl_ros.lightfield.lenslets import Lenslets
 
-_LEAST = 0.2  # of a pixel's three weights, the sum that must have light
+
+@dataclass(frozen=True)
+class ViewPixels:
+    """Where on the sensor the pixels of a rectified view are read.
+
+    pinhole: of the views.
+    scale: raw px that a view pixel is wide, and high: pixel (x, y) covers the sensor's
+        scale * (x .. x + 1, y .. y + 1).
+    k1, k2: radial distortion, in the pinhole's normalised coordinates.
+    """
+
+    pinhole: Pinhole
+    scale: tuple[float, float]
+    k1: float = 0.0
+    k2: float = 0.0
+
+    def places(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(..., 2) raw px of places in a lattice-aligned view without distortion [view px]."""
+        pinhole = self.pinhole
+        across, along = (x - pinhole.cx) / pinhole.fx, (y - pinhole.cy) / pinhole.fy
+        square = across ** 2 + along ** 2
+        stretch = 1 + square * (self.k1 + square * self.k2)
+        return np.stack([
+            (pinhole.cx + (x - pinhole.cx) * stretch + 0.5) * self.scale[0] - 0.5,
+            (pinhole.cy + (y - pinhole.cy) * stretch + 0.5) * self.scale[1] - 0.5], axis=-1)
+
+    def reach(self, shifts: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(n, 4) first and last raw column and row that views read at their `shifts` (n, 2)."""
+        x, y = np.arange(self.pinhole.width), np.arange(self.pinhole.height)
+        top, left = np.zeros(len(x)), np.zeros(len(y))
+        x, y = (np.concatenate([x, x, left, left + x[-1]]),
+                np.concatenate([top, top + y[-1], y, y]))
+        places = self.places(x + shifts[:, :1], y + shifts[:, 1:])
+        low, high = places.min(axis=1), places.max(axis=1)
+        return np.stack([low[:, 0], high[:, 0], low[:, 1], high[:, 1]], axis=-1)
+
+
+@dataclass(frozen=True)
+class StandIns:
+    """The lenslets that a view needs beyond the sensor's edge, and those that stand in for them.
+
+    lenslets: (m, 4) int64, row and column of a lenslet whose sample lies off the sensor, then of
+        the one nearest to it whose sample does not; view after view.
+    starts: (n + 1,) where each view's begin.
+    """
+
+    lenslets: NDArray[np.int64]
+    starts: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, block: Lenslets, lattice: Lattice, offsets: NDArray[np.integer],
+           reach: NDArray[np.floating], width: int, height: int) -> 'StandIns':
+        """Those of samples at offsets (n, 2) [raw px] from the centres of a block of lenslets.
+
+        reach: (n, 4) of `ViewPixels.reach`. width, height: of the sensor [raw px].
+        """
+        last = np.array([width - 1, height - 1])
+        inset = np.minimum(1.2 * block.radius, last / 2)  # beyond it the nearest is on the sensor
+        near = 2 * lattice.pitch_px  # of a place are the corners of its cell
+        found = []
+        for offset, (left, right, top, bottom) in zip(offsets, reach, strict=True):
+            x, y = np.moveaxis(block.centres, -1, 0)
+            read = (x > left - near) & (x < right + near) & (y > top - near) & (y < bottom + near)
+            places = block.centres + offset
+            off = read & ((places < 0) | (places > last)).any(axis=-1)
+            inside = np.clip(places[off], inset, last - inset) - offset
+            found.append(np.column_stack([*np.nonzero(off), block.nearest(lattice, inside)]))
+        starts = np.cumsum([0, *map(len, found)])
+        return cls(np.concatenate(found).astype(np.int64), starts)
 
 
 def resample_views(samples: NDArray[np.float32], lattice: Lattice, origin: tuple[int, int],
-                   width: int, height: int, shifts: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Views on the pixel grid: view pixel (x, y) lies at raw (10 x + 4.5, 10 y + 4.5).
+                   pixels: ViewPixels, shifts: NDArray[np.float64], stand_ins: StandIns,
+                   slots: NDArray[np.int64], out: NDArray[np.float32]) -> None:
+    """Views on the pixel grid, interpolated linearly in the triangle of lenslets around a pixel.
 
-    samples: (n, rows, columns, 3) of lenslets (j, i) = origin + (row, column).
+    samples: (rows, n, 3, columns) of lenslets (j, i) = origin + (row, column), all that are read;
+        those off the sensor are filled.
     shifts: (n, 2) view px: view n is read at (x, y) + shifts[n], which rectifies it.
-    Returns (n, height, width, 3) float32: interpolated linearly within the triangle of lenslets
-    that a pixel lies in; without those of its corners that have no light (NaN or beyond `samples`)
-    and 0 where the others weigh too little to tell.
+    slots: (n,) the places in `out` of the views.
+    out: (m, height, width, 3) float32; the views outside `slots` are filled with 0.
     """
     cx, cy = lattice.centre_px
+    pinhole = pixels.pinhole
+    which = np.full(len(out), -1)
+    which[slots] = np.arange(len(slots))
+    grid = np.array([lattice.pitch_px, lattice.row_step_px, math.cos(lattice.rotation),
+                     math.sin(lattice.rotation), cx, cy])
+    lens = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pixels.scale,
+                     pixels.k1, pixels.k2])
     with LOCK:
-        return _resample(samples, lattice.pitch_px, lattice.row_step_px, lattice.rotation, cx, cy,
-                         origin[0], origin[1], width, height, shifts)
+        _resample(samples.reshape(-1), samples.shape[1], samples.shape[3], grid, origin[0],
+                  origin[1], lens, shifts,
+                  stand_ins.lenslets, stand_ins.starts, which, out)
 
 
 @compiled(parallel=True)
-def _resample(samples, pitch, row_step, rotation, cx, cy,  # type: ignore[no-untyped-def]
-              j0, i0, width, height, shifts):
-    views, rows, columns = samples.shape[:3]
-    out = np.zeros((views, height, width, 3), np.float32)
-    cos, sin = math.cos(rotation), math.sin(rotation)
-    for task in prange(views * height):
-        n, y = task // height, task % height
-        for x in range(width):
-            raw_x = 10 * (x + shifts[n, 0]) + 4.5 - cx
-            raw_y = 10 * (y + shifts[n, 1]) + 4.5 - cy
-            across = (-sin * raw_x + cos * raw_y) / row_step
-            along = (cos * raw_x + sin * raw_y) / pitch
-            j = math.floor(across)
-            t = across - j  # 0 on the row above, 1 on the row below
-            even = j % 2 == 0
-            # Odd rows are moved by half a pitch. In coordinates skewed by that half step the
-            # lenslets form unit squares (p, t), and the diagonal p + t = 1 cuts each into the two
-            # triangles of the hexagonal lattice.
-            skewed = (along if even else along - 0.5) - 0.5 * t
-            ia = math.floor(skewed)
-            p = skewed - ia
-            if p + t <= 1:
-                w0, w1, w2 = 1 - p - t, p, t
-                c0j, c0i, c1j, c1i = j, ia, j, ia + 1
-                c2j, c2i = j + 1, (ia if even else ia + 1)
-            else:
-                w0, w1, w2 = 1 - t, 1 - p, p + t - 1
-                c0j, c0i = j, ia + 1
-                first = ia if even else ia + 1
-                c1j, c1i, c2j, c2i = j + 1, first, j + 1, first + 1
-            total = 0.0
-            red = green = blue = 0.0
-            for k in range(3):
-                if k == 0:
-                    w, jj, ii = w0, c0j - j0, c0i - i0
-                elif k == 1:
-                    w, jj, ii = w1, c1j - j0, c1i - i0
-                else:
-                    w, jj, ii = w2, c2j - j0, c2i - i0
-                if jj < 0 or jj >= rows or ii < 0 or ii >= columns:
-                    continue
-                r, g, b = samples[n, jj, ii, 0], samples[n, jj, ii, 1], samples[n, jj, ii, 2]
-                if math.isnan(r + g + b):
-                    continue
-                total += w
-                red += w * r
-                green += w * g
-                blue += w * b
-            if total > _LEAST:
-                out[n, y, x, 0] = red / total
-                out[n, y, x, 1] = green / total
-                out[n, y, x, 2] = blue / total
-    return out
+def _resample(samples, views, columns, grid, j0, i0, lens,  # type: ignore[no-untyped-def]
+              shifts, stand_ins, starts, which, out):
+    count, height, width = out.shape[:3]
+    flat = out.reshape(-1)
+    for slot in prange(count):
+        first, size = np.uint64(slot * height * width * 3), height * width * 3
+        view = which[slot]
+        if view < 0:
+            for k in range(size):
+                flat[first + np.uint64(k)] = 0
+            continue
+        for k in range(starts[view], starts[view + 1]):
+            to = (stand_ins[k, 0] * views + view) * 3 * columns + stand_ins[k, 1]
+            source = (stand_ins[k, 2] * views + view) * 3 * columns + stand_ins[k, 3]
+            for colour in range(3):
+                samples[to + colour * columns] = samples[source + colour * columns]
+        part = np.empty((2, width), np.float32)
+        line = np.empty((3, width), np.float32)
+        cell = np.empty((2, width), np.int64)
+        for y in range(height):
+            _locate(grid, lens, y + shifts[view, 1], shifts[view, 0], columns * 3 * views, part,
+                    cell)
+            start = 0
+            while start < width:
+                end = start + 1
+                while end < width and cell[0, end] == cell[0, start]:
+                    end += 1
+                j, i = cell[1, start], cell[0, start] - cell[1, start] * columns * 3 * views
+                upper = ((j - j0) * views + view) * 3 * columns + i + start - i0
+                lower = upper + views * 3 * columns + j % 2
+                for colour in range(3):
+                    _blend(samples, np.uint64(upper + colour * columns),
+                           np.uint64(lower + colour * columns), part, line,
+                           np.uint64(colour), np.uint64(start),
+                           end - start)
+                start = end
+            _interleave(line, flat, np.uint64((slot * height + y) * width * 3))
+
+
+@compiled()
+def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untyped-def]
+    """The cell of lenslets that each pixel of a row lies in, and its place (p, t) in the cell.
+
+    Odd rows of the lattice are moved by half a pitch. In coordinates skewed by that half step the
+    lenslets form unit squares, the cells. Along a run of pixels of one key every corner of the
+    cell moves on by one lenslet.
+    """
+    pitch, row_step, cos, sin, cx, cy = grid
+    fx, fy, px, py, wide, high, k1, k2 = lens
+    for x in range(part.shape[1]):
+        dx, dy = x + shift - px, y - py
+        u, v = dx / fx, dy / fy
+        square = u * u + v * v
+        stretch = 1 + square * (k1 + square * k2)
+        raw_x = (px + dx * stretch + 0.5) * wide - 0.5 - cx
+        raw_y = (py + dy * stretch + 0.5) * high - 0.5 - cy
+        across = (cos * raw_y - sin * raw_x) / row_step
+        row = math.floor(across)
+        t = across - row
+        skewed = (cos * raw_x + sin * raw_y) / pitch - 0.5 * ((row & 1) + t)
+        column = math.floor(skewed)
+        part[0, x] = skewed - column
+        part[1, x] = t
+        cell[0, x] = row * stride + column - x
+        cell[1, x] = row
+
+
+@compiled()
+def _blend(samples, upper, lower, part, line, colour, start, length):  # type: ignore[no-untyped-def]
+    """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles."""
+    one, zero = np.float32(1), np.float32(0)
+    for m in range(length):
+        k = np.uint64(m)
+        p, t = part[0, start + k], part[1, start + k]
+        both = p + t - one
+        last = both if both > zero else zero
+        line[colour, start + k] = ((last - both) * samples[upper + k]
+                                   + (p - last) * samples[upper + k + np.uint64(1)]
+                                   + (t - last) * samples[lower + k]
+                                   + last * samples[lower + k + np.uint64(1)])
+
+
+@compiled()
+def _interleave(line, flat, at):  # type: ignore[no-untyped-def]
+    for m in range(line.shape[1]):
+        k = at + np.uint64(3 * m)
+        flat[k] = line[0, m]
+        flat[k + np.uint64(1)] = line[1, m]
+        flat[k + np.uint64(2)] = line[2, m]

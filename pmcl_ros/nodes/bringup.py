@@ -15,7 +15,7 @@ from rclpy.utilities import remove_ros_args
 
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
-from pmcl_ros.nodes.running import NodeThread, pause, ros
+from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.table import NODES, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
@@ -35,9 +35,15 @@ class NodeProcess:
     """A node in a process of its own, which only this one signals."""
 
     def __init__(self, entry: Entry, ros_args: Sequence[str]) -> None:
-        # sys.executable: the pip build of ROS sets its library path for this interpreter alone
-        self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
-                                         start_new_session=True)
+        # The child inherits the mask: what interrupts it while it still imports waits until it can
+        # be noted.
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        try:
+            # sys.executable: the pip build of ROS sets its library path for this interpreter alone
+            self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
+                                             start_new_session=True)
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
     def alive(self) -> bool:
         """Whether it still runs."""

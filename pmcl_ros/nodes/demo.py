@@ -8,22 +8,28 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import State
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rich.console import Console
 from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
 
 from pmcl_ros import conversions
+from pmcl_ros.bags import extract_captures
+from pmcl_ros.camera.simulated.process import served
 from pmcl_ros.errors import PmclError
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.nodes.base import SMALL
+from pmcl_ros.nodes.lifecycle import Lifecycle
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -46,6 +52,7 @@ class Watcher(Node):
         self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
         for topic in ('center/image', 'dlv/depth', 'overlay'):
             self.create_subscription(Image, topic, self._keep(topic), SMALL)
+        self.shutter = self.create_client(Trigger, 'lytro_driver/capture')
 
     @property
     def complete(self) -> bool:
@@ -82,13 +89,11 @@ def _start(stack: ExitStack, module: str, *arguments: str) -> subprocess.Popen[b
     return process
 
 
-def _parameters(bag: Path, truth: Truth) -> list[str]:
-    """What goes over config/pmcl.yaml: the object and the region that belong to the bag."""
-    # The bag speaks in the camera's place: the driver is given a picture, and not triggered.
-    values = {'lytro_driver:source': 'package://pmcl_ros/config/cameras',
-              'pmcl_node:object': str(_mesh(bag)),
+def _parameters(bag: Path, truth: Truth, camera: dict[str, str]) -> list[str]:
+    """What goes over config/pmcl.yaml: the camera, and the object and region of the bag."""
+    values = {'pmcl_node:object': str(_mesh(bag)),
               'pmcl_node:roi_center': list(truth.roi_center),
-              'pmcl_node:roi_size': list(truth.roi_size)}
+              'pmcl_node:roi_size': list(truth.roi_size), **camera}
     return ['--ros-args',
             *(part for name, value in values.items() for part in ('-p', f'{name}:={value}'))]
 
@@ -97,8 +102,20 @@ def _mesh(bag: Path) -> Path:
     return _ROOT / 'models' / f'{bag.name}.obj'
 
 
-def show(bag: Path, out: Path) -> None:
-    """Run the chain on a bag, print its pose beside the truth, write the pictures."""
+def _simulate(stack: ExitStack, bag: Path) -> str:
+    """The address of a simulated camera that sees what is in the bag."""
+    pictures = stack.enter_context(TemporaryDirectory())
+    extract_captures(bag, pictures)
+    address, _ = stack.enter_context(served(pictures, '--empty'))
+    return address.text
+
+
+def show(bag: Path, out: Path, simulate: bool) -> None:
+    """Run the chain on a bag, print its pose beside the truth, write the pictures.
+
+    simulate: a simulated camera is triggered and takes the picture that is in the bag. Else the
+    bag is replayed.
+    """
     truth = Truth.load(bag / 'truth.json')
     with ExitStack() as stack:
         stack.callback(rclpy.try_shutdown)
@@ -107,15 +124,33 @@ def show(bag: Path, out: Path) -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(watcher)
         _say('starting lytro_driver, subaperture_node, dlv_node, pmcl_node; configure, activate')
+        # A bag speaks in the camera's place: the driver is given a picture, and not triggered.
+        camera = {'lytro_driver:source': 'files',
+                  'lytro_driver:path': 'package://pmcl_ros/config/cameras'}
+        if simulate:
+            camera = {'lytro_driver:source': 'wifi',
+                      'lytro_driver:address': _simulate(stack, bag)}
         processes = [_start(stack, 'pmcl_ros.nodes.bringup', '--processes', '--params-file',
                             str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
-                            *_parameters(bag, truth)),
-                     _start(stack, 'pmcl_ros.nodes.replay', str(bag))]
+                            *_parameters(bag, truth, camera))]
+        if not simulate:
+            processes.append(_start(stack, 'pmcl_ros.nodes.replay', str(bag)))
         deadline = time.monotonic() + _PATIENCE
-        while not watcher.complete:
-            executor.spin_once(timeout_sec=0.1)
+
+        def alive(*_: object) -> None:
             if any(process.poll() not in (None, 0) for process in processes):
                 raise DemoError('a process of the chain has failed; its lines above say why')
+
+        if simulate:
+            lifecycle = Lifecycle(watcher, executor, alive)
+            while lifecycle.state('lytro_driver', deadline) != State.PRIMARY_STATE_ACTIVE:
+                executor.spin_once(timeout_sec=0.2)
+            _say('the camera is triggered')
+            watcher.shutter.call_async(Trigger.Request()).add_done_callback(
+                lambda answer: _say(f'lytro_driver: {answer.result().message}'))
+        while not watcher.complete:
+            executor.spin_once(timeout_sec=0.1)
+            alive()
             if time.monotonic() > deadline:
                 raise DemoError(f'no pose after {_PATIENCE:.0f} s; got {list(watcher.pictures)}')
         _say('the pose has come')
@@ -152,12 +187,14 @@ def main() -> int:
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='bag with its truth.json; the object is models/NAME.obj')
     parser.add_argument('--out', type=Path, default=Path('out'), help='folder for the pictures')
+    parser.add_argument('--camera', choices=['', 'simulated'], default='', help='simulated: a '
+                        'camera made of software takes the picture; else the bag is replayed')
     options = parser.parse_args()
     # Nothing of this machine's other ROS nodes, nor of the network's, takes part.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     try:
-        show(options.bag, options.out)
+        show(options.bag, options.out, options.camera == 'simulated')
     except PmclError as error:
         _CONSOLE.print(f'[red]the demo failed:[/] {error}')
         return 1

@@ -10,6 +10,7 @@ from std_msgs.msg import Float32MultiArray
 from pmcl_ros import conversions
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evaluation.pictures import layers_picture
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.running import run
@@ -35,7 +36,9 @@ class DlvNode(StageNode):
         self._volume = self.publisher(Float32MultiArray, 'dlv', BIG)
         self._edges = self.publisher(Float32MultiArray, 'dlv/edges', BIG)
         self._depth = self.publisher(Image, 'dlv/depth', SMALL)
-        self._buffers = {each: conversions.Buffer() for each in ('volume', 'edges', 'depth')}
+        self._layers = self.publisher(Image, 'dlv/layers', SMALL)
+        self._buffers = {each: conversions.Buffer()
+                         for each in ('volume', 'edges', 'depth', 'layers')}
 
     def start(self) -> None:
         """Listen."""
@@ -55,7 +58,7 @@ class DlvNode(StageNode):
     def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> None:
         began = time.monotonic()
         if not any(each.get_subscription_count()
-                   for each in (self._volume, self._edges, self._depth)):
+                   for each in (self._volume, self._edges, self._depth, self._layers)):
             self.dropped('views: nobody listens to dlv')
             return
         light_field = conversions.light_field_from(camera_info, pupil, views)
@@ -66,6 +69,10 @@ class DlvNode(StageNode):
             self._edges.publish(conversions.edges_to_message(volume.edges, self._buffers['edges']))
         if self._depth.get_subscription_count():
             self._depth.publish(conversions.depth_to_message(volume, self._buffers['depth']))
+        if self._layers.get_subscription_count():
+            picture = layers_picture(volume.layers(), self._settings.near, self._settings.far)
+            self._layers.publish(conversions.picture_to_message(volume.header, picture,
+                                                                self._buffers['layers']))
         self.health.done(time.monotonic() - began)
 
 

@@ -46,7 +46,7 @@ class Lifecycle:
             request = ChangeState.Request(transition=Transition(id=_IDS[transition]))
             # DDS may lose a request or an answer right after the two have found each other.
             while not self._answered(name, future := client.call_async(request), deadline):
-                state = self._state(name, deadline)
+                state = self.state(name, deadline)
                 if future.done():  # it was in the transition until now
                     break
                 if state == _ENDS[transition][1]:
@@ -58,6 +58,23 @@ class Lifecycle:
             self._node.destroy_client(client)
         if not response.success:
             raise LifecycleError(f'{name} could not {transition}; its log says why')
+
+    def state(self, name: str, deadline: float) -> int:
+        """The node's state, by lifecycle_msgs/State; it tells none during a transition.
+
+        It then knows the clients that were made before; DDS tells of them in that order. Raises
+        LifecycleError after `deadline`, by time.monotonic().
+        """
+        client = self._node.create_client(GetState, f'{name}/get_state')
+        try:
+            self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
+            future = client.call_async(GetState.Request())
+            while not self._answered(name, future, deadline):
+                future = client.call_async(GetState.Request())
+            answer: Any = future.result()
+            return int(answer.current_state.id)
+        finally:
+            self._node.destroy_client(client)
 
     def _wait(self, name: str, ready: Callable[[], bool], deadline: float, problem: str) -> None:
         while not ready():
@@ -72,16 +89,3 @@ class Lifecycle:
         self._wait(name, lambda: future.done() or time.monotonic() > soon, deadline,
                    'it did not answer')
         return bool(future.done())
-
-    def _state(self, name: str, deadline: float) -> int:
-        """The node's state; it does not answer while it is in a transition."""
-        client = self._node.create_client(GetState, f'{name}/get_state')
-        try:
-            self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
-            future = client.call_async(GetState.Request())
-            while not self._answered(name, future, deadline):
-                future = client.call_async(GetState.Request())
-            answer: Any = future.result()
-            return int(answer.current_state.id)
-        finally:
-            self._node.destroy_client(client)

@@ -16,6 +16,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from pmcl_ros.errors import SettingsError
+from pmcl_ros.nodes.live import is_live
 from pmcl_ros.settings import Settings
 
 _TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
@@ -50,8 +51,9 @@ class Parameters:
 
     def _declare(self, name: str, field: FieldInfo) -> None:
         kind = ros_type(field)
+        when = 'applied at once' if is_live(field) else 'read at the next configure'
         descriptor = ParameterDescriptor(description=field.description or '',
-                                         additional_constraints='read at the next configure')
+                                         additional_constraints=when)
         if kind == Parameter.Type.DOUBLE:
             descriptor.floating_point_range = _range(field, FloatingPointRange, float,
                                                      -sys.float_info.max, sys.float_info.max)

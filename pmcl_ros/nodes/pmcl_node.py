@@ -3,10 +3,11 @@
 import sys
 import time
 from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -14,6 +15,7 @@ from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.pictures import overlay
+from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.resources import resolve
@@ -27,6 +29,8 @@ from pmcl_ros.pmcl.settings import PmclSettings
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 _DISCOVERY = 2.0  # s: how much later ROS may find who publishes it
 _PICTURES = 4  # centre pictures kept for the overlay
+
+T = TypeVar('T')
 
 
 class PmclNode(StageNode):
@@ -60,6 +64,7 @@ class PmclNode(StageNode):
         self._worker.resume()
         self.active.callback(self._take_markers_away)
         self.active.callback(self._worker.stop)
+        self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
             self._edges = self.subscribe(Float32MultiArray, 'dlv/edges', self._on_edges, BIG)
@@ -72,16 +77,18 @@ class PmclNode(StageNode):
         self._random = np.random.default_rng(self._settings.seed)
         self._last: DepthLikelihoodVolume | None = None
         self._pictures: dict[int, Image] = {}
+        self._cameras: dict[int, Pinhole] = {}
         self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
         self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
 
     # in
 
+    def _on_camera(self, message: CameraInfo) -> None:
+        _keep(self._cameras, message, conversions.pinhole_from(message))
+
     def _on_picture(self, message: Image) -> None:
         conversions.picture_from(message)
-        self._pictures[conversions.header_from(message.header).stamp_ns] = message
-        while len(self._pictures) > _PICTURES:
-            del self._pictures[next(iter(self._pictures))]
+        _keep(self._pictures, message, message)
 
     def _on_volume(self, message: Float32MultiArray) -> None:
         self.health.frames_in += 1
@@ -167,14 +174,28 @@ class PmclNode(StageNode):
 
     def _publish_overlay(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume) -> None:
         message = self._pictures.get(estimate.header.stamp_ns)
-        if message is not None and self._overlay.get_subscription_count():
-            picture = overlay(conversions.picture_from(message), volume.pinhole, self._model,
-                              estimate.pose)
-            self._overlay.publish(conversions.picture_to_message(estimate.header, picture))
+        if message is None or not self._overlay.get_subscription_count():
+            return
+        # The volume may be of a part of the picture, or coarser.
+        pinhole = self._cameras.get(estimate.header.stamp_ns, volume.pinhole)
+        picture = conversions.picture_from(message)
+        if picture.shape[:2] != (pinhole.height, pinhole.width):
+            self.get_logger().warning('no overlay: center/image is not of the size of the volume, '
+                                      'and no center/camera_info came with it', once=True)
+            return
+        picture = overlay(picture, pinhole, self._model, estimate.pose)
+        self._overlay.publish(conversions.picture_to_message(estimate.header, picture))
 
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
             self._markers.publish(conversions.no_markers())
+
+
+def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:
+    """Of the last captures."""
+    kept[conversions.header_from(message.header).stamp_ns] = value
+    while len(kept) > _PICTURES:
+        del kept[next(iter(kept))]
 
 
 def main() -> int:

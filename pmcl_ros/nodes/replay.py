@@ -16,36 +16,84 @@ from pmcl_ros.bags import Recorded, Topic, read, topics
 from pmcl_ros.errors import BagError, PmclError
 from pmcl_ros.nodes.running import pause, ros
 
+_PATIENCE = 30.0  # s: for messages to arrive; DDS gives up who has been silent for 20
+
 
 class Player:
     """Publishes recorded messages under their topics' names, relative to the node's namespace."""
 
     def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
-        self._publishers = {each.name: node.create_publisher(
-            _message_type(each.type), each.name.lstrip('/'), _profile(each.qos))
-            for each in topics}
+        self._lines = {each.name: _Line(node, each) for each in topics}
 
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
         """Return once every topic has `count` subscribers; BagError names those that have not."""
         deadline = time.monotonic() + timeout
-        while missing := [publisher.topic_name for publisher in self._publishers.values()
-                          if publisher.get_subscription_count() < count]:
+        while missing := [line.name for line in self._lines.values()
+                          if line.subscribers() < count]:
             if time.monotonic() > deadline:
                 raise BagError(f'fewer than {count} subscribers to {", ".join(missing)} after '
                                f'{timeout:g} s; are the nodes active?')
             pause(0.05)
 
     def play(self, messages: Iterable[Recorded], rate: float) -> None:
-        """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived."""
-        start, first = time.monotonic(), None
+        """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
+
+        The time counts from when the first has been published. What a subscriber keeps of
+        messages that come faster than it takes them is its own choice: the newest, by its depth.
+        """
+        start, first_ns = time.monotonic(), 0
         for number, each in enumerate(messages, 1):
-            first = each.time_ns if first is None else first
-            pause(start + (each.time_ns - first) * 1e-9 / rate - time.monotonic())
-            self._publishers[each.topic].publish(each.cdr)
+            if number > 1:
+                pause(start + (each.time_ns - first_ns) * 1e-9 / rate - time.monotonic())
+            self._lines[each.topic].publish(each.cdr)
             sys.stderr.write(f'{number} {each.topic} {len(each.cdr)} bytes\n')
-        for publisher in self._publishers.values():
-            if not publisher.wait_for_all_acked(Duration(seconds=10)):
-                raise BagError(f'the last message of {publisher.topic_name} did not arrive')
+            if number == 1:
+                start, first_ns = time.monotonic(), each.time_ns
+        for line in self._lines.values():
+            line.wait_until_arrived()
+
+
+class _Line:
+    """A publisher that overwrites nothing in its history before it has arrived.
+
+    Reliable is not enough: a history that keeps the last one drops what a subscriber has been
+    found for but has not got, as it may know of the publisher a moment later than that of it.
+    """
+
+    def __init__(self, node: Node, topic: Topic) -> None:
+        profile = _profile(topic.qos)
+        self._publisher = node.create_publisher(_message_type(topic.type), topic.name.lstrip('/'),
+                                                profile)
+        self._room = profile.depth if profile.history == HistoryPolicy.KEEP_LAST else sys.maxsize
+        self._kept = 0  # not known to have arrived
+
+    @property
+    def name(self) -> str:
+        """The topic's, with the namespace."""
+        return str(self._publisher.topic_name)
+
+    def subscribers(self) -> int:
+        """How many have been found."""
+        return int(self._publisher.get_subscription_count())
+
+    def publish(self, cdr: bytes) -> None:
+        """Publish; return once there is room for the next."""
+        self._publisher.publish(cdr)
+        self._kept += 1
+        # Not sooner: DDS asks for acknowledgement at once only where a history is full, else every
+        # three seconds.
+        if self._kept == self._room:
+            self.wait_until_arrived()
+
+    def wait_until_arrived(self) -> None:
+        """Return once all is in every subscriber's history, taken or not; else BagError."""
+        deadline = time.monotonic() + _PATIENCE
+        while not self._publisher.wait_for_all_acked(Duration(seconds=0.1)):
+            pause(0)
+            if time.monotonic() > deadline:
+                raise BagError(f'a message of {self.name} did not arrive at every subscriber '
+                               f'within {_PATIENCE:g} s')
+        self._kept = 0
 
 
 def _message_type(name: str) -> type:

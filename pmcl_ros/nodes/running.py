@@ -1,12 +1,14 @@
 """What runs nodes: ROS for as long as a program needs it, and a thread for each node.
 
 rclpy's own signal handlers take ROS away while callbacks are at work, and crash where several
-executors run. Here signals are blocked in all threads and asked for instead: nodes finish what
-they do, and are closed while ROS is still there.
+executors run. Here signals are noted and asked for instead: nodes finish what they do, and are
+closed while ROS is still there.
 """
 
 import logging
+import select
 import signal
+import socket
 import threading
 import traceback
 from collections.abc import Iterator
@@ -18,7 +20,8 @@ from rclpy.signals import SignalHandlerOptions
 
 from pmcl_ros.nodes.base import StageNode
 
-_SIGNALS = {signal.SIGINT, signal.SIGTERM}
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_NOTED, _NOTE = socket.socketpair()
 
 
 class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
@@ -27,8 +30,11 @@ class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
 
 @contextmanager
 def ros(args: list[str] | None = None) -> Iterator[None]:
-    """ROS while it lasts; an Interrupted from inside ends it without a trace."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, _SIGNALS)  # inherited by every thread made from now
+    """ROS while it lasts; an Interrupted from inside ends it without a trace.
+
+    The process is expected to end soon after it.
+    """
+    _note_signals()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     core, handler = logging.getLogger('pmcl_ros'), RosLog()
     core.addHandler(handler)
@@ -40,11 +46,24 @@ def ros(args: list[str] | None = None) -> Iterator[None]:
     finally:
         core.removeHandler(handler)
         rclpy.shutdown()
+        for each in SIGNALS:  # it is ending: one more must not cut that short
+            signal.signal(each, signal.SIG_IGN)
+
+
+def _note_signals() -> None:
+    # Not blocked and waited for: threads that libraries made when they were imported, as numpy's,
+    # block nothing, and a signal that hits one of them would end the process on the spot.
+    _NOTE.setblocking(False)
+    signal.set_wakeup_fd(_NOTE.fileno(), warn_on_full_buffer=False)
+    for each in SIGNALS:
+        signal.signal(each, lambda *_: None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # bring-up starts processes with a mask
 
 
 def pause(seconds: float) -> None:
     """Let `seconds` pass; Interrupted when SIGINT or SIGTERM comes, or has come."""
-    if signal.sigtimedwait(_SIGNALS, max(seconds, 0)) is not None:
+    came, _, _ = select.select([_NOTED], [], [], max(seconds, 0))
+    if came:
         raise Interrupted
 
 

@@ -2,18 +2,19 @@
 
 import sys
 import time
+from collections.abc import Callable
 
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
 from pmcl_ros import conversions
-from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.settings import DecodeSettings
 from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
+from pmcl_ros.nodes.live import live_parameters
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 
@@ -25,10 +26,10 @@ class SubapertureNode(StageNode):
     settings_class = DecodeSettings
 
     def set_up(self, settings: DecodeSettings) -> None:
-        """Load calibration and white image."""
-        calibration = Calibration.load(resolve(settings.calibration, 'calibration'))
-        white = read_raw_frame(resolve(settings.white, 'white'))
-        self._decoder = Decoder(calibration, white)
+        """Load calibration and white images."""
+        self._metadata: CameraMetadata | None = None
+        self._decoders = _load(settings)
+        self.configured.enter_context(live_parameters(self, settings, self._renew))
         # in the order of LightFieldMessages: the small ones first, so that `views` completes them
         self._views = [self.publisher(CameraInfo, 'views/camera_info', SMALL),
                        self.publisher(Image, 'views/pupil', SMALL),
@@ -43,6 +44,22 @@ class SubapertureNode(StageNode):
         self._waiting: Image | None = None
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         self.subscribe(Image, 'image_raw', self._on_image, BIG)
+
+    def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
+        """Load what changed parameters name; that the last picture can be decoded shows it fits.
+
+        A picture of another camera shows nothing: the next is one of the new.
+        """
+        decoders, last = _load(settings), self._metadata
+        if last is not None and (last.serial == decoders.serial
+                                 or '' in (last.serial, decoders.serial)):
+            decoders.of(last)
+
+        def use() -> None:
+            self._decoders = decoders
+            self.get_logger().info(f'decodes with calibration {settings.calibration} and white '
+                                   f'image {settings.white} from now on')
+        return use
 
     def _on_metadata(self, message: String) -> None:
         self._metadata = conversions.metadata_from(message)
@@ -66,7 +83,7 @@ class SubapertureNode(StageNode):
         if not any(each.get_subscription_count() for each in (*self._views, *self._centre)):
             self.dropped('an image: nobody listens to views or center')
             return
-        light_field = self._decoder.decode(conversions.raw_frame_from(image, metadata))
+        light_field = self._decoders.decode(conversions.raw_frame_from(image, metadata))
         self._publish_centre(light_field)
         if any(each.get_subscription_count() for each in self._views):
             messages = conversions.light_field_to_messages(light_field, self._views_buffer)
@@ -82,6 +99,12 @@ class SubapertureNode(StageNode):
         if picture.get_subscription_count():
             picture.publish(conversions.picture_to_message(header, light_field.picture(),
                                                            self._picture_buffer))
+
+
+def _load(settings: DecodeSettings) -> Decoders:
+    calibration = Calibration.load(resolve(settings.calibration, 'calibration'))
+    return Decoders(calibration, resolve(settings.white, 'white'), views=settings.views,
+                    size=settings.size)
 
 
 def main() -> int:

@@ -1,5 +1,7 @@
 """The fast cost volume against the plain one, and the plain one against what it should be."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dlv_fields import make_grid, noise_field, planes_field
@@ -9,10 +11,11 @@ from hypothesis import strategies as st
 from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.cost import cost_volume
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.runs import Runs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.lightfield.light_field import LightField
+
+FAST = ['neutral', 'bilinear']
 
 
 def assert_same(field, options, depths):
@@ -21,10 +24,18 @@ def assert_same(field, options, depths):
     assert fast.dtype == np.float32
     samples = len(StereoPairs.of(field.grid, options.views).indices) * options.window ** 2
     np.testing.assert_allclose(fast, plain, rtol=1e-5, atol=2e-6 * samples)
-    return (fast.argmax(0) == plain.argmax(0)).mean(), (fast.argmin(0) == plain.argmin(0)).mean()
+    return agreement(fast, plain), agreement(-fast, -plain)
 
 
-@pytest.mark.parametrize('window', [1, 3, 5])
+def agreement(fast, plain):
+    """The part of the pixels whose highest label is the same, or as high but for rounding."""
+    chosen = np.take_along_axis(plain, fast.argmax(0)[None], 0)[0]
+    same = fast.argmax(0) == plain.argmax(0)
+    return (same | (chosen >= plain.max(0) - 1e-6 * np.abs(plain).max(0))).mean()
+
+
+@pytest.mark.parametrize('interpolation', FAST)
+@pytest.mark.parametrize('window', [1, 5])
 @pytest.mark.parametrize('color_cost', ['l2', 'sad'])
 @pytest.mark.parametrize(('views', 'size', 'baseline', 'jitter'), [
     ((3, 3), (24, 20), 0.001, 0),  # within one cell
@@ -32,9 +43,10 @@ def assert_same(field, options, depths):
     ((5, 7), (31, 17), 0.006, 0.05),  # as measured positions are
     ((1, 5), (40, 9), 0.03, 0.3),  # up to 20 px, rows not in line
 ])
-def test_fast_cost_is_the_reference(views, size, baseline, jitter, color_cost, window):
+def test_fast_cost_is_the_reference(views, size, baseline, jitter, color_cost, window,
+                                    interpolation):
     field = noise_field(make_grid(views, size, baseline, jitter))
-    options = DlvSettings(color_cost=color_cost, window=window)
+    options = DlvSettings(color_cost=color_cost, window=window, interpolation=interpolation)
     worst, best = assert_same(field, options, depth_labels(0.3, 0.9, 25))
     assert worst > 0.999
     assert best > 0.999
@@ -44,21 +56,31 @@ def test_fast_cost_is_the_reference(views, size, baseline, jitter, color_cost, w
 @given(width=st.integers(1, 50), height=st.integers(1, 40), rows=st.sampled_from([1, 3]),
        columns=st.sampled_from([3, 5]), window=st.sampled_from([1, 3, 7]),
        beta=st.floats(0, 1), tau=st.floats(0.01, 2), labels=st.integers(2, 40),
-       step=st.floats(0.01, 0.99), jitter=st.floats(0, 0.3), seed=st.integers(0, 99))
+       step=st.floats(0.01, 0.99), jitter=st.floats(0, 0.3), seed=st.integers(0, 99),
+       crop=st.tuples(*[st.floats(0, 0.9)] * 4), stride=st.sampled_from([1, 2, 4]),
+       view_weights=st.sampled_from(['light', 'equal']), interpolation=st.sampled_from(FAST))
 def test_fast_cost_is_the_reference_whatever_the_shape(
-        width, height, rows, columns, window, beta, tau, labels, step, jitter, seed):
+        width, height, rows, columns, window, beta, tau, labels, step, jitter, seed, crop, stride,
+        view_weights, interpolation):
     # `step`: the largest displacement as a part of what the image allows.
     grid = make_grid((rows, columns), (width, height), 1, jitter, focal=(1, 1), seed=seed)
     reach = np.abs(grid.positions).max(axis=(0, 1))
     near = (reach / (width, height)).max() / step
-    field = noise_field(grid, seed)
-    options = DlvSettings(window=window, beta=beta, tau_color=tau, tau_gradient=tau)
+    weights = np.random.default_rng(seed).uniform(0.1, 1, grid.shape).astype(np.float32)
+    field = noise_field(replace(grid, weights=weights), seed)
+    left, top = int(crop[0] * width), int(crop[1] * height)
+    options = DlvSettings(
+        window=window, beta=beta, tau_color=tau, tau_gradient=tau, stride=stride,
+        view_weights=view_weights, interpolation=interpolation,
+        crop=(left, top, int(crop[2] * (width - left)), int(crop[3] * (height - top))))
     assert_same(field, options, depth_labels(near, 4 * near, labels))
 
 
-def test_rows_longer_than_a_tile():
+@pytest.mark.parametrize('interpolation', FAST)
+def test_rows_longer_than_a_tile(interpolation):
     field = noise_field(make_grid((3, 3), (701, 5), 0.006))
-    worst, best = assert_same(field, DlvSettings(), depth_labels(0.3, 0.9, 7))
+    options = DlvSettings(interpolation=interpolation)
+    worst, best = assert_same(field, options, depth_labels(0.3, 0.9, 7))
     assert worst > 0.999
     assert best > 0.999
 
@@ -75,20 +97,39 @@ def test_views_may_be_strided_or_double():
         np.testing.assert_array_equal(cost_volume(field, depths, DlvSettings()), expected)
 
 
-def test_runs_cover_every_label_once_and_stay_in_their_cell():
-    depths = depth_labels(0.3, 0.9, 75)
-    positions = make_grid((3, 7), jitter=0.05).positions.reshape(-1, 1, 2)
-    shifts = -0.5 * positions / depths[:, None]
-    runs = Runs.of(shifts, depths)
-    seen = np.zeros(shifts.shape[:2], int)
-    for (pair, first, end, *cell), origin, slope in zip(
-            runs.where, runs.origin, runs.slope, strict=True):
-        seen[pair, first:end] += 1
-        place = origin + runs.time[pair, first:end, None] * slope
-        assert (place > -1e-5).all()
-        assert (place < 1 + 1e-5).all()
-        np.testing.assert_allclose(cell + place, shifts[pair, first:end], atol=1e-5)
-    assert (seen == 1).all()
+@pytest.mark.parametrize('interpolation', FAST)
+def test_a_crop_is_a_part_and_a_stride_takes_every_nth(interpolation):
+    field = noise_field(make_grid((3, 3), (41, 33), 0.006))
+    depths = depth_labels(0.3, 0.9, 9)
+    options = DlvSettings(interpolation=interpolation, window=5)
+    whole = cost_volume(field, depths, options)
+    part = cost_volume(field, depths, options.model_copy(update={'crop': (7, 5, 20, 13)}))
+    np.testing.assert_allclose(part, whole[:, 5:18, 7:27], rtol=1e-4)
+    rest = cost_volume(field, depths, options.model_copy(update={'crop': (30, 0, 0, 4)}))
+    np.testing.assert_allclose(rest, whole[:, :4, 30:], rtol=1e-4)
+    single = options.model_copy(update={'window': 1})
+    pixels = cost_volume(field, depths, single)
+    for stride in (2, 4):
+        few = single.model_copy(update={'stride': stride, 'crop': (1, 2, 0, 0)})
+        np.testing.assert_allclose(cost_volume(field, depths, few),
+                                   pixels[:, 2::stride, 1::stride], rtol=1e-4)
+
+
+@pytest.mark.parametrize('color_cost', ['l2', 'sad'])
+def test_a_pair_counts_by_the_light_it_got(color_cost):
+    # All but one pair alike: what the dim one adds is its share by light.
+    grid = make_grid((1, 3), (16, 12), 0.01, focal=(1, 1))
+    views = np.full((1, 3, 12, 16, 3), 0.5, np.float32)
+    views[0, 2] = 0.6
+    depths, cost = np.array([2e6, 1e6]), {}
+    for weight in (1, 0.25):
+        dim = replace(grid, weights=np.array([[1, 1, weight]], np.float32))
+        field = LightField(noise_field(grid).header, views, dim, gamma=1)
+        for view_weights in ('light', 'equal'):
+            options = DlvSettings(color_cost=color_cost, view_weights=view_weights)
+            cost[weight, view_weights] = cost_volume(field, depths, options)[0, 6, 8]
+    assert cost[1, 'light'] == cost[1, 'equal'] == cost[0.25, 'equal']
+    assert cost[0.25, 'light'] == pytest.approx(cost[1, 'light'] * 2 * 0.25 / 1.25)
 
 
 def test_window_sum_is_cut_off_at_the_border():

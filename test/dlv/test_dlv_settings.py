@@ -16,7 +16,9 @@ def test_defaults_are_valid_and_described():
     ({'window': 2}, 'window: .*must be odd'),
     ({'beta': 1.5}, 'beta: .*less than or equal to 1'),
     ({'color_cost': 'l3'}, "color_cost: .*'l2' or 'sad'"),
-    ({'interpolation': 'cubic'}, "interpolation: .*'phase' or 'bilinear'"),
+    ({'interpolation': 'cubic'}, "interpolation: .*'neutral', 'phase' or 'bilinear'"),
+    ({'crop': (-1, 0, 0, 0)}, 'crop.*greater than or equal to 0'),
+    ({'stride': 0}, 'stride: .*greater than or equal to 1'),
     ({'lables': 75}, 'lables'),
 ])
 def test_impossible_values_are_refused_by_name(values, message):

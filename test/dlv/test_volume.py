@@ -82,16 +82,13 @@ def test_values_that_are_not_finite_are_refused(make, value):
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0, 1))
-def test_depth_map_is_the_best_label_and_unknown_where_all_are_alike(seed, part):
+def test_depth_map_is_near_the_best_label_and_unknown_where_all_are_alike(seed, part):
     rng = np.random.default_rng(seed)
     likelihood = rng.random((3, 4, 5), np.float32) + 0.01
     flat = rng.random((3, 4)) < part
     likelihood[flat] = 0
     found = likelihood_of(likelihood).depth_map()
     assert found.dtype == np.float32
-    for place in np.ndindex(3, 4):
-        if flat[place]:
-            assert np.isnan(found[place])
-        else:
-            best = np.flatnonzero(likelihood[place] == likelihood[place].max())[0]
-            assert found[place] == np.float32(DEPTHS[best])
+    np.testing.assert_array_equal(np.isnan(found), flat)
+    label = (1 / found - 1 / DEPTHS[0]) / (1 / DEPTHS[1] - 1 / DEPTHS[0])
+    assert (np.abs(label - likelihood.argmax(axis=2))[~flat] <= 0.5 + 1e-5).all()

@@ -1,6 +1,6 @@
 import pytest
 
-from pmcl_ros.evaluation.bench_driver import bench_driver
+from pmcl_ros.evaluation.bench.driver import bench_driver
 
 
 @pytest.fixture(scope='module')

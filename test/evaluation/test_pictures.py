@@ -6,8 +6,15 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.errors import PmclError
-from pmcl_ros.evaluation.pictures import depth_picture, overlay, silhouette, write_png
+from pmcl_ros.evaluation.pictures import (
+    depth_picture,
+    layers_picture,
+    overlay,
+    silhouette,
+    write_png,
+)
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -159,3 +166,15 @@ def test_a_png_that_cannot_be_written_is_named(tmp_path):
         write_png(tmp_path / 'none' / 'picture.png', picture)
     with pytest.raises(PmclError, match=r'cannot write .*: Is a directory'):
         write_png(tmp_path, picture)
+
+
+def test_layers_picture_shows_the_front_and_what_is_behind_side_by_side():
+    front, back = np.full((20, 60), 0.4, np.float32), np.full((20, 60), 0.8, np.float32)
+    back[:, :30] = np.nan  # only one surface there
+    layers = Layers(np.stack([back, front], axis=2), *[np.ones((20, 60, 2), np.float32)] * 2)
+    picture = layers_picture(layers, 0.3, 0.9)
+    behind = np.where(np.isnan(back), np.nan, 0.8)
+    low = np.s_[16:20]  # below the names
+    np.testing.assert_array_equal(picture[low, :60], depth_picture(front, 0.3, 0.9)[low])
+    np.testing.assert_array_equal(picture[low, 60:], depth_picture(behind, 0.3, 0.9)[low])
+    assert not picture[low, 60:90].any()

@@ -20,12 +20,14 @@ class SyntheticCamera:
 
     text: the JSON of frames of its size.
     tilt: how much more light a step along +x and +y of the aperture gets.
+    pupil: radius of the main lens' pupil under a lenslet [raw px]; None: as the lenslet's disc.
+    k1, k2: radial distortion.
     """
 
-    def __init__(self, text, pitch=9.95, serial='A1', tilt=(0, 0)):
+    def __init__(self, text, pitch=9.95, serial='A1', tilt=(0, 0), pupil=None, k1=0, k2=0):
         self.calibration = Calibration(
             width=SIDE // 10, height=SIDE // 10, fx=110, fy=100, cx=19.7, cy=19.2,
-            baseline=0.0035, focus_distance=0.5, serial=serial,
+            baseline=0.0035, focus_distance=0.5, serial=serial, k1=k1, k2=k2,
             lattice={'pitch_px': pitch, 'row_step_px': pitch * 0.8662, 'rotation': 0.004,
                      'centre_px': (201.3, 197.8)})
         self.metadata = CameraMetadata.parse(whole_text(text, serial))
@@ -34,12 +36,26 @@ class SyntheticCamera:
         centres = self.calibration.lattice.centres(i, j).reshape(-1, 2)
         owner = centres[cKDTree(centres).query(raw)[1]]
         # Of every raw pixel: where its lenslet looks [view px], and from where on the aperture.
-        self.place = (owner - 4.5) / 10
+        self.place = self._undistorted((owner - 4.5) / 10)
         self.offset = raw - owner
         # Less light towards the rim of each lenslet and the corners of the sensor.
         self.light = ((1 - 0.5 * np.hypot(*self.offset.T).T ** 4 / 5 ** 4)
                       * (1 - 0.1 * ((raw / SIDE - 0.5) ** 2).sum(-1))
                       * (1 + self.offset @ tilt))
+        if pupil is not None:  # a pixel on the edge gets its part of the light
+            self.light *= np.clip(pupil + 0.5 - np.hypot(*self.offset.T).T, 0, 1)
+
+    def _undistorted(self, place):
+        """Where a camera without distortion sees what this one sees at places (..., 2) [px]."""
+        calibration = self.calibration
+        centre = np.array([calibration.cx, calibration.cy])
+        focal = np.array([calibration.fx, calibration.fy])
+        distorted = (place - centre) / focal
+        found = distorted
+        for _ in range(50):
+            square = (found ** 2).sum(axis=-1, keepdims=True)
+            found = distorted / (1 + calibration.k1 * square + calibration.k2 * square ** 2)
+        return centre + found * focal
 
     @property
     def shift(self):

@@ -39,6 +39,16 @@ def test_a_crop_sees_the_same_in_its_own_pixels(point, left, top):
     np.testing.assert_allclose(cropped.project(point), moved, atol=1e-9)
 
 
+@settings(deadline=None)
+@given(POINTS, st.integers(1, 200), st.integers(1, 200))
+def test_other_pixels_see_the_same_part_of_the_image(point, width, height):
+    resized = PINHOLE.resized(width, height)
+    assert (resized.width, resized.height) == (width, height)
+    # Places measured from the image's corner, in parts of its size.
+    np.testing.assert_allclose((resized.project(point) + 0.5) / [width, height],
+                               (PINHOLE.project(point) + 0.5) / [40, 30], atol=1e-9)
+
+
 @pytest.mark.parametrize('values', [
     (0, 30, 200, 100, 0, 0), (40, -1, 200, 100, 0, 0), (40, 30, 0, 100, 0, 0),
     (40, 30, 200, -1, 0, 0), (40, 30, np.nan, 100, 0, 0), (40, 30, 200, 100, np.inf, 0),

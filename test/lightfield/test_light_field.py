@@ -3,6 +3,7 @@ import pytest
 
 from pmcl_ros.errors import LightFieldError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
 
@@ -41,3 +42,22 @@ def test_the_picture_is_the_centre_view_encoded():
     np.testing.assert_array_equal(picture[0, :, 0], [0, 0, 128, 255, 255])
     assert not picture[..., 1:].any()
     assert not picture[1:].any()
+
+
+def test_the_picture_has_the_cameras_colours():
+    views = np.full(SHAPE, 0.2, np.float32)
+    colour = Colour((2, 1, 1), ((0, 1, 0), (1, 0, 0), (0, 0, 1)))
+    picture = LightField(Header(), views, GRID, 1, colour).picture()
+    np.testing.assert_array_equal(picture[0, 0], [51, 102, 51])
+
+
+@pytest.mark.parametrize('dtype', [np.float32, np.float64])
+@pytest.mark.parametrize('place', [(0, 0, 0, 0, 0), (0, 1, 2, 3, 1), (0, 2, 3, 4, 2)])
+@pytest.mark.parametrize('views', [np.zeros(SHAPE), np.zeros(SHAPE[::-1]).T])
+def test_one_bad_number_anywhere_is_found(dtype, place, views):
+    views = views.astype(dtype)
+    views[:] = 3e38
+    LightField(Header(), views, GRID)
+    views[place] = np.nan
+    with pytest.raises(LightFieldError, match='NaN'):
+        LightField(Header(), views, GRID)

@@ -1,14 +1,17 @@
 """Resampling against the barycentric coordinates of the three lenslets that are nearest."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
+from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.lightfield.lattice import Lattice
-from pmcl_ros.lightfield.resample import resample_views
+from pmcl_ros.lightfield.lenslets import Lenslets
+from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views
 
-WIDTH, HEIGHT = 12, 9
+WIDTH, HEIGHT = 120, 90  # raw px
 LATTICES = st.builds(
     lambda pitch, ratio, rotation, x, y: Lattice(
         pitch_px=pitch, row_step_px=ratio * pitch, rotation=rotation, centre_px=(x, y)),
@@ -17,20 +20,42 @@ LATTICES = st.builds(
 # Of equilateral triangles: those of the nearest three lenslets.
 REGULAR = LATTICES.map(lambda lattice: lattice.model_copy(
     update={'row_step_px': np.sqrt(0.75) * lattice.pitch_px}))
+SIZES = st.sampled_from([(12, 9), (12, 9), (7, 5), (31, 22)])
 SHIFTS = np.array([[0, 0], [0.7, -1.3], [-2, 2]])
+NONE = StandIns(np.zeros((0, 4), np.int64), np.zeros(4, np.int64))
 
 
-def lenslets(lattice, more=6):
-    """The origin (j0, i0) and the centres of lenslets on and `more` of them around the sensor."""
-    i0, i1, j0, j1 = lattice.index_range(10 * WIDTH, 10 * HEIGHT)
-    i, j = np.meshgrid(np.arange(i0 - more, i1 + more), np.arange(j0 - more, j1 + more))
-    return (j0 - more, i0 - more), lattice.centres(i, j)
+def pixels_of(size=(12, 9), k1=0.0, k2=0.0):
+    pinhole = Pinhole(*size, 2.5 * size[0], 2.4 * size[1], 0.45 * size[0], 0.52 * size[1])
+    return ViewPixels(pinhole, (WIDTH / size[0], HEIGHT / size[1]), k1, k2)
 
 
-def places(shift):
-    """(HEIGHT, WIDTH, 2) raw px where a view of that shift is read."""
-    y, x = np.indices((HEIGHT, WIDTH))
-    return np.stack([10 * (x + shift[0]) + 4.5, 10 * (y + shift[1]) + 4.5], axis=-1)
+def block_of(lattice, pixels):
+    reach = pixels.reach(SHIFTS)
+    return Lenslets.covering(lattice, reach[:, 0].min(), reach[:, 1].max(), reach[:, 2].min(),
+                             reach[:, 3].max())
+
+
+def resampled(samples, lattice, block, pixels, slots=(1, 4, 2), stand_ins=NONE):
+    """(3, height, width, 3) views at SHIFTS of samples (n, rows, columns, 3)."""
+    out = np.full((5, pixels.pinhole.height, pixels.pinhole.width, 3), 7, np.float32)
+    ordered = np.ascontiguousarray(samples.transpose(1, 0, 3, 2), np.float32)
+    resample_views(ordered, lattice, block.origin, pixels, SHIFTS, stand_ins,
+                   np.array(slots), out)
+    assert not np.delete(out, slots, axis=0).any()
+    return out[list(slots)]
+
+
+def places(pixels, shift):
+    """(height, width, 2) raw px where a view of that shift is read, as the formulas say."""
+    pinhole, (wide, high) = pixels.pinhole, pixels.scale
+    y, x = np.indices((pinhole.height, pinhole.width)).astype(float)
+    u = (x + shift[0] - pinhole.cx) / pinhole.fx
+    v = (y + shift[1] - pinhole.cy) / pinhole.fy
+    stretch = 1 + pixels.k1 * (u * u + v * v) + pixels.k2 * (u * u + v * v) ** 2
+    x = u * stretch * pinhole.fx + pinhole.cx
+    y = v * stretch * pinhole.fy + pinhole.cy
+    return np.stack([(x + 0.5) * wide - 0.5, (y + 0.5) * high - 0.5], axis=-1)
 
 
 def interpolated(centres, values, place):
@@ -45,59 +70,71 @@ def interpolated(centres, values, place):
 
 
 @settings(max_examples=40, deadline=None)
-@given(LATTICES, st.tuples(st.floats(-2, 2), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)))
-def test_linear_functions_are_reproduced(lattice, slopes):
+@given(LATTICES, SIZES, st.tuples(st.floats(-2, 2), st.floats(-0.1, 0.1), st.floats(-0.1, 0.1)),
+       st.sampled_from([(0, 0), (-0.4, 0.2), (0.5, 0)]))
+def test_linear_functions_are_reproduced(lattice, size, slopes, distortion):
     level, across, down = slopes
-    origin, centres = lenslets(lattice)
-    values = level + across * centres[..., 0] + down * centres[..., 1]
+    pixels = pixels_of(size, *distortion)
+    block = block_of(lattice, pixels)
+    values = level + across * block.centres[..., 0] + down * block.centres[..., 1]
     samples = np.stack([values, 2 * values, 1 - values], axis=-1)
-    samples = np.repeat(samples[None], 3, axis=0).astype(np.float32)
-    views = resample_views(samples, lattice, origin, WIDTH, HEIGHT, SHIFTS)
+    views = resampled(np.repeat(samples[None], 3, axis=0), lattice, block, pixels)
     assert views.dtype == np.float32
     for view, shift in zip(views, SHIFTS, strict=True):
-        place = places(shift)
+        place = places(pixels, shift)
         expected = level + across * place[..., 0] + down * place[..., 1]
         expected = np.stack([expected, 2 * expected, 1 - expected], axis=-1)
         np.testing.assert_allclose(view, expected, atol=1e-4)
 
 
 @settings(max_examples=40, deadline=None)
-@given(REGULAR, st.integers(0, 2**32 - 1))
-def test_a_pixel_is_interpolated_in_its_triangle_of_nearest_lenslets(lattice, seed):
-    origin, centres = lenslets(lattice)
-    samples = np.random.default_rng(seed).random((3, *centres.shape[:2], 3), np.float32)
-    views = resample_views(samples, lattice, origin, WIDTH, HEIGHT, SHIFTS)
+@given(REGULAR, SIZES, st.integers(0, 2**32 - 1), st.sampled_from([(0, 0), (-0.4, 0.2)]))
+def test_a_pixel_is_interpolated_in_its_triangle_of_nearest_lenslets(lattice, size, seed,
+                                                                     distortion):
+    pixels = pixels_of(size, *distortion)
+    block = block_of(lattice, pixels)
+    samples = np.random.default_rng(seed).random((3, *block.shape, 3), np.float32)
+    views = resampled(samples, lattice, block, pixels)
     for view, sample, shift in zip(views, samples, SHIFTS, strict=True):
-        np.testing.assert_allclose(view, interpolated(centres, sample, places(shift)), atol=1e-4)
+        expected = interpolated(block.centres, sample, places(pixels, shift))
+        np.testing.assert_allclose(view, expected, atol=1e-4)
 
 
-@settings(max_examples=40, deadline=None)
-@given(REGULAR, st.integers(0, 2**32 - 1), st.floats(0.05, 0.95))
-def test_lenslets_without_light_count_for_nothing(lattice, seed, dark):
-    rng = np.random.default_rng(seed)
-    origin, centres = lenslets(lattice)
-    lit = rng.random(centres.shape[:2]) > dark
-    samples = rng.random((*lit.shape, 3), np.float32)
-    samples[~lit, rng.integers(0, 3)] = np.nan  # one colour is enough
-    view = resample_views(samples[None], lattice, origin, WIDTH, HEIGHT, SHIFTS[:1])[0]
-    values = np.concatenate([np.where(lit[..., None], samples, 0), lit[..., None]], axis=-1)
-    found = interpolated(centres, values, places(SHIFTS[0]))
-    colour, weight = np.split(found, [3], axis=-1)
-    expected = np.where(weight > 0.2, colour / np.maximum(weight, 0.1), 0)
-    clear = np.abs(weight[..., 0] - 0.2) > 1e-3
-    np.testing.assert_allclose(view[clear], expected[clear], atol=1e-4)
-    assert np.isfinite(view).all()
+@settings(max_examples=30, deadline=None)
+@given(SIZES, st.sampled_from([(0, 0), (-0.4, 0.2), (0.5, 0)]))
+def test_the_reach_is_that_of_all_pixels(size, distortion):
+    pixels = pixels_of(size, *distortion)
+    for (left, right, top, bottom), shift in zip(pixels.reach(SHIFTS), SHIFTS, strict=True):
+        place = places(pixels, shift)
+        assert (left, top) == pytest.approx(tuple(place.min(axis=(0, 1))))
+        assert (right, bottom) == pytest.approx(tuple(place.max(axis=(0, 1))))
+
+
+def test_a_pixel_of_the_usual_size_lies_where_it_should():
+    pixels = ViewPixels(Pinhole(328, 328, 945, 945, 163.5, 163.5), (10, 10))
+    np.testing.assert_allclose(pixels.places(np.array([0, 7]), np.array([3, 327])),
+                               [[4.5, 34.5], [74.5, 3274.5]])
 
 
 @settings(max_examples=25, deadline=None)
-@given(LATTICES, st.tuples(*[st.integers(6, 12)] * 4))
-def test_lenslets_that_are_not_there_are_as_without_light(lattice, cut):
-    (j0, i0), centres = lenslets(lattice)
-    samples = np.random.default_rng(0).random((1, *centres.shape[:2], 3), np.float32)
-    top, bottom, left, right = cut
-    part = samples[:, top:-bottom, left:-right].copy()
-    samples[:, :top] = samples[:, -bottom:] = np.nan
-    samples[:, :, :left] = samples[:, :, -right:] = np.nan
-    whole = resample_views(samples, lattice, (j0, i0), WIDTH, HEIGHT, SHIFTS[:1])
-    found = resample_views(part, lattice, (j0 + top, i0 + left), WIDTH, HEIGHT, SHIFTS[:1])
-    np.testing.assert_array_equal(found, whole)
+@given(REGULAR, st.integers(0, 2**32 - 1), st.tuples(st.integers(-4, 4), st.integers(-4, 4)))
+def test_lenslets_off_the_sensor_are_those_next_to_them(lattice, seed, offset):
+    pixels = pixels_of()
+    block = block_of(lattice, pixels)
+    offsets = np.repeat([offset], 3, axis=0)
+    stand_ins = StandIns.of(block, lattice, offsets, pixels.reach(SHIFTS), WIDTH, HEIGHT)
+    samples = np.random.default_rng(seed).random((3, *block.shape, 3), np.float32)
+    at = block.centres + offset
+    on = ((at >= 0) & (at <= [WIDTH - 1, HEIGHT - 1])).all(axis=-1)
+    samples[:, ~on] = np.nan
+    views = resampled(samples, lattice, block, pixels, stand_ins=stand_ins)
+    assert np.isfinite(views).all()
+    assert views.min() >= 0
+    assert views.max() <= 1
+    rows, columns, instead_rows, instead_columns = stand_ins.lenslets.T
+    assert not on[rows, columns].any()
+    assert on[instead_rows, instead_columns].all()
+    apart = np.hypot(*(at[rows, columns] - at[instead_rows, instead_columns]).T)
+    beyond = np.hypot(*(at[rows, columns] - np.clip(at[rows, columns], 0,
+                                                    [WIDTH - 1, HEIGHT - 1])).T)
+    assert (apart < beyond + 3 * lattice.pitch_px).all()

@@ -36,7 +36,7 @@ def parameters(truth):
     """Parameters with which each node can be configured: those of bags/wine_glass."""
     region = truth('wine_glass')['roi']
     return {
-        'lytro_driver': {'source': f'{CAMERA}/demo_white.RAW.xz'},
+        'lytro_driver': {'source': 'files', 'path': f'{CAMERA}/demo_white.RAW.xz'},
         'subaperture_node': {'calibration': f'{CAMERA}/demo.yaml',
                              'white': f'{CAMERA}/demo_white.RAW.xz'},
         'dlv_node': {'labels': 16, 'edge_labels': 8},

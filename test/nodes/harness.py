@@ -13,6 +13,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -23,15 +24,16 @@ CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACT
 DEACTIVATE, CLEANUP = Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_CLEANUP
 UNCONFIGURED, INACTIVE = State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE
 ACTIVE = State.PRIMARY_STATE_ACTIVE
-PATIENCE = 90.0  # s: two busy cores may compile meanwhile
-REPEAT = 10.0  # s: then a service is asked again
+PATIENCE = 300.0  # s: two busy cores may compile meanwhile; only a failure takes that long
+REPEAT = 5.0  # s: then a node is asked for its state again
 
 
 class Process:
-    """A process of the package, its output in a file; ends cleanly or fails the test."""
+    """A process of the package, its output in a file; ends with `status` or fails the test."""
 
-    def __init__(self, folder, module, *args, params=None, checked=True):
+    def __init__(self, folder, module, *args, params=None, checked=True, status=0):
         self.name = module.rpartition('.')[2]
+        self._status = status
         self._log = folder / f'{self.name}.log'
         if params is not None:
             path = folder / f'{self.name}.yaml'
@@ -57,7 +59,7 @@ class Process:
         if failed:
             sys.stdout.write(self.log)  # pytest shows it with the failure
         else:
-            assert status == 0, f'{self.name} ended with {status}\n{self.log}'
+            assert status == self._status, f'{self.name} ended with {status}\n{self.log}'
 
     @property
     def log(self):
@@ -76,6 +78,7 @@ class User:
         self.node = Node('user', context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
+        self.others = []  # executors that are spun as well, of nodes in this process
 
     def close(self):
         self._executor.shutdown()
@@ -87,39 +90,49 @@ class User:
         deadline = time.monotonic() + timeout
         while not (value := condition()):
             assert time.monotonic() < deadline, f'waited {timeout} s for {what}'
-            self._executor.spin_once(timeout_sec=0.02)
+            for each in (self._executor, *self.others):
+                each.spin_once(timeout_sec=0.02)
         return value
 
-    def call(self, kind, name, request, again=lambda: True):
-        """A service's answer; asked again while `again()`, as DDS may lose one right after the
-        two have found each other. None: not to be asked again."""
+    def meet(self, *nodes):
+        """Return once each of `nodes` knows every publisher, subscription and client made so far.
+
+        What is counted or ready here is what this side knows. To somebody that its sender does not
+        know yet a message or an answer is not sent, and never will be; DDS tells participants of
+        each other's endpoints in the order of their making, and `state` makes one.
+        """
+        for each in nodes:
+            self.state(each)
+
+    def call(self, kind, name, request):
+        """A service's answer."""
         client = self.node.create_client(kind, name)
         self.wait(client.service_is_ready, name)
-        deadline = time.monotonic() + PATIENCE
-        while True:
-            asked, future = time.monotonic(), client.call_async(request)
-            self.wait(lambda future=future, until=asked + REPEAT:
-                      future.done() or time.monotonic() > until, name)
-            if future.done() or not again() or future.done():
-                break
-            assert time.monotonic() < deadline, f'waited {PATIENCE} s for an answer of {name}'
+        self.meet(name.strip('/').rpartition('/')[0])
+        future = client.call_async(request)
+        self.wait(future.done, f'an answer of {name}')
         self.node.destroy_client(client)
-        return future.result() if future.done() else None
+        return future.result()
+
+    def state(self, node):
+        """The node's state, asked for until it answers: see `meet`."""
+        client = self.node.create_client(GetState, f'/{node}/get_state')
+        self.wait(client.service_is_ready, client.srv_name)
+        deadline, asked = time.monotonic() + PATIENCE, []
+        while not (answered := [each for each in asked if each.done()]):
+            assert time.monotonic() < deadline, f'waited {PATIENCE} s for an answer of {node}'
+            asked.append(client.call_async(GetState.Request()))
+            until = time.monotonic() + REPEAT
+            self.wait(lambda until=until: any(each.done() for each in asked)
+                      or time.monotonic() > until, f'the state of {node}')
+        self.node.destroy_client(client)
+        return answered[0].result().current_state.id
 
     def change(self, node, *transitions):
         """Ask for transitions; whether each was made."""
-        made = [self._change(node, each) for each in transitions]
+        made = [self.call(ChangeState, f'/{node}/change_state', ChangeState.Request(
+            transition=Transition(id=each))).success for each in transitions]
         return made[0] if len(made) == 1 else made
-
-    def _change(self, node, transition):
-        before = self.state(node)
-        answer = self.call(ChangeState, f'/{node}/change_state',
-                           ChangeState.Request(transition=Transition(id=transition)),
-                           again=lambda: self.state(node) == before)
-        return answer is None or answer.success
-
-    def state(self, node):
-        return self.call(GetState, f'/{node}/get_state', GetState.Request()).current_state.id
 
     def set(self, node, **values):
         """Set parameters; the reasons of those that were refused."""
@@ -130,17 +143,34 @@ class User:
         return [each.reason for each in results if not each.successful]
 
     def listen(self, kind, topic, qos):
-        """A list that grows with the messages of a topic, once it has a publisher."""
+        """A list that grows with the messages of a topic, once its publishers know."""
         messages = []
         subscription = self.node.create_subscription(kind, topic, messages.append, qos)
         self.wait(subscription.get_publisher_count, f'a publisher of {topic}')
+        self.meet(*self._nodes(topic, self.node.get_publishers_info_by_topic))
         return messages
 
     def publisher(self, kind, topic, qos=None):
-        """A publisher that has a subscriber."""
+        """A publisher, once its subscribers know."""
         publisher = self.node.create_publisher(kind, topic, qos or QoSProfile(depth=1))
         self.wait(publisher.get_subscription_count, f'a subscriber of {topic}')
+        self.meet(*self._nodes(topic, self.node.get_subscriptions_info_by_topic))
         return publisher
+
+    def delivered(self, publisher):
+        """Return once all that was published is in the histories of the subscribers."""
+        self.wait(lambda: publisher.wait_for_all_acked(Duration(nanoseconds=1)),
+                  f'{publisher.topic_name} to be delivered')
+
+    def _nodes(self, topic, ask):
+        """The nodes at the other end of a topic, once all their names have come."""
+        name = self.node.resolve_topic_name(topic)
+
+        def named():
+            ends = [f'{each.node_namespace}/{each.node_name}'.strip('/') for each in ask(name)]
+            return ends and not any('UNKNOWN' in each for each in ends) and ends
+
+        return set(self.wait(named, f'the nodes of {topic}')) - {'user'}
 
     def publishers_of(self, node):
         """The topics that a node publishes, once it is there."""

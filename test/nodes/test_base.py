@@ -159,19 +159,16 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
     executor.add_node(probe)
     probe.trigger_configure()
     probe.trigger_activate()
-    client = user.node.create_client(Trigger, '/probe/call')
+    user.others.append(executor)
     publisher = user.node.create_publisher(String, 'in', LATCHED)
     seen = probe.notes
 
     def send(text):
         publisher.publish(String(data=text))
-        user.wait(lambda: executor.spin_once(timeout_sec=0.01) or text in seen, text)
+        user.wait(lambda: text in seen, text)
 
     def call():
-        user.wait(client.service_is_ready, 'the service')
-        future = client.call_async(Trigger.Request())
-        user.wait(lambda: executor.spin_once(timeout_sec=0.01) or future.done(), 'an answer')
-        return future.result()
+        return user.call(Trigger, '/probe/call', Trigger.Request())
 
     probe.wrong = {'bad': PmclError('half a message'), 'worse': IndexError('far')}
     for text in ('bad', 'worse', 'good'):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from harness import ACTIVE, CONFIGURE, UNCONFIGURED, Process
+from harness import ACTIVE, CONFIGURE, PATIENCE, UNCONFIGURED, Process
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -30,7 +30,7 @@ def write(tmp_path, parameters):
 
 
 def ends(process, status):
-    assert process.popen.wait(90) == status, process.log
+    assert process.popen.wait(PATIENCE) == status, process.log
 
 
 @pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
@@ -53,20 +53,21 @@ def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, h
 @pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
 def test_the_node_that_fails_is_named(tmp_path, write, how):
     file = write({'dlv_node': {'near': 2.0}})
-    chain = Process(tmp_path, BRINGUP, '--params-file', file, *how)
-    ends(chain, 1)
+    with Process(tmp_path, BRINGUP, '--params-file', file, *how, status=1) as chain:
+        ends(chain, 1)
     assert 'pmcl_bringup: dlv_node could not configure' in chain.log
     assert 'near 2.0 m must be smaller than far' in chain.log
 
 
 def test_a_node_process_that_ends_ends_the_chain(tmp_path, user, write):
-    chain = Process(tmp_path, BRINGUP, '--params-file', write(), '--processes', '--without',
-                    'pmcl_node', '--without', 'subaperture_node', '--without', 'lytro_driver')
-    user.wait(lambda: 'active: dlv_node' in chain.log, 'the chain')
-    pid = chain.popen.pid
-    child, = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-    os.kill(int(child), signal.SIGKILL)
-    ends(chain, 1)
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--processes', '--without',
+                 'pmcl_node', '--without', 'subaperture_node', '--without', 'lytro_driver',
+                 status=1) as chain:
+        user.wait(lambda: 'active: dlv_node' in chain.log or not chain.alive(), 'the chain')
+        pid = chain.popen.pid
+        child, = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+        os.kill(int(child), signal.SIGKILL)
+        ends(chain, 1)
     assert 'pmcl_bringup: dlv_node has ended' in chain.log
 
 

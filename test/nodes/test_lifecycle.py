@@ -15,7 +15,7 @@ from harness import (
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 # a parameter, what it must not be, what is said then
 WRONG = {
-    'lytro_driver': ('source', '/nowhere', "parameter 'source': there is no /nowhere"),
+    'lytro_driver': ('path', '/nowhere', "parameter 'path': there is no /nowhere"),
     'subaperture_node': ('calibration', '', "parameter 'calibration' is empty"),
     'dlv_node': ('near', 5.0, 'near 5.0 m must be smaller than far'),
     'pmcl_node': ('roi_size', [0.1, -0.1, 0.1], 'roi_size.1: Input should be greater than 0'),
@@ -65,8 +65,10 @@ def test_a_bad_parameter_fails_clearly_and_a_good_one_then_works(process, user, 
 
 def test_configuring_again_and_again_leaves_nothing_behind(process, user):
     name = process.name
-    before = user.publishers_of(name)
-    assert user.change(name, CONFIGURE, ACTIVATE)
+    before = sorted(['/parameter_events', '/rosout', f'/{name}/transition_event'])
+    user.wait(lambda: user.publishers_of(name) == before, 'what every node publishes')
+    assert all(user.change(name, CONFIGURE, ACTIVATE))
+    # the last that is made: who knows of it knows of the others
     user.wait(lambda: '/diagnostics' in user.publishers_of(name), 'publishers')
     active = user.publishers_of(name)
     assert len(active) > len(before)

@@ -62,10 +62,15 @@ def broken_volumes(good):
 
 def send(user, process, publisher, message, reason):
     """Publish, and wait until the node has told what is wrong."""
-    told = process.log.count('[ERROR]')
+    before = len(process.log)
+
+    def told():
+        *lines, _ = process.log[before:].split('\n')  # whole ones
+        return [line for line in lines if '[ERROR]' in line]
+
     publisher.publish(message)
-    user.wait(lambda: process.log.count('[ERROR]') > told, f'{reason!r} to be told')
-    assert reason in process.log.splitlines()[-1], process.log
+    error, = user.wait(told, f'{reason!r} to be told')
+    assert reason in error, process.log
     assert 'Traceback' not in process.log
     assert process.alive()
 
@@ -79,7 +84,7 @@ def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path):
         (folder / f'{name}.TXT').write_text(text)
     (folder / 'A.RAW').write_bytes(b'short')
     (folder / 'B.RAW').write_bytes(bytes(3280 * 3280 * 3 // 2))
-    process = start('lytro_driver', source=str(folder))
+    process = start('lytro_driver', path=str(folder))
     images = user.listen(Image, 'image_raw', BIG)
     texts = user.listen(String, 'metadata', LATCHED)
 
@@ -108,7 +113,7 @@ def test_driver_publishes_by_itself(start, user, loop):
     if loop:
         user.wait(lambda: len(messages) >= 3, 'three pictures')
     else:
-        user.wait(lambda: 'all 1 pictures are published' in process.log, 'the end')
+        user.wait(lambda: messages and 'all 1 pictures are published' in process.log, 'the end')
         assert len(messages) == 1
 
 
@@ -122,7 +127,10 @@ def test_subaperture_node_survives_broken_images(start, user):
     for message, reason in broken_images(good):
         send(user, process, images, message, reason)
     pictures = user.listen(Image, 'center/image', SMALL)
-    images.publish(good)  # before its metadata: it waits for them
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    images.publish(good)
+    user.wait(lambda: states and states[-1].status[0].message == 'an image waits for metadata',
+              'the image to wait')
     texts.publish(metadata)
     user.wait(lambda: pictures, 'a centre picture')
     assert cv.header_from(pictures[0].header).stamp_ns == 77
@@ -162,6 +170,7 @@ def test_dlv_node_pairs_captures_that_come_mixed(start, user, small_light_field)
                 for stamp in (10, 20))
     publishers[0].publish(one.camera_info)
     publishers[0].publish(two.camera_info)
+    user.delivered(publishers[0])  # so that capture 10 begins before 20 is complete
     publishers[1].publish(two.pupil)
     publishers[2].publish(two.views)
     user.wait(lambda: volumes, 'a volume')

@@ -1,10 +1,10 @@
 """The player publishes what was recorded, byte for byte, when somebody listens."""
 
 import re
-import time
 
 import pytest
-from harness import ROOT, Process
+from harness import PATIENCE, ROOT, Process
+from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
@@ -12,39 +12,77 @@ from pmcl_ros import bags
 from pmcl_ros.nodes.base import BIG, LATCHED
 
 REPLAY = 'pmcl_ros.nodes.replay'
+ALL = QoSProfile(depth=100)  # of a subscriber that misses nothing, however late it takes it
+
+
+def write(bag, *messages, depth=1):
+    """A bag of (topic, seconds, text); /a is latched."""
+    bags.record(bag, [bags.Recorded(
+        topic, 'std_msgs/msg/String', int(seconds * 1e9), serialize_message(String(data=text)),
+        bags.LATCHED if topic == '/a' else bags.VOLATILE._replace(depth=depth))
+        for topic, seconds, text in messages])
+    return bag
 
 
 @pytest.fixture
 def bag(tmp_path):
     """Three messages in half a second, of lengths that the transport need not pad."""
-    cdr = [serialize_message(String(data=text)) for text in ('one', 'two', 'six')]
-    bags.record(tmp_path / 'bag', [
-        bags.Recorded('/a', 'std_msgs/msg/String', 0, cdr[0], bags.LATCHED),
-        bags.Recorded('/b', 'std_msgs/msg/String', 100_000_000, cdr[1]),
-        bags.Recorded('/b', 'std_msgs/msg/String', 500_000_000, cdr[2])])
-    return tmp_path / 'bag'
+    return write(tmp_path / 'bag', ('/a', 0, 'one'), ('/b', 0.1, 'two'), ('/b', 0.5, 'six'))
 
 
 def listen(user, topic, qos):
-    """As a node does that was there before the player; raw: the bytes themselves."""
+    """As a node does that was there before the player; (time of publication [s], the bytes)."""
     messages = []
-    user.node.create_subscription(
-        String, topic, lambda cdr: messages.append((time.monotonic(), cdr)), qos, raw=True)
+
+    def received(cdr, info):
+        messages.append((info['source_timestamp'] * 1e-9, cdr))
+
+    user.node.create_subscription(String, topic, received, qos, raw=True)
     return messages
 
 
-@pytest.mark.parametrize(('rate', 'shortest', 'longest'), [(1, 0.35, 2), (20, 0, 0.3)])
-def test_messages_come_in_order_and_at_the_rate(tmp_path, user, bag, rate, shortest, longest):
-    first, second = listen(user, 'a', LATCHED), listen(user, 'b', BIG)
+@pytest.mark.parametrize(('rate', 'recorded'), [(0.5, 0.5), (1, 1), (20, 20)])
+def test_messages_come_in_order_and_at_the_rate(tmp_path, user, rate, recorded):
+    """From first to last it takes a second, by the player's clock: when they are taken here is
+    no matter of the player's. `longest` would be exceeded if the rate of 20 were not heeded."""
+    shortest, longest = 0.99, 15
+    bag = write(tmp_path / 'bag', ('/a', 0, 'one'), ('/b', recorded / 2, 'two'),
+                ('/b', recorded, 'six'))
+    first, second = listen(user, 'a', LATCHED), listen(user, 'b', ALL)
     with Process(tmp_path, REPLAY, bag, '--rate', rate):
-        user.wait(lambda: len(second) == 2, 'the messages')
+        user.wait(lambda: first and len(second) == 2, 'the messages')
     expected = [each.cdr for each in bags.read(bag)]
     assert [cdr for _, cdr in (*first, *second)] == expected
-    assert shortest < second[1][0] - second[0][0] < longest
+    assert shortest / 2 < second[0][0] - first[0][0]
+    assert shortest < second[1][0] - first[0][0] < longest
+
+
+@pytest.mark.parametrize('depth', [1, 5])
+@pytest.mark.parametrize('size', [3, 3_000_003], ids=['small', 'of many packets'])
+def test_nothing_is_overwritten_before_it_has_arrived(tmp_path, user, depth, size):
+    """Not even what is published before the subscriber knows of the player."""
+    texts = [f'{number:0{size}}' for number in range(33)]  # as long as one that is not padded
+    bag = write(tmp_path / 'bag', *(('/b', 0, text) for text in texts), depth=depth)
+    messages = listen(user, 'b', ALL)
+    with Process(tmp_path, REPLAY, bag) as player:
+        user.wait(lambda: not player.alive(), 'the end')
+        user.wait(lambda: len(messages) == 33, 'the rest')
+    same = [found == each.cdr for (_, found), each in zip(messages, bags.read(bag), strict=True)]
+    assert all(same)
+
+
+def test_who_keeps_one_and_takes_it_late_has_the_newest(tmp_path, user, bag):
+    """As every node of the chain does: the player does not wait for what is not taken."""
+    messages = listen(user, 'b', BIG)
+    with Process(tmp_path, REPLAY, bag, '--topic', '/b') as player:
+        assert player.popen.wait(PATIENCE) == 0, player.log
+    user.wait(lambda: messages, 'the newest')
+    *_, newest = bags.read(bag)
+    assert [cdr for _, cdr in messages] == [newest.cdr]
 
 
 def test_a_topic_can_be_chosen(tmp_path, user, bag):
-    messages = listen(user, 'b', BIG)
+    messages = listen(user, 'b', ALL)
     with Process(tmp_path, REPLAY, bag, '--topic', '/b') as player:
         user.wait(lambda: len(messages) == 2, 'the messages')
         user.wait(lambda: not player.alive(), 'the end')
@@ -59,5 +97,5 @@ def test_a_topic_can_be_chosen(tmp_path, user, bag):
 ])
 def test_what_cannot_be_played_is_told(tmp_path, bag, arguments, status, reason):
     player = Process(tmp_path, REPLAY, *(bag if each == 'BAG' else each for each in arguments))
-    assert player.popen.wait(60) == status
+    assert player.popen.wait(PATIENCE) == status
     assert re.search(reason, player.log), player.log

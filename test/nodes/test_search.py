@@ -137,7 +137,7 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
 
 def test_edges_that_do_not_come_are_not_waited_for_forever(search, user):
     process, publish = search({'particles': 16, 'proposals': 4})
-    user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+    user.publisher(Float32MultiArray, 'dlv/edges', BIG)  # the node knows: it waits longer
     publish(8)
     user.wait(lambda: 'its dlv/edges do not come' in process.log, 'the search')
     assert user.change('pmcl_node', DEACTIVATE)
@@ -152,6 +152,7 @@ def test_edges_are_taken_with_the_volume_of_their_capture(search, user, small_vo
     publisher.publish(broken)
     user.wait(lambda: 'dlv/edges: the data hold NaN' in process.log, 'the error')
     publisher.publish(cv.edges_to_message(replace(small_volume.edges, header=Header(3))))
+    user.delivered(publisher)  # the node gives up waiting after seconds
     publish(3)
     user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')
     assert 'from dlv alone' not in process.log

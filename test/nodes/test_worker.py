@@ -4,6 +4,7 @@ import threading
 from functools import partial
 
 import pytest
+from harness import PATIENCE
 
 from pmcl_ros.nodes.worker import Worker
 
@@ -33,7 +34,7 @@ def worker():
 
 def held(started, release, tool):
     started.set()
-    assert release.wait(10)
+    assert release.wait(PATIENCE)
     tool.use('held')
 
 
@@ -41,7 +42,7 @@ def test_all_happens_on_one_other_thread():
     worker = Worker(Tool)
     done = threading.Event()
     worker.offer(lambda tool: (tool.use(1), done.set()))
-    assert done.wait(10)
+    assert done.wait(PATIENCE)
     worker.close()
     assert len(worker.owned.threads) == 3
     assert len(set(worker.owned.threads)) == 1
@@ -58,12 +59,12 @@ def test_what_making_raises_comes_out():
 def test_the_newest_of_the_waiting_jobs_runs(worker):
     started, release, done = (threading.Event() for _ in range(3))
     assert worker.offer(partial(held, started, release)) is None
-    assert started.wait(10)
+    assert started.wait(PATIENCE)
     old = partial(Tool.use, job='old')
     assert worker.offer(old) is None
     assert worker.offer(lambda tool: (tool.use('new'), done.set())) is old
     release.set()
-    assert done.wait(10)
+    assert done.wait(PATIENCE)
     assert worker.owned.jobs == ['held', 'new']
 
 
@@ -77,12 +78,12 @@ def test_stopping_ends_the_running_job_and_forgets_the_waiting_one(worker):
         tool.use('stopped')
 
     worker.offer(search)
-    assert started.wait(10)
+    assert started.wait(PATIENCE)
     worker.offer(lambda tool: tool.use('never'))
     worker.stop()
     assert worker.owned.jobs == ['stopped']
     worker.resume()
     done = threading.Event()
     worker.offer(lambda tool: (tool.use('after'), done.set()))
-    assert done.wait(10)
+    assert done.wait(PATIENCE)
     assert worker.owned.jobs == ['stopped', 'after']

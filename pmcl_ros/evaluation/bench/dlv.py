@@ -1,8 +1,4 @@
-"""Times of the stages, against the plain form run beside them in the same process."""
-
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+"""Times of the depth likelihood volume."""
 
 import numpy as np
 
@@ -11,19 +7,10 @@ from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.likelihood import log_likelihood
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.bench.result import Bench, best_ms
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
-
-
-@dataclass(frozen=True)
-class Bench:
-    """ms: per step, the median of several runs. ratio_to_reference: how many times faster than the
-    plain form. geometry: what was worked on."""
-
-    geometry: str
-    ms: dict[str, float]
-    ratio_to_reference: float
 
 
 def bench_dlv(repeats: int = 7) -> Bench:
@@ -38,11 +25,12 @@ def bench_dlv(repeats: int = 7) -> Bench:
     log_likelihood(costs)
     edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
     edge_volume(light_field, edge_depths, settings.views)
-    ms = {'cost': _median(lambda: cost.cost_volume(light_field, depths, settings), repeats),
-          'likelihood': _median(lambda: log_likelihood(costs), repeats),
-          'edges': _median(lambda: edge_volume(light_field, edge_depths, settings.views), repeats)}
-    few = depths[::len(depths) // 2]
-    plain = _median(lambda: reference.cost_volume(light_field, few, settings), 1)
+    ms = {'cost': best_ms(lambda: cost.cost_volume(light_field, depths, settings), repeats),
+          'likelihood': best_ms(lambda: log_likelihood(costs), repeats),
+          'edges': best_ms(lambda: edge_volume(light_field, edge_depths, settings.views), repeats)}
+    few, bilinear = depths[::len(depths) // 2], settings.model_copy(
+        update={'interpolation': 'bilinear'})
+    plain = best_ms(lambda: reference.cost_volume(light_field, few, bilinear), 1)
     ms['reference cost'] = plain * len(depths) / len(few)
     geometry = (f'{settings.views}x{settings.views} views of 328x328, {settings.labels} labels, '
                 f'{settings.near} to {settings.far} m, F01 at 0.55 m')
@@ -54,12 +42,3 @@ def _noise() -> LightField:
     grid = ViewGrid(Pinhole(328, 328, 945, 945, 163.5, 163.5), 0.00074, nominal_positions(9, 9),
                     np.ones((9, 9), np.float32))
     return LightField(Header(), rng.random((9, 9, 328, 328, 3), np.float32), grid)
-
-
-def _median(step: Callable[[], object], repeats: int) -> float:
-    times = []
-    for _ in range(repeats):
-        started = time.perf_counter()
-        step()
-        times.append(time.perf_counter() - started)
-    return 1e3 * float(np.median(times))

@@ -34,6 +34,16 @@ class DriverBench:
     memory_growth: dict[str, float]
     descriptor_growth: dict[str, int]
 
+    def lines(self) -> list[str]:
+        """What to print."""
+        rates = ', '.join(f'{rate:.0f} MB/s over a {link} link'
+                          for link, rate in self.megabytes_per_second.items())
+        return [f'{self.captures} captures in {self.seconds:.1f} s: {self.frames} pictures, '
+                f'{self.intact} with all bytes right', f'download: {rates}',
+                *(f'{name}: memory grew by {self.memory_growth[name]:.2f} MB, '
+                  f'{self.descriptor_growth[name]} more descriptors' for name in
+                  self.memory_growth)]
+
 
 def bench_driver(captures: int = 200, drop: str = '5MB', seed: int = 0, side: int = 3280
                  ) -> DriverBench:

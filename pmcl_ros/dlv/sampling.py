@@ -1,0 +1,56 @@
+"""How a picture is read between its pixels, separably, from four pixels along each axis.
+
+Bilinear weights average noise: half-way between pixels a quarter of its power is left in two
+dimensions, at a pixel all of it. A cost of flat pixels so has its minimum wherever a label
+displaces views by half a pixel. `neutral_taps` leave the same power everywhere (docs/method.md).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+TAPS = 4  # pixels along an axis that a sample is made from
+
+# Response 1 - sin^4(pi f): level up to the frequencies that lenslets resolve, zero at Nyquist,
+# where no four pixels can tell a displacement (Shapiro 1970).
+SMOOTHER = np.array([-1, 4, 10, 4, -1]) / 16
+
+# Autocovariance of white noise so smoothed, 0 to 3 px apart.
+_NOISE = np.correlate(SMOOTHER, SMOOTHER, 'full')[4:8]
+_COVARIANCE = _NOISE[np.abs(np.subtract.outer(range(4), range(4)))]
+
+
+def bilinear_taps(fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 4) weights of the pixels at -1, 0, 1, 2 for a place `fraction` (...) px from pixel 0.
+    """
+    zero = np.zeros_like(fraction)
+    return np.stack([zero, 1 - fraction, fraction, zero], axis=-1)
+
+
+def neutral_taps(fraction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights like `bilinear_taps`, for a picture that was smoothed by `SMOOTHER`.
+
+    They are those of cubic interpolation with a second difference large enough that white noise,
+    smoothed alike, keeps its power at every fraction exactly. Constants and ramps are kept.
+    """
+    u = fraction[..., None]
+    odd = u * (u - 1) * (2 * u - 1) / 12 * [-1, 3, -3, 1]  # as of Lagrange's cubic
+    base = bilinear_taps(fraction) + odd
+    even = np.array([-1, 1, 1, -1.0])
+    # power(base + c even) = power of a pixel
+    bend = even @ _COVARIANCE @ even
+    half = base @ _COVARIANCE @ even
+    excess = np.einsum('...i,ij,...j->...', base, _COVARIANCE, base) - _COVARIANCE[0, 0]
+    c = (np.sqrt(np.maximum(half ** 2 - bend * excess, 0)) - half) / bend
+    return np.asarray(base + c[..., None] * even)
+
+
+def smoothed(image: NDArray[np.float64]) -> NDArray[np.float64]:
+    """`image` (..., height, width) through `SMOOTHER` along both axes, its border going on."""
+    for axis in (-2, -1):
+        width = [(2, 2) if k % image.ndim == axis % image.ndim else (0, 0)
+                 for k in range(image.ndim)]
+        padded = np.pad(image, width, mode='edge')
+        count = image.shape[axis]
+        image = sum(weight * np.take(padded, range(k, k + count), axis)
+                    for k, weight in enumerate(SMOOTHER))
+    return image

@@ -1,0 +1,66 @@
+"""The decoder for each picture of a camera, as the zoom wants another white image."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.camera.white_images import WhiteImages
+from pmcl_ros.errors import LightFieldError
+from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.decode import VIEWS, Decoder
+from pmcl_ros.lightfield.light_field import LightField
+
+_LOG = logging.getLogger(__name__)
+
+
+class Decoders:
+    """Decodes with the white image that fits each picture; the last decoder made is kept.
+
+    white: a white image of the calibrated camera, or a folder of such. One file is read, and its
+    decoder made, at once; of a folder what the pictures need. chosen: told, in words, about each
+    choice, which is logged too. views, size: as of `Decoder`.
+    Raises CameraError or LightFieldError when nothing there fits the calibration.
+    """
+
+    def __init__(self, calibration: Calibration, white: Path | str,
+                 chosen: Callable[[str], None] | None = None, views: int = VIEWS,
+                 size: tuple[int, int] | None = None) -> None:
+        self._calibration, self._whites = calibration, WhiteImages(white)
+        self._chosen = chosen
+        self._views, self._size = views, size
+        self._settings: tuple[object, ...] | None = None  # of the camera, at the last picture
+        self._decoder: Decoder | None = None
+        self._path: Path | None = None  # of the white image of the decoder
+        serials = self._whites.serials
+        if calibration.serial and serials and calibration.serial not in serials:
+            raise LightFieldError(
+                f'the white images at {white} are of camera {", ".join(serials)}, the calibration '
+                f'is for {calibration.serial}; use the calibration and the white image of one '
+                'camera')
+        if self._whites.path.is_file():
+            self.of(self._whites.first)
+
+    @property
+    def serial(self) -> str:
+        """Of the camera that the calibration is for; empty: unknown."""
+        return self._calibration.serial
+
+    def of(self, picture: CameraMetadata) -> Decoder:
+        """The decoder for a picture of these metadata; see `WhiteImages.choose` for errors."""
+        settings = picture.serial, picture.zoom, picture.focus
+        if self._decoder is None or settings != self._settings:
+            choice = self._whites.choose(picture)
+            if self._decoder is None or choice.path != self._path:
+                self._decoder = Decoder(self._calibration, choice.frame, self._views, self._size)
+                self._path = choice.path
+                _LOG.info('white image: %s', choice.why)
+                if self._chosen is not None:
+                    self._chosen(choice.why)
+            self._settings = settings
+        return self._decoder
+
+    def decode(self, frame: RawFrame) -> LightField:
+        """The views of one raw frame."""
+        return self.of(frame.metadata).decode(frame)

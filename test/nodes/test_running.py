@@ -1,0 +1,46 @@
+"""A signal ends a program in order, wherever it is and whichever of its threads is hit."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+from harness import ROOT
+
+# The thread is as those that libraries start when they are imported: it blocks no signal.
+PROGRAM = """
+import sys, threading
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+from pmcl_ros.nodes.running import pause, ros
+
+def say(what):
+    print(what, flush=True)
+    return sys.stdin.readline() if what != 'closed' else None
+
+with ros():
+    try:
+        say('at work')
+        pause(0 if 'soon' in sys.argv else 600)
+    finally:
+        say('closed')
+say('ended')
+"""
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['INT', 'TERM'])
+@pytest.mark.parametrize('soon', [[], ['soon']], ids=['later', 'at once'])
+def test_a_signal_is_noted_while_the_program_does_something_else(number, soon):
+    with subprocess.Popen([sys.executable, '-c', PROGRAM, *soon], cwd=ROOT, stdin=subprocess.PIPE,
+                          stdout=subprocess.PIPE, text=True, bufsize=1) as program:
+        try:
+            assert program.stdout.readline() == 'at work\n'
+            program.send_signal(number)
+            program.stdin.write('go on\n')
+            assert program.stdout.readline() == 'closed\n'
+            assert program.stdout.readline() == 'ended\n'
+            program.send_signal(number)  # impatience
+            program.stdin.write('go on\n')
+            program.stdin.close()
+            assert program.wait() == 0
+        finally:
+            program.kill()
