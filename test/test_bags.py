@@ -77,16 +77,18 @@ def test_recorded_views_are_those_of_the_node(light_field, tmp_path):
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import CameraInfo, Image
 
-    from pmcl_ros.conversions import light_field_to_messages, picture_from
+    from pmcl_ros.conversions import light_field_to_messages, picture_from, pinhole_to_message
     record_light_field(light_field, tmp_path / 'bag')
     recorded = list(read(tmp_path / 'bag'))
     assert recorded == light_field_messages(light_field)
-    picture, *parts = (deserialize_message(each.cdr, kind) for each, kind in
-                       zip(recorded, (Image, CameraInfo, Image, Image), strict=True))
+    kinds = (CameraInfo, Image, CameraInfo, Image, Image)
+    info, picture, *parts = (deserialize_message(each.cdr, kind) for each, kind in
+                             zip(recorded, kinds, strict=True))
+    assert info == pinhole_to_message(HEADER, light_field.grid.pinhole)
     assert tuple(parts) == tuple(light_field_to_messages(light_field))
     np.testing.assert_array_equal(picture_from(picture), light_field.picture())
     assert [each.topic for each in recorded] == [
-        '/center/image', '/views/camera_info', '/views/pupil', '/views']
+        '/center/camera_info', '/center/image', '/views/camera_info', '/views/pupil', '/views']
 
 
 def test_messages_come_in_the_order_of_their_times(tmp_path):

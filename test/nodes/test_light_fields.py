@@ -86,7 +86,8 @@ def test_a_bag_of_a_folder_of_pictures_is_localised_in(tmp_path, user, truth, fo
     subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', 'bag', 'record', folder, bag],
                    cwd=ROOT, check=True)
     assert [(each.name, each.messages) for each in bags.topics(bag)] == [
-        ('/center/image', 1), ('/views/camera_info', 1), ('/views/pupil', 1), ('/views', 1)]
+        ('/center/camera_info', 1), ('/center/image', 1), ('/views/camera_info', 1),
+        ('/views/pupil', 1), ('/views', 1)]
     region = truth('wine_glass')['roi']
     file = tmp_path / 'parameters.yaml'
     file.write_text(yaml.safe_dump({
