@@ -9,13 +9,18 @@ from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.lytro.discovery import find_camera
 from pmcl_ros.camera.lytro.settings import LinkSettings
 from pmcl_ros.camera.settings import CameraSettings
+from pmcl_ros.errors import SettingsError
 
 
 def open_camera(settings: CameraSettings) -> CameraClient:
     """Connect to the camera of `settings.source`.
 
-    Raises CameraError when it cannot be reached, SettingsError when its address is none.
+    Raises CameraError when it cannot be reached, SettingsError when its address is none,
+    or it cannot do what they ask.
     """
+    if settings.delete and settings.source == 'gateway':
+        raise SettingsError('a gateway deletes no pictures: set delete to false, and use `pmcl '
+                            'camera capture --download all --delete` where the gateway runs')
     if settings.source == 'files':
         return FileCamera(settings.path, settings.loop)
     if settings.source == 'gateway':

@@ -43,6 +43,10 @@ class Health:
         self.last_error = message
         self.level, self.message = DiagnosticStatus.ERROR, message
 
+    def recovered(self) -> None:
+        """What had failed works again, though there is no result yet."""
+        self.level, self.message = DiagnosticStatus.OK, 'active'
+
     def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
         """All of it, as /diagnostics wants it."""
         status = DiagnosticStatus(level=self.level, name=name, message=self.message,

@@ -6,6 +6,7 @@ from concurrent.futures import Future as Job
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
+from threading import Lock
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
@@ -24,7 +25,7 @@ from pmcl_ros.camera.roll import Roll
 from pmcl_ros.camera.settings import CameraSettings
 from pmcl_ros.camera.sources import open_camera
 from pmcl_ros.conversions import Buffer, raw_frame_to_messages
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.errors import CameraError, LinkError, PmclError
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.resources import resolve
@@ -35,6 +36,7 @@ _LONGEST = 30.0  # s between two when the camera does not answer
 _STATUS = 30.0  # s between two questions for the battery
 _ARRIVAL = Duration(seconds=5)
 _ENDED = 'the node was deactivated meanwhile: the picture is published when it is active again'
+_INACTIVE = 'lytro_driver is not active: activate it first'
 _NOTHING: 'Job[None]' = Job()
 _NOTHING.set_result(None)
 
@@ -52,6 +54,8 @@ class LytroDriver(StageNode):
     def __init__(self, **options: object) -> None:
         super().__init__(**options)
         self._streaming = False
+        self._answered = self.create_guard_condition(lambda: None)  # wakes the executor
+        self._publishing = Lock()  # whoever has it knows whether the node is active, and stays so
         # There in every state, as an answer may take longer than the node is active. In a group of
         # its own: while it waits nothing else of its group runs.
         self.create_service(Trigger, '~/capture', self._asked,
@@ -63,6 +67,10 @@ class LytroDriver(StageNode):
         paths = {name: str(resolve(value, name)) for name in names
                  if (value := getattr(settings, name)) or name == 'path'}
         self._settings = settings
+        # First, to go last: the thread has ended by then.
+        self._metadata = self.publisher(String, 'metadata', LATCHED)
+        self._image = self.publisher(Image, 'image_raw', BIG)
+        self._buffer = Buffer()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='camera')
         self.configured.callback(self._thread.shutdown, cancel_futures=True)
         self._camera = open_camera(settings.model_copy(update=paths))
@@ -71,9 +79,6 @@ class LytroDriver(StageNode):
         self._told: dict[str, object] = {'source': settings.source}
         self._failures, self._next_look = 0, 0.0
         self._ask_status()
-        self._metadata = self.publisher(String, 'metadata', LATCHED)
-        self._image = self.publisher(Image, 'image_raw', BIG)
-        self._buffer = Buffer()
 
     def start(self) -> None:
         """Publish what is taken from now on, and what was taken while the node was inactive."""
@@ -87,13 +92,14 @@ class LytroDriver(StageNode):
             self._timer = self.every(self._settings.period, self._due)
 
     def _stop(self) -> None:
-        self._streaming = False
+        with self._publishing:
+            self._streaming = False
 
     # on the node's thread
 
     async def _asked(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if not self._streaming:
-            response.message = f'{self.name} is not active: activate it first'
+            response.message = _INACTIVE
             return response
         answer = Future()
         self._thread.submit(self._capture).add_done_callback(partial(self._answer, answer))
@@ -101,9 +107,13 @@ class LytroDriver(StageNode):
         return response
 
     def _answer(self, answer: Future, job: 'Job[tuple[bool, str]]') -> None:
-        answer.set_result((False, _ENDED) if job.cancelled() else job.result())
-        with suppress(InvalidHandle):  # nobody spins any more
-            self.executor.create_task(lambda: None)  # wakes it
+        if job.cancelled():
+            answer.set_result((False, _INACTIVE))
+        elif (error := job.exception()) is not None:
+            answer.set_result((False, f'unexpected error: {error!r}'))
+        else:
+            answer.set_result(job.result())
+        self._answered.trigger()
 
     def _due(self) -> None:
         if self._taking.done():
@@ -119,11 +129,15 @@ class LytroDriver(StageNode):
 
     def _capture(self) -> tuple[bool, str]:
         with self.watched('capture') as problems:
+            if not self._streaming:  # it had to wait for what was before it
+                return False, _INACTIVE
             try:
-                return True, self._deliver(self._camera.capture())
+                message = self._deliver(self._camera.capture())
+                return message != _ENDED, message
             except NoMorePictures as end:
                 if self._timer is not None:
-                    self._timer.cancel()
+                    with suppress(InvalidHandle):  # it ended with the node's activity
+                        self._timer.cancel()
                     self.get_logger().info(str(end))
                 return False, str(end)
             except LinkError:
@@ -140,16 +154,22 @@ class LytroDriver(StageNode):
                     self._deliver(picture)
                 if time.monotonic() >= self._next_status:
                     self._ask_status()
+                if self._failures:
+                    self.get_logger().info('the camera answers again')
+                    self.health.recovered()
                 self._failures, self._told['link'] = 0, 'up'
             except LinkError:
                 self._failures, self._told['link'] = self._failures + 1, 'lost'
                 if self._streaming:
                     raise
             finally:
-                self._next_look = time.monotonic() + min(_LOOK * 2 ** self._failures, _LONGEST)
+                pause = min(_LOOK * 2 ** min(self._failures, 9), _LONGEST)  # 9: no overflow
+                self._next_look = time.monotonic() + pause
 
     def _deliver(self, picture: Picture) -> str:
-        """Fetch and publish a picture; one that is no picture is given up."""
+        """Fetch and publish a picture; one that is no picture is given up in the end."""
+        if not self._streaming:
+            return _ENDED
         began = time.monotonic()
         try:
             raw, text = self._camera.fetch(picture)
@@ -157,26 +177,34 @@ class LytroDriver(StageNode):
             metadata = CameraMetadata.parse(text)
             counts = unpack12(raw, metadata.image.width, metadata.image.height)
             frame = RawFrame(Header(picture.shutter_ns, self._settings.frame_id), counts, metadata)
+            messages = raw_frame_to_messages(frame, self._buffer)
         except LinkError:
             raise
-        except CameraError as error:
-            self._roll.done(picture)  # it gets no better
-            raise CameraError(f'picture {picture.id}: {error}') from error
-        if not self._streaming:
-            return _ENDED
-        self.health.frames_in += 1
+        except PmclError as error:  # its own fault, or another client's that uses the camera too
+            what = 'given up' if self._roll.failed(picture) else 'will be tried again'
+            raise CameraError(f'picture {picture.id}: {error}; it is {what}') from error
         self._told['last download [s]'] = f'{seconds:.2f}'
         self._told['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
-        for publisher, message in zip((self._metadata, self._image),
-                                      raw_frame_to_messages(frame, self._buffer), strict=True):
-            publisher.publish(message)
-        self._roll.done(picture)
-        self.health.done(time.monotonic() - began)
-        # The next may follow at once, and the history of the topic has room for one.
-        self._image.wait_for_all_acked(_ARRIVAL)
+        with self._publishing:
+            if not self._streaming:
+                return _ENDED
+            for publisher, message in zip((self._metadata, self._image), messages, strict=True):
+                publisher.publish(message)
+            self._roll.done(picture)
+            self.health.frames_in += 1
+            self.health.done(time.monotonic() - began)
+        # The next may follow at once, and the histories of the topics have room for one.
+        received = all(each.wait_for_all_acked(_ARRIVAL) for each in (self._metadata, self._image))
         if self._settings.delete:
-            self._camera.delete(picture)
+            self._delete(picture, received and self._image.get_subscription_count() > 0)
         return f'published {picture.id} with stamp {picture.shutter_ns}'
+
+    def _delete(self, picture: Picture, received: bool) -> None:
+        if not received:
+            self.get_logger().warning(f'{picture.id} stays on the camera: nobody received it')
+            return
+        with self.watched('delete'):  # the picture was published all the same
+            self._camera.delete(picture)
 
     def _ask_status(self) -> None:
         status = self._camera.status()

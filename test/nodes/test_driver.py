@@ -1,12 +1,13 @@
 """The driver and its camera, over real sockets: every picture is published, once, intact."""
 
+import socket
 import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from gateways import gateway_of
-from harness import ACTIVATE, CONFIGURE, DEACTIVATE, Process
-from lifecycle_msgs.msg import State
+from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Process
+from lifecycle_msgs.msg import State, Transition
 from sensor_msgs.msg import Image
 from simulated_cameras import SIDE, serving, write_captures
 from std_msgs.msg import String
@@ -19,6 +20,7 @@ from pmcl_ros.camera.simulated.process import served
 from pmcl_ros.nodes.base import LATCHED, SMALL
 
 DRIVER = 'pmcl_ros.nodes.lytro_driver'
+SHUTDOWN = Transition.TRANSITION_ACTIVE_SHUTDOWN
 
 
 @pytest.fixture
@@ -170,7 +172,6 @@ def test_a_camera_that_is_gone_is_told_and_used_again_when_it_is_back(card, driv
     ('slow=20kB/s', '', ''),
     ('short-chunks=500B', '', ''),
     ('garbage-header=10', '', ''),
-    ('silence=11', '', ''),
     ('busy', 'it is busy', ''),
     ('card-full=1', '', 'its memory is full'),
     ('card-full', 'its memory is full', 'its memory is full')])
@@ -201,6 +202,76 @@ def test_gateway(card, driver, user):
         user.wait(lambda: images, 'the picture')
         assert raw_of(images[0]) == raws[0]
         assert before < stamp_of(images[0]) < time.time_ns()
+
+
+def test_a_camera_that_is_silent_at_times(card, driver, user):
+    folder, raws = card
+    with serving(folder, 'silence=11', empty=True) as address:
+        process = driver(address=address.text, picture_timeout=4.0)
+        images = user.listen(Image, 'image_raw', SMALL)
+        answers = [capture(user) for _ in range(3)]
+        taken = [each for each in answers if each.success]
+        assert taken
+        # Where the very command was not answered no picture was taken.
+        assert all('did not press the shutter' in each.message
+                   for each in answers if not each.success)
+        user.wait(lambda: len(images) >= len(taken), 'the pictures')
+        assert [raw_of(each) for each in images] == raws[:len(taken)]
+        assert process.alive()
+
+
+@pytest.mark.parametrize('transitions', [(DEACTIVATE, CLEANUP), (SHUTDOWN,), ()])
+def test_the_node_leaves_while_a_picture_is_awaited(card, tmp_path, user, transitions):
+    folder, _ = card
+    # The picture never comes: nobody may wait for it.
+    with serving(folder, empty=True, delay=3600) as address, \
+            Process(tmp_path, DRIVER, params={'address': address.text,
+                                              'picture_timeout': 3600.0}) as process:
+        assert user.change('lytro_driver', CONFIGURE, ACTIVATE) == [True, True], process.log
+        client = user.node.create_client(Trigger, '/lytro_driver/capture')
+        user.wait(client.service_is_ready, 'the service')
+        user.meet('lytro_driver')
+        with socket.create_connection((address.host, address.callback_port)) as callbacks:
+            answer = client.call_async(Trigger.Request())
+            heard = b''
+            while b'ShutterPressed' not in heard:
+                user.wait(lambda: True, 'the request to be sent')
+                heard += callbacks.recv(4096)
+        for each in transitions:
+            assert user.change('lytro_driver', each)
+        if transitions:
+            user.wait(answer.done, 'the answer')
+            assert not answer.result().success
+    assert 'Traceback' not in process.log
+
+
+def test_a_picture_that_came_damaged_is_read_again(card, driver, user):
+    folder, raws = card
+    path = folder / 'capture0' / 'IMG.RAW'
+    path.write_bytes(raws[0][:100])
+    process = driver(source='files', path=str(folder))
+    images = user.listen(Image, 'image_raw', SMALL)
+    answer = capture(user)
+    assert not answer.success
+    assert 'will be tried again' in answer.message
+    path.write_bytes(raws[0])
+    user.wait(lambda: images or 'given up' in process.log, 'the picture')
+    assert capture(user).success
+    user.wait(lambda: len(images) == 2 or 'given up' in process.log, 'the next')
+    assert [raw_of(each) for each in images] == raws[:2]
+
+
+def test_what_nobody_received_is_not_deleted(card, driver, user):
+    folder, _ = card
+    with serving(folder, empty=True) as address, LytroClient(address) as hand:
+        process = driver(address=address.text, delete=True)
+        assert capture(user).success
+        assert len(hand.records()) == 1
+        assert 'nobody received it' in process.log
+        images = user.listen(Image, 'image_raw', SMALL)
+        assert capture(user).success
+        user.wait(lambda: images, 'the picture')
+        assert [each.number for each in hand.records()] == [1]
 
 
 def test_no_camera_is_told_when_configured(tmp_path, user):

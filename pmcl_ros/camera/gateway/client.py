@@ -2,6 +2,7 @@
 
 import logging
 import re
+import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator
@@ -70,6 +71,7 @@ class GatewayClient:
                  settings: GatewaySettings | None = None) -> None:
         self._url, self._settings = _checked(url), settings or GatewaySettings()
         self._clock = ClockDifference()
+        self._closed = threading.Event()
         self._session = requests.Session()
         self._session.trust_env = False  # no proxy lies between a robot and its gateway
         self._session.headers['Accept-Encoding'] = 'identity'
@@ -115,15 +117,22 @@ class GatewayClient:
             raise CameraError(f'the text of {picture.id} is not text') from None
         image = CameraMetadata.parse(text).image
         expected = image.width * image.height * 3 // 2
+
+        def told(got: int, total: int) -> None:
+            self._check_open()
+            if progress is not None:
+                progress(got, total)
+
         # The gateway fetched both from its camera: it need not be waited for as long again.
-        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, progress),
+        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, told),
                              self._settings.timeout)
         if len(raw) != expected:
             raise CameraError(f'{picture.id} has {len(raw)} bytes, its metadata says {expected}')
         return raw, text
 
     def close(self) -> None:
-        """End every connection."""
+        """End every connection; what waits in another thread raises LinkError, soon."""
+        self._closed.set()
         self._session.close()
 
     def __enter__(self) -> 'GatewayClient':
@@ -168,11 +177,16 @@ class GatewayClient:
         except requests.RequestException as error:
             raise LostError(f'gateway {self._url}: {str(error)[:500]}') from None
 
+    def _check_open(self) -> None:
+        if self._closed.is_set():
+            raise LinkError(f'the connection to gateway {self._url} is closed')
+
     def _persist(self, attempt: Callable[[], _Value],
                  progress: Callable[[], int] = lambda: 0) -> _Value:
         """The value of the first attempt that does not lose the connection."""
         began, before, pause = time.monotonic(), progress(), _PAUSE
         while True:
+            self._check_open()
             try:
                 return attempt()
             except LostError as error:
@@ -181,7 +195,7 @@ class GatewayClient:
                 elif time.monotonic() - began > self._settings.patience:
                     raise
                 _log.info('%s; trying again', error)
-            time.sleep(pause)
+            self._closed.wait(pause)
             pause = min(2 * pause, _LONGEST_PAUSE)
 
 

@@ -55,6 +55,7 @@ class LytroClient:
                                         daemon=True)
         try:
             self._link.open()
+            self._known = self._link.made
             self._info = self.hardware_info()
             self._compare_clocks()
             self._listener = CallbackListener(self._address, self._settings, self._heard,
@@ -112,6 +113,7 @@ class LytroClient:
         """End threads and connections; what waits in another thread raises LinkError."""
         self._closed.set()
         self._link.close()
+        self._arrivals.callbacks(False)  # wakes who waits for a picture
         if self._listener is not None:
             self._listener.close()
         if self._keeper.is_alive():
@@ -143,8 +145,12 @@ class LytroClient:
         self._compare_clocks()
 
     def records(self) -> list[PictureRecord]:
-        """The picture list, newest first."""
-        return decode_picture_list(self._link.load(frames.LOAD_PICTURE_LIST, 'the picture list'))
+        """The picture list, newest first; LinkError when another camera answers by now."""
+        listed = self._link.load(frames.LOAD_PICTURE_LIST, 'the picture list', grows=True)
+        if (made := self._link.made) != self._known:
+            self._recognize()
+            self._known = made
+        return decode_picture_list(listed)
 
     def calibration(self) -> dict[str, bytes]:
         """The calibration files that the camera hands out, path -> content."""
@@ -224,6 +230,13 @@ class LytroClient:
             if record.id == picture.id:
                 return record
         raise CameraError(f'the camera has no picture {picture.id} (any more)')
+
+    def _recognize(self) -> None:
+        """All cameras have one address: after a lost connection it may be another that answers."""
+        serial = self.hardware_info().serial
+        if serial != self._info.serial:
+            raise LinkError(f'camera {serial} answers at {self._address}, where '
+                            f'{self._info.serial} was: connect to it anew, or bring that one back')
 
     def _heard(self, event: Event) -> None:
         """In the thread of the callbacks."""

@@ -30,6 +30,7 @@ class Link:
 
     def __init__(self, address: Address, settings: LinkSettings) -> None:
         self.last_exchange = time.monotonic()
+        self.made = 0  # connections so far
         self._address, self._settings = address, settings
         self._wire, self._buffer = threading.Lock(), threading.Lock()
         self._connection: Connection | None = None
@@ -48,15 +49,16 @@ class Link:
         return self.with_connection(lambda connection: connection.exchange(request))
 
     def load(self, request: Request, what: str, expected: int | None = None,
-             progress: Progress | None = None) -> bytes:
+             progress: Progress | None = None, *, grows: bool = False) -> bytes:
         """Load `what` into the transfer buffer and download all of it.
 
         expected: its length, if that is known. After a lost connection it is loaded again and
         resumed where it stopped. Raises CameraError when the camera does not have it, or it is
         too large, or another length than expected.
+        grows: its length may be another when it is loaded again; then it is begun again.
         """
         with self._buffer:
-            download = _Download(self, request, what, expected, progress)
+            download = _Download(self, request, what, expected, progress, grows)
             self._insist(download.run, lambda: download.got)
             return bytes(download.data)
 
@@ -74,6 +76,9 @@ class Link:
                 raise LinkError(f'the connection to {self._address} is closed')
             if self._connection is None:
                 self._connection = Connection(self._address, self._settings.timeout)
+                self.made += 1
+                if self._closed.is_set():  # meanwhile: `close` did not see this one
+                    self._connection.abort()
             try:
                 result = step(self._connection)
             except BaseException:
@@ -103,9 +108,10 @@ class _Download:
     """The transfer buffer's content on its way; `run` goes on where the last run was lost."""
 
     def __init__(self, link: Link, request: Request, what: str, expected: int | None,
-                 progress: Progress | None) -> None:
+                 progress: Progress | None, grows: bool) -> None:
         self._link, self._request, self._what = link, request, what
         self._expected, self._progress = expected, progress
+        self._grows = grows
         self.data = bytearray()
         self.got = 0
 
@@ -134,6 +140,9 @@ class _Download:
         if length > LARGEST:
             raise CameraError(f'{self._what} has {length} bytes, more than any file of the '
                               f'camera ({LARGEST})')
+        if length != expected and self._grows:
+            self._expected, self.data, self.got = None, bytearray(), 0
+            raise ProtocolError(f'{self._what} had {expected} bytes and has {length} now')
         if length != expected:
             raise CameraError(f'{self._what} has {length} bytes, expected {expected}: the file is '
                               'damaged, or another client uses the camera too')

@@ -149,6 +149,22 @@ def test_a_gateway_that_is_away_and_comes_back(captures):
                 assert client.fetch(picture)[0] == raws[2]
 
 
+def test_closing_ends_a_download(captures):
+    with gateway_of(captures.folder, settings=QUICK) as server, \
+            GatewayClient(server.url, None, PATIENT) as robot:
+        picture, got = robot.pictures()[0], []
+
+        def close(count, _):
+            got.append(count)
+            robot.close()
+
+        with pytest.raises(LinkError, match='is closed'):
+            robot.fetch(picture, close)
+        assert got[-1] < len(captures.raws[0])
+        with pytest.raises(LinkError, match='is closed'):
+            robot.pictures()
+
+
 def test_nobody_there():
     with socket.create_server(('127.0.0.1', 0)) as listening:
         port = listening.getsockname()[1]

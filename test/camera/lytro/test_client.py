@@ -1,10 +1,12 @@
 """The client with a simulated camera, over real sockets."""
 
+import json
 import logging
 import os
 import socket
 import threading
 import time
+from contextlib import ExitStack
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
 
@@ -184,6 +186,43 @@ def test_closing_leaves_no_thread_and_no_descriptor(captures):
             time.sleep(0.05)
         assert len(os.listdir('/proc/self/fd')) <= descriptors
         assert threading.active_count() <= threads
+
+
+def test_who_waits_for_a_picture_is_told_when_the_client_is_closed(captures):
+    with serving(captures[0], empty=True, delay=3600) as address:
+        client = LytroClient(address, QUICK.model_copy(update={'picture_timeout': 3600}))
+        problems = []
+
+        def wait():
+            with pytest.raises(LinkError) as caught:
+                client.capture()
+            problems.append(str(caught.value))
+
+        thread = threading.Thread(target=wait, daemon=True)
+        with socket.create_connection((address.host, address.callback_port)) as callbacks:
+            thread.start()
+            heard = b''
+            while b'ShutterPressed' not in heard:
+                heard += callbacks.recv(4096)
+        client.close()
+        thread.join(60)
+        assert ['is closed' in each for each in problems] == [True]
+
+
+def test_another_camera_at_the_same_address_is_not_taken_for_the_first(tmp_path, camera_text):
+    frame = {'metadata': json.loads(camera_text(SIDE, SIDE)),
+             'privateMetadata': {'camera': {'serialNumber': 'A000000002'}}}
+    other = {'master': {'picture': {'frameArray': [{'frame': frame}]}}}
+    write_captures(tmp_path / 'first', camera_text(SIDE, SIDE))
+    write_captures(tmp_path / 'other', json.dumps(other))
+    with ExitStack() as stack:
+        with serving(tmp_path / 'first') as address:
+            client = stack.enter_context(LytroClient(address, QUICK))
+            pictures = client.pictures()
+        with serving(tmp_path / 'other', at=address), pytest.raises(LinkError, match='A000000002'):
+            client.pictures()
+        with serving(tmp_path / 'first', at=address):
+            assert len(client.pictures()) == len(pictures)
 
 
 def test_a_picture_of_full_size_over_a_link_that_drops(tmp_path):

@@ -149,6 +149,32 @@ def test_a_file_that_changes_its_length_is_refused():
         Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
 
 
+def test_a_list_that_grows_while_the_connection_is_lost_is_read_again():
+    # It is loaded, cut off, loaded again, found to be longer, and loaded from its beginning.
+    lists, cut = iter([b'a' * 100, b'b' * 150, b'b' * 150]), [True]
+    held = b''
+
+    def answer(connected, request):
+        nonlocal held
+        if request[12] == 0xC2:
+            held = next(lists)
+            connected.sendall(reply(request, b''))
+        elif request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', len(held))))
+        elif cut.pop():
+            cut.append(False)
+            connected.sendall(reply(request, held)[:58])
+            connected.close()
+        else:
+            cut.append(False)
+            offset = struct.unpack_from('<I', request, 15)[0]
+            connected.sendall(reply(request, held[offset:]))
+
+    with camera(answer) as address:
+        link = Link(address, SURE)
+        assert link.load(frames.LOAD_PICTURE_LIST, 'list', grows=True) == b'b' * 150
+
+
 def test_one_request_is_in_flight_at_a_time():
     flying, most = [], []
 

@@ -20,7 +20,7 @@ def captures(tmp_path, camera_text):
 @pytest.mark.parametrize('fault', [
     'drop-after=1kB', 'drop-after=700', 'drop-after=5kB:once', 'drop-random=1500:1',
     'drop-random=1kB:2', 'drop-random=4kB:3', 'slow=100kB/s', 'short-chunks=500',
-    'short-chunks=1', 'garbage-header=7', 'silence=9'])
+    'short-chunks=1', 'garbage-header=7'])
 def test_pictures_arrive_intact(captures, fault):
     folder, raws = captures
     settings = QUICK.model_copy(update={'timeout': 0.5})
@@ -32,6 +32,24 @@ def test_pictures_arrive_intact(captures, fault):
             assert raw == raws[number % 3]
             seen.append(picture.id)
         assert len(set(seen)) == 4
+        assert [each.id for each in client.pictures()] == seen
+
+
+def test_a_command_that_is_never_answered_takes_no_picture_and_is_told(captures):
+    folder, raws = captures
+    settings = QUICK.model_copy(update={'timeout': 0.5, 'picture_timeout': 1.0})
+    with client_of(folder, 'silence=9', settings=settings, empty=True) as client:
+        seen, problems = [], []
+        for _ in range(6):
+            try:
+                picture = client.capture()
+            except CameraError as error:  # of the requests the command was the ninth
+                problems.append(str(error))
+                continue
+            assert client.fetch(picture)[0] == raws[len(seen) % 3]
+            seen.append(picture.id)
+        assert all('did not press the shutter' in each for each in problems)
+        assert len(set(seen)) == len(seen) > 0
         assert [each.id for each in client.pictures()] == seen
 
 

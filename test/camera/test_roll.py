@@ -1,0 +1,41 @@
+"""Which pictures are still to be published."""
+
+import pytest
+from simulated_cameras import SIDE, write_captures
+
+from pmcl_ros.camera.file_camera import FileCamera
+from pmcl_ros.camera.roll import Roll
+from pmcl_ros.camera.settings import CameraSettings
+from pmcl_ros.camera.sources import open_camera
+from pmcl_ros.errors import SettingsError
+
+
+@pytest.fixture
+def camera(tmp_path, camera_text):
+    write_captures(tmp_path, camera_text(SIDE, SIDE))
+    return FileCamera(tmp_path)
+
+
+def test_what_was_there_before_is_not_waiting_what_comes_is_until_it_is_done(camera):
+    camera.capture()
+    roll = Roll(camera)
+    assert roll.waiting() == []
+    taken = [camera.capture(), camera.capture()]
+    assert roll.waiting() == roll.waiting() == taken
+    roll.done(taken[0])
+    assert roll.waiting() == taken[1:]
+
+
+def test_a_picture_that_is_none_is_given_up_at_the_third_time(camera):
+    roll = Roll(camera)
+    bad, good = camera.capture(), camera.capture()
+    assert [roll.failed(bad) for _ in range(2)] == [False, False]
+    assert roll.waiting() == [bad, good]
+    assert roll.failed(bad)
+    assert roll.waiting() == [good]
+
+
+def test_a_gateway_is_not_asked_to_delete():
+    settings = CameraSettings(source='gateway', gateway='http://127.0.0.1:9', delete=True)
+    with pytest.raises(SettingsError, match='deletes no pictures'):
+        open_camera(settings)
