@@ -66,6 +66,15 @@ def test_what_is_missing_is_told_in_one_message(folder, tmp_path):
     assert not (tmp_path / 'C.yaml').exists()
 
 
+def test_a_place_that_cannot_be_written_is_told_before_the_work(folder, tmp_path):
+    (tmp_path / 'file').write_text('')
+    done = calibrate(folder, tmp_path / 'file' / 'C.yaml', *BOARD)
+    assert done.returncode == 1
+    assert 'Traceback' not in done.stderr
+    assert str(tmp_path / 'file') in done.stderr
+    assert 'left out' not in done.stderr
+
+
 def test_impossible_corners_are_told(folder, tmp_path):
     done = calibrate(folder, tmp_path / 'C.yaml', '--corners', 'ten', '--square', '0.012')
     assert done.returncode == 1

@@ -63,8 +63,13 @@ def test_number_and_size_of_the_views_are_chosen(files, tmp_path):
     (['--views', '4'], 1, '4 views of a row: their number must be odd'),
     (['--size', '40'], 2, "'40' is no size; expected width x height"),
     (['--size', '0x40'], 2, "'0x40' is no size"),
+    (['--size', '9999x9999'], 1, 'take 90.5 GiB'),
+    (['--compare', 'broken.npz'], 1, 'broken.npz holds no ideal views'),
+    (['--out', 'broken.npz/out'], 1, 'Not a directory'),
 ])
 def test_what_is_impossible_is_refused(files, tmp_path, options, status, reason):
+    (files / 'broken.npz').write_bytes(b'PK\x03\x04')
+    options = [str(files / each) if 'broken' in each else each for each in options]
     assert reason in decode(files, tmp_path, *options, status=status).stderr
 
 

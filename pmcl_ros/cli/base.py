@@ -1,5 +1,6 @@
 """What the commands share: one-line errors, kinds of arguments, the options of a capture."""
 
+import errno
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -26,7 +27,7 @@ _WHITE = ("The camera's white image, RAW[.xz] with its TXT, or a folder of such:
 
 
 class Commands(click.Group):
-    """Turns the package's errors into one line and exit status 1."""
+    """Turns what the package or the disk refuses into one line and exit status 1."""
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; what the package refuses is told without a traceback."""
@@ -34,6 +35,11 @@ class Commands(click.Group):
             return super().invoke(ctx)
         except PmclError as error:
             raise click.ClickException(str(error)) from error
+        except OSError as error:  # a folder that cannot be made or written, a full disk
+            if error.errno == errno.EPIPE:  # the reader of the output has gone: click ends
+                raise
+            where = f'{error.filename}: ' if error.filename else ''
+            raise click.ClickException(f'{where}{error.strerror or error}') from error
 
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:

@@ -10,7 +10,6 @@ from rich.progress import Progress
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FILE, PATH, STDERR
-from pmcl_ros.errors import PmclError
 from pmcl_ros.evaluation.calibration_report import numbers, summary, tables, write_report
 from pmcl_ros.lightfield.boards import Checkerboard
 from pmcl_ros.lightfield.calibrate import CalibrationResult, calibrate_folder
@@ -37,11 +36,8 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path)
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.BadParameter(f'{out} does not end in .yaml', param_hint='--out')
     board = Checkerboard.parse(corners, square)
+    out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     result = run_calibration(white, boards, board)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PmclError(f'cannot make {out.parent}: {error.strerror or error}') from None
     result.calibration.save(out, summary(result))
     write_report(out.with_suffix('.png'), result)
     out.with_suffix('.json').write_text(json.dumps(numbers(result), indent=1) + '\n')

@@ -66,6 +66,7 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
     else:
         decoder = open_decoders(Calibration.load(calibration), white, views, size).of(
             frame.metadata)
+    ideal = None if compare is None else IdealViews.load(compare)
     light_field = decoder.decode(frame)
     if is_mosaic_image(raw):  # nobody wrote its white balance down
         gains = shades_of_grey(light_field.centre_view)
@@ -87,8 +88,8 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         rows * shown.shape[2], columns * shown.shape[3], 3))
     pinhole = light_field.grid.pinhole
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)
-    if compare is not None:
+    if ideal is not None:
         aligned = decoder.calibration.model_copy(update={'focus_distance': math.inf})
         errors = compare_views(Decoder.of_light(aligned, decoder.light, views=views, size=size)
-                               .decode(frame), IdealViews.load(compare))
+                               .decode(frame), ideal)
         click.echo(table(errors))

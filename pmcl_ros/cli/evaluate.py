@@ -37,6 +37,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     """
     folders = [each for each in find_captures(captures) if not only or each.name in only]
     decoders = None
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     if any(is_picture(file) for folder in folders for file in folder.iterdir()):
         white = white or list_pictures(captures / 'white')[0]
         if calibration is None:
@@ -58,6 +60,5 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     table = markdown(results)
     click.echo(table)
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         write_csv(out / 'results.csv', results)
         (out / 'results.md').write_text(table + '\n')

@@ -1,5 +1,7 @@
 """Decoded views against ideal ones: where they look from, and how faithful they are."""
 
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +41,8 @@ class IdealViews:
         try:
             with np.load(path) as data:
                 views = data['views'] / np.float32(65535)
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile,
+                zlib.error) as error:  # TypeError: a bare array
             raise LightFieldError(f'{path} holds no ideal views: {error}') from None
         if views.ndim != 5 or views.shape[4] != 3 or not all(n % 2 for n in views.shape[:2]):
             raise LightFieldError(

@@ -155,7 +155,8 @@ class Calibrator:
         values['focus_distance'] = 1 / values.pop('focus')
         calibration = Calibration.make(
             {'width': pinhole.width, 'height': pinhole.height, **values,
-             'lattice': self._lattice.model_dump(), 'serial': self._serial}, 'the estimate')
+             'lattice': self._lattice.model_dump(), 'serial': self._serial,
+             **dict(zip(('zoom', 'focus'), boards[0].setting, strict=True))}, 'the estimate')
         _LOG.info('calibrated from %d boards: %s', len(boards), calibration)
         return CalibrationResult(calibration, tuple(boards), left_out, fit, gains, sure)
 

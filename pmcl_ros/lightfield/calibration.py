@@ -37,6 +37,8 @@ class Calibration(Settings):
     k2: float = Field(0.0, gt=-10, lt=10, description='radial distortion, fourth order [1]')
     lattice: Lattice
     serial: str = Field('', description='serial number of the camera; empty: unknown')
+    zoom: float | None = Field(None, description='step of the zoom motor; none: unknown')
+    focus: float | None = Field(None, description='step of the focus motor; none: unknown')
 
     @property
     def pinhole(self) -> Pinhole:

@@ -51,6 +51,7 @@ class Decoders:
         """The decoder for a picture of these metadata; see `WhiteImages.choose` for errors."""
         settings = picture.serial, picture.zoom, picture.focus
         if self._decoder is None or settings != self._settings:
+            self._check_lens(picture)
             choice = self._whites.choose(picture)
             if self._decoder is None or choice.path != self._path:
                 self._decoder = Decoder(self._calibration, choice.frame, self._views, self._size)
@@ -64,3 +65,13 @@ class Decoders:
     def decode(self, frame: RawFrame) -> LightField:
         """The views of one raw frame."""
         return self.of(frame.metadata).decode(frame)
+
+    def _check_lens(self, picture: CameraMetadata) -> None:
+        """Warn where the lens stands otherwise than when it was calibrated: the geometry is off."""
+        calibration = self._calibration
+        for name, found, expected in (('zoom', picture.zoom, calibration.zoom),
+                                      ('focus', picture.focus, calibration.focus)):
+            if None not in (found, expected) and found != expected:
+                _LOG.warning('the picture was taken at %s step %g, the calibration is for %g: '
+                             'poses will be off; calibrate at the %s of the pictures', name,
+                             found, expected, name)

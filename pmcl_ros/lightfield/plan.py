@@ -13,8 +13,10 @@ from pmcl_ros.lightfield.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets, sum_lenslets
 from pmcl_ros.lightfield.pupil import Pupil
 from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views
+from pmcl_ros.lightfield.sources.reduction import MOST_BYTES
 
 _MOST_VIEWS = 21
+_LEAST_SIDE = 8  # px, of a view, as in a calibration
 _LIGHT = 2 ** 14  # counts of relative light 1, when it is summed as if it were a picture
 
 
@@ -42,13 +44,21 @@ class DecodePlan:
         """For `views` x `views` views of `size` (width and height, None: the calibration's).
 
         light: (height, width), 1 at the centres of lenslets. Raises LightFieldError when the
-        lattice is not that of the light, or there is no such grid of views.
+        lattice is not that of the light, or there is no such grid of views: their number, or their
+        pixels, are impossible or too many.
         """
         if views % 2 == 0 or not 1 <= views <= _MOST_VIEWS:
             raise LightFieldError(f'{views} views of a row: their number must be odd, from 1 to '
                                   f'{_MOST_VIEWS}')
         lattice = calibration.lattice
         pinhole = calibration.pinhole if size is None else calibration.pinhole.resized(*size)
+        needed = views ** 2 * pinhole.width * pinhole.height * 3 * 4
+        if min(pinhole.width, pinhole.height) < _LEAST_SIDE or needed > MOST_BYTES:
+            raise LightFieldError(
+                f'{views}x{views} views of {pinhole.width}x{pinhole.height} px take '
+                f'{needed / 2 ** 30:.1f} GiB; their sides must be {_LEAST_SIDE} px or more, and '
+                f'all together take {MOST_BYTES / 2 ** 30:.0f} GiB at most: choose another size, '
+                'or fewer views')
         height, width = light.shape
         last = np.array([width - 1, height - 1])
         pupil = Pupil.measure(light, Lenslets.covering(lattice, 0, last[0], 0, last[1]), views)

@@ -130,6 +130,11 @@ def test_what_cannot_be_compared_is_refused(tmp_path):
     np.savez(tmp_path / 'other.npz', pictures=np.zeros(3))
     with pytest.raises(LightFieldError, match='holds no ideal views'):
         IdealViews.load(tmp_path / 'other.npz')
+    np.save(tmp_path / 'bare.npy', np.zeros(3))
+    (tmp_path / 'cut.npz').write_bytes((tmp_path / 'other.npz').read_bytes()[:40])
+    for name in ('bare.npy', 'cut.npz'):
+        with pytest.raises(LightFieldError, match='holds no ideal views'):
+            IdealViews.load(tmp_path / name)
     np.savez(tmp_path / 'even.npz', views=np.zeros((2, 3, 8, 8, 3), np.uint16))
     with pytest.raises(LightFieldError, match=r'expected .* with a centre view'):
         IdealViews.load(tmp_path / 'even.npz')

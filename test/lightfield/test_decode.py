@@ -159,6 +159,13 @@ def test_impossible_numbers_of_views_are_refused(camera, views):
         Decoder(camera.calibration, camera.white(), views=views)
 
 
+@pytest.mark.parametrize(('size', 'reason'), [((4, 40), '9x9 views of 4x40 px .* 8 px or more'),
+                                              ((1100, 1100), 'take 1.1 GiB; .* 1 GiB at most')])
+def test_impossible_sizes_of_views_are_refused(camera, size, reason):
+    with pytest.raises(LightFieldError, match=reason):
+        Decoder(camera.calibration, camera.white(), size=size)
+
+
 @pytest.mark.parametrize(('k1', 'k2'), [(-3.0, 0), (1.5, 6.0)])
 def test_radial_distortion_is_undone(text, k1, k2):
     camera = SyntheticCamera(text, k1=k1, k2=k2)

@@ -73,3 +73,14 @@ def test_white_images_of_another_camera_than_the_calibration(camera, folder):
     for path in (folder, folder / 'MOD_0001.RAW'):
         with pytest.raises(LightFieldError, match='of camera A1, the calibration is for A2'):
             Decoders(camera(serial='A2').calibration, path)
+
+
+def test_another_zoom_or_focus_than_the_calibration_s_is_told(camera, folder, caplog):
+    known = camera().calibration.model_copy(update={'zoom': 600.0, 'focus': 650.0})
+    decoders = Decoders(known, folder)
+    decoders.of(camera(zoom=600, focus=650).picture(waves, 0.4).metadata)
+    assert not [each for each in caplog.records if each.levelname == 'WARNING']
+    decoders.of(camera(zoom=600, focus=700).picture(waves, 0.4).metadata)
+    assert 'at focus step 700, the calibration is for 650' in caplog.text
+    assert 'zoom step' not in [each.message for each in caplog.records
+                               if each.levelname == 'WARNING'][0]

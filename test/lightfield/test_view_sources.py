@@ -239,6 +239,13 @@ def test_too_much_is_refused_with_advice_before_it_is_read(tmp_path):
     Reduction(1, 2).check_memory(17, 17, 1024, 1024)
 
 
+def test_views_cannot_be_shrunk_to_nothing(tmp_path):
+    np.savez(tmp_path / 'a.npz', **GOOD)
+    for source in (tmp_path / 'a.npz', hci(tmp_path / 'scene', 3, 3)):
+        with pytest.raises(LightFieldError, match='cannot be shrunk by 100'):
+            read_light_field(source, shrink=100)
+
+
 # NPZ
 
 @pytest.fixture

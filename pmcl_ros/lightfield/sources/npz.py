@@ -40,7 +40,8 @@ def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
             missing = [name for name in _NEEDED if name not in file]
             if missing:
                 raise LightFieldError(f'{path} has no {", ".join(missing)}; expected views, fx, '
-                                      'fy, cx, cy, baseline (as `pmcl decode` writes)')
+                                      'fy, cx, cy, baseline (as `pmcl decode` writes where it is '
+                                      'given a --calibration)')
             return _read(file, header, reduction)
     except LightFieldError as error:
         raise error if str(path) in str(error) else LightFieldError(f'{path}: {error}') from None
@@ -66,11 +67,11 @@ def _read(file: np.lib.npyio.NpzFile, header: Header, reduction: Reduction) -> L
         raise LightFieldError(f'weights {weights.shape} and positions {positions.shape} do not '
                               f'match {rows}x{columns} views')
     numbers = [_number(file, name) for name in _NEEDED[1:]]
+    pinhole = reduction.pinhole(Pinhole(width, height, *numbers[:4]))
     kept = np.ix_(reduction.kept(rows), reduction.kept(columns))
     views = np.asarray(views[kept], np.float32)
     if reduction.shrink > 1:
         views = np.stack([[reduction.shrunk(view) for view in row] for row in views])
-    pinhole = reduction.pinhole(Pinhole(width, height, *numbers[:4]))
     grid = ViewGrid(pinhole, numbers[4] * reduction.every,
                     positions[kept].astype(float) / reduction.every,
                     weights[kept].astype(np.float32))
