@@ -67,7 +67,7 @@ class Decoders:
         return self.of(frame.metadata).decode(frame)
 
     def _check_lens(self, picture: CameraMetadata) -> None:
-        """Warn where the lens stands otherwise than when it was calibrated: the geometry is off."""
+        """Warn where the lens stands otherwise than when it was calibrated."""
         calibration = self._calibration
         for name, found, expected in (('zoom', picture.zoom, calibration.zoom),
                                       ('focus', picture.focus, calibration.focus)):
