@@ -1,4 +1,4 @@
-"""What the tests share: a ROS domain of each worker's own, and the JSON of a made-up camera."""
+"""What the tests share: a ROS domain of each worker's own, GL, the JSON of a made-up camera."""
 
 import errno
 import json
@@ -6,6 +6,8 @@ import os
 import socket
 
 import pytest
+
+from pmcl_ros.gl import GlContext
 
 
 def _own_domain():
@@ -48,3 +50,20 @@ def camera_text():
         }
         return json.dumps({'image': image})
     return text
+
+
+@pytest.fixture(scope='session')
+def _session_context():
+    context = GlContext()
+    yield context
+    context.close()
+
+
+@pytest.fixture
+def context(_session_context):
+    """GL, with a look at its errors before the test and after."""
+    _session_context.use()
+    assert _session_context.gl.error == 'GL_NO_ERROR'
+    yield _session_context
+    _session_context.use()
+    assert _session_context.gl.error == 'GL_NO_ERROR'

@@ -5,12 +5,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from pmcl_ros.dlv import cost, reference
+from pmcl_ros.dlv.back_end import make_likelihood
 from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.lattice import Lattice
-from pmcl_ros.dlv.likelihood import log_likelihood, truncate
+from pmcl_ros.dlv.likelihood import truncate
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.settings import BackEnd, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
@@ -27,7 +27,7 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
     Both are made for the pixels of `Lattice.of` the settings, and carry their camera. With
     `interpolation` 'phase' every view is shifted to every label by a Fourier transform, which
     takes many seconds. Raises VolumeError when fewer than two views have light, the labels are too
-    near, or the volume would be too large.
+    near, or the volume would be too large; RenderError when `back_end` is 'gl' and GL cannot.
     """
     lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
     _check_size(lattice.pinhole, light_field.grid.pinhole, settings)
@@ -35,11 +35,7 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
                                                                             settings.far)
     _warn_of_few_labels(settings, needed)
     depths = depth_labels(settings.near, settings.far, settings.labels)
-    if settings.interpolation == 'phase':
-        costs = reference.cost_volume(light_field, depths, settings).astype(np.float32)
-    else:
-        costs = cost.cost_volume(light_field, depths, settings)
-    likelihood = log_likelihood(costs)
+    likelihood = make_likelihood(light_field, depths, settings)
     if settings.truncate:
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
     edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
@@ -69,9 +65,10 @@ def _warn_of_few_labels(settings: DlvSettings, needed: int) -> None:
                          (needed - 1) / (count - 1), name, needed, count)
 
 
-def warm_up() -> None:
+def warm_up(back_end: BackEnd = 'auto') -> None:
     """Compile this stage on a tiny light field, so that the first capture does not wait for it.
 
+    back_end: the one of the settings to come. Raises RenderError when it is 'gl' and GL cannot.
     It takes seconds once on a machine that lets numba keep its cache, else in every process.
     """
     side = 48
@@ -79,4 +76,4 @@ def warm_up() -> None:
     grid = ViewGrid(pinhole, 0.001, nominal_positions(3, 3), np.ones((3, 3), np.float32))
     views = np.random.default_rng(0).random((3, 3, side, side, 3), np.float32)
     build_volume(LightField(Header(), views, grid),
-                 DlvSettings(labels=3, views=3, edge_labels=2, truncate=True))
+                 DlvSettings(labels=3, views=3, edge_labels=2, truncate=True, back_end=back_end))

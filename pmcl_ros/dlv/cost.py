@@ -11,10 +11,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.lattice import Lattice
-from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.planes import matching_planes
-from pmcl_ros.dlv.runs import Runs
+from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.kernels import LOCK, compiled
@@ -34,39 +31,17 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
     in proportion to views, labels and pixels. Raises VolumeError when no two views have light, the
     depths shift views out of the image, or the crop is not in it.
     """
-    pairs = StereoPairs.of(light_field.grid, settings.views)
-    shifts = pairs.shifts(depths)
-    neutral = settings.interpolation == 'neutral'
-    runs = Runs.neutral(shifts) if neutral else Runs.bilinear(shifts)
-    # The weights of the terms are folded into the coefficients and the truncations.
-    gradient = 1 - settings.beta
-    weights = np.stack([np.full_like(pairs.gamma, settings.beta), gradient * pairs.gamma,
-                        gradient * (1 - pairs.gamma)], axis=1)
-    if settings.view_weights == 'light':
-        weights *= pairs.light[:, None]
-    limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
-    pad = int(np.ceil(np.abs(shifts).max())) + TAPS
-    planes = matching_planes(light_field, pairs.indices, pad, neutral)
-    wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
-    half = settings.window // 2 // settings.stride
-    lattice = wanted.grown(half)
-    cost = np.empty((len(depths), len(lattice.rows), len(lattice.columns)), np.float32)
+    task = Matching.of(light_field, depths, settings)
+    lattice, runs = task.lattice, task.runs
+    cost = np.empty(task.shape, np.float32)
     with LOCK:
-        _match(planes, pad, runs.where, runs.cells, runs.taps, runs.time,
-               weights.astype(np.float32), limits.astype(np.float32),
-               _within(pairs.inside(depths), lattice), lattice.left, lattice.top, lattice.stride,
+        _match(task.planes, task.pad, runs.where, runs.cells, runs.taps, runs.time,
+               task.weights, task.limits, task.inside, lattice.left, lattice.top, lattice.stride,
                settings.color_cost == 'l2', cost)
-        if half:
-            _sum_windows(cost, half)
-    rows, columns = wanted.within(lattice)
+        if task.half:
+            _sum_windows(cost, task.half)
+    rows, columns = task.wanted.within(lattice)
     return np.ascontiguousarray(cost[:, rows, columns])
-
-
-def _within(inside: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
-    """Ranges of x and y [px] as ranges of columns and rows of the lattice."""
-    corner = np.repeat([lattice.left, lattice.top], 2)
-    ends = np.repeat([len(lattice.columns), len(lattice.rows)], 2)
-    return np.clip(-(-(inside - corner) // lattice.stride), 0, ends)
 
 
 @compiled(parallel=True)

@@ -111,9 +111,13 @@ def _valley(ray, label, step):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _describe(ray, first, last, out):  # type: ignore[no-untyped-def]
-    if first == 0 or last == len(ray) - 1 or first < last:
+    if first == 0 or last == len(ray) - 1 or last - first > 1:
         at = first if first == 0 else last if last == len(ray) - 1 else (first + last) / 2
         out[0], out[1], out[2] = at, ray[first], 0
+        return
+    if first < last:  # half-way between two labels
+        bend = ray[first] - (ray[first - 1] + ray[last + 1]) / 2
+        out[0], out[1], out[2] = (first + last) / 2, ray[first] + bend / 8, bend
         return
     before, here, after = ray[first - 1], ray[first], ray[first + 1]
     bend = 2 * here - before - after

@@ -6,6 +6,7 @@ from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.settings import Settings
 
+BackEnd = Literal['auto', 'numba', 'gl']
 _Pixels = Annotated[int, Field(ge=0, le=100_000)]
 
 
@@ -53,6 +54,10 @@ class DlvSettings(Settings):
     edge_labels: int = Field(24, ge=2, le=1000,
                              description='number of depth labels of the edge volume [labels]')
 
+    back_end: BackEnd = Field(
+        'auto', description='what makes the volume: numba, on the processor; gl, compute shaders; '
+        'auto, gl where OpenGL runs on a GPU, else numba. phase has one form of its own')
+
     @field_validator('views', 'window')
     @classmethod
     def _odd(cls, value: int) -> int:
@@ -64,4 +69,11 @@ class DlvSettings(Settings):
     def _ordered(self) -> 'DlvSettings':
         if self.near >= self.far:
             raise ValueError(f'near {self.near} m must be smaller than far {self.far} m')
+        return self
+
+    @model_validator(mode='after')
+    def _has_form(self) -> 'DlvSettings':
+        if self.back_end == 'gl' and self.interpolation == 'phase':
+            raise ValueError('interpolation phase has no form for back_end gl: choose back_end '
+                             'auto, or interpolation neutral or bilinear')
         return self

@@ -32,7 +32,7 @@ class DlvNode(StageNode):
     def set_up(self, settings: DlvSettings) -> None:
         """Compile, so that the first capture need not wait for it."""
         self._settings = settings
-        warm_up()
+        warm_up(settings.back_end)
         self._volume = self.publisher(Float32MultiArray, 'dlv', BIG)
         self._edges = self.publisher(Float32MultiArray, 'dlv/edges', BIG)
         self._depth = self.publisher(Image, 'dlv/depth', SMALL)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import RenderError
-from pmcl_ros.pmcl.gl import GlContext
+from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.zbuffers import ZBuffers
 
 _COMPUTE = """

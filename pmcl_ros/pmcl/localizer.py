@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import LocalizationError, RenderError
+from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.annealed import CORRELATION, annealed_filter
 from pmcl_ros.pmcl.contour_score import ContourScore
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.faithful import faithful_filter
-from pmcl_ros.pmcl.gl import GlContext
 from pmcl_ros.pmcl.likelihood_score import LikelihoodScore
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals

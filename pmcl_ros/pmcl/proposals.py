@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import ObjectModelError
+from pmcl_ros.gl import GlContext
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.gl import GlContext
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.summary import same_mode

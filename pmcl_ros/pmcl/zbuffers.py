@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.errors import RenderError
+from pmcl_ros.gl import GlContext
 from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.gl import GlContext
 
 _MOST_PIXELS = 2 ** 26  # of an atlas: 256 MiB
 _VERTEX = """

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from dlv_fields import Texture, make_grid
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.signal import find_peaks
@@ -30,6 +30,7 @@ def bump(at, height, width=2.5):
 
 @settings(max_examples=50, deadline=None)
 @given(st.floats(3, 12), st.floats(26, 36), st.floats(0.2, 1), st.floats(0.2, 1))
+@example(5.5, 30.5, 1.0, 0.5)
 def test_two_bumps_are_two_surfaces_the_more_likely_first(one, other, height, second):
     assume(abs(height - second) > 0.05)
     ray = (bump(one, height) + bump(other, second)).astype(np.float32)

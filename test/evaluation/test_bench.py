@@ -2,8 +2,16 @@
 
 import numpy as np
 
-from pmcl_ros.evaluation.bench import Bench, bench_decode
+from pmcl_ros.dlv.matching import Matching
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.bench import Bench, bench_decode, bench_dlv
+from pmcl_ros.evaluation.bench.dlv import least_work
+from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
 from pmcl_ros.evaluation.bench.result import best_ms
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField
 
 
 def test_the_least_time_counts():
@@ -17,3 +25,48 @@ def test_the_decode_is_many_times_as_fast_as_its_plain_form():
     assert set(result.ms) == {'unpack', 'sample', 'resample', 'total', 'reference'}
     assert result.ratio_to_reference > 5
     assert 100 < result.mb['decode'] < 200  # the views alone are 105
+
+
+def test_the_volume_is_many_times_as_fast_as_its_plain_form():
+    result = bench_dlv(repeats=1)
+    assert set(result.ms) == {'cost', 'likelihood', 'edges', 'reference cost', 'bound'}
+    assert result.ratio_to_reference > 20
+    assert result.ratio_to_bound == (result.ms['cost'] + result.ms['likelihood']) / result.ms[
+        'bound']
+    assert result.lines()[-1].endswith('times the least time for this machine')
+
+
+def work(labels=20, size=(40, 30), baseline=0.001, **options):
+    """Of a row of three views; 1 mm, 100 px: 0.3 px at the nearest."""
+    width, height = size
+    grid = ViewGrid(Pinhole(width, height, 100, 100, 0, 0), baseline, nominal_positions(1, 3),
+                    np.ones((1, 3), np.float32))
+    field = LightField(Header(), np.ones((1, 3, height, width, 3), np.float32), grid)
+    settings = DlvSettings(**options)
+    return least_work(Matching.of(field, depth_labels(0.3, 0.9, labels), settings), settings)
+
+
+def test_the_least_work_by_hand():
+    # A pair's samples leave the image at one column. One run, three nodes.
+    area = 2 * 39 * 30
+    operations = area * (3 * 5 * 14 + 5 * 8 + 20 * 20) + 20 * 40 * 30 * 19
+    np.testing.assert_array_equal(work(), [operations, 4 * (3 * 3 * 40 * 30 + 20 * 40 * 30)])
+    without_root = operations - area * 20 * 2
+    assert work(color_cost='sad')[0] == without_root
+    assert work(window=1)[0] == operations - 4 * 20 * 40 * 30
+
+
+def test_the_least_work_counts_a_node_once_that_two_runs_share():
+    # 20 mm: 2.2 to 6.7 px, five runs of less than a pixel; seven columns leave the image.
+    area = 2 * 33 * 30
+    operations = area * (11 * 5 * 14 + 5 * 5 * 8 + 20 * 40) + 40 * 40 * 30 * 19
+    assert work(labels=40, baseline=0.02)[0] == operations
+
+
+def test_a_machine_is_at_least_as_fast_as_numpy_on_one_core():
+    values, factor, summand = np.ones(4096, np.float32), np.float32(0.5), np.float32(0.25)
+    ms = best_ms(lambda: [values * factor + summand for _ in range(100)], 20)
+    assert multiply_adds() > 100 * values.size / ms * 1e3
+    source, target = np.ones((2, 1 << 24), np.float32)
+    assert copied_bytes() > 0.5 * 2 * source.nbytes / best_ms(
+        lambda: np.copyto(target, source), 5) * 1e3

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from pmcl_ros.errors import RenderError
-from pmcl_ros.pmcl.gl import GlContext
+from pmcl_ros.gl import GlContext
 
 _MAKE = """
 from pmcl_ros.errors import RenderError
-from pmcl_ros.pmcl.gl import GlContext
+from pmcl_ros.gl import GlContext
 try:
     GlContext()
 except RenderError as error:
