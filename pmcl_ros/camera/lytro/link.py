@@ -19,6 +19,7 @@ Progress = Callable[[int, int], None]  # bytes got, bytes in all
 
 _log = logging.getLogger(__name__)
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
+_ANOTHER_CLIENT = 'does another client use the camera?'
 
 
 class Link:
@@ -122,15 +123,31 @@ class _Download:
             raise CameraError(f'the camera has no {self._what}')
         self._check_length()
         while self.got < len(self.data):
-            if not self._link.with_connection(self._piece):
+            asked = min(CHUNK, len(self.data) - self.got)
+            came = self._link.with_connection(self._piece)
+            if not came:
                 raise ProtocolError(f'the camera sends no byte {self.got} of {len(self.data)} of '
-                                    f'{self._what}; does another client use it?')
+                                    f'{self._what}; {_ANOTHER_CLIENT}')
+            if came < asked:
+                self._check_again(came)
         if self.data:
             self._check_length()  # another client's load would have replaced the buffer
 
     def _piece(self, connection: Connection) -> int:
         into = memoryview(self.data)[self.got:self.got + CHUNK]
         return connection.download(self.got, into, self._landed)
+
+    def _check_again(self, came: int) -> None:
+        """A short piece may be the end of another, shorter file, that another client loaded."""
+        self._check_length()
+        again = bytearray(came)
+        first = self.got - came
+        if self._link.with_connection(
+                lambda connection: connection.download(first, memoryview(again), lambda _: None)
+        ) != came or again != self.data[first:self.got]:
+            self.got = first
+            raise ProtocolError(f'bytes {first} to {first + came} of {self._what} are not the '
+                                f'same twice; {_ANOTHER_CLIENT}')
 
     def _check_length(self) -> None:
         length = decode_length(self._link.ask_once(CONTENT_LENGTH))
