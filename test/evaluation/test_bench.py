@@ -30,7 +30,7 @@ def test_the_decode_is_many_times_as_fast_as_its_plain_form():
 def test_the_volume_is_many_times_as_fast_as_its_plain_form():
     result = bench_dlv(repeats=1)
     assert set(result.ms) == {'cost', 'likelihood', 'edges', 'reference cost', 'bound'}
-    assert result.ratio_to_reference > 20
+    assert result.ratio_to_reference > 10
     assert result.ratio_to_bound == (result.ms['cost'] + result.ms['likelihood']) / result.ms[
         'bound']
     assert result.lines()[-1].endswith('times the least time for this machine')
