@@ -9,13 +9,19 @@ ROOT = Path(__file__).parent
 
 def data_files():
     """Every file of the folders that a user needs at run time, and what ament looks for."""
-    files = sorted(path.relative_to(ROOT) for folder in ('config', 'launch', 'models')
+    files = sorted(path.relative_to(ROOT) for folder in ('config', 'examples', 'launch', 'models')
                    for path in (ROOT / folder).rglob('*')
                    if path.is_file() and '__pycache__' not in path.parts)
     shared = [(f'share/{NAME}/{folder}', [str(path) for path in paths])
               for folder, paths in groupby(files, lambda path: path.parent)]
     return [('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
             (f'share/{NAME}', ['package.xml']), *shared]
+
+
+def requirements(name):
+    """The packages that a requirements file lists."""
+    lines = (ROOT / name).read_text().splitlines()
+    return [line for line in lines if line and not line.startswith('#')]
 
 
 setup(
@@ -28,15 +34,16 @@ setup(
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     data_files=data_files(),
     python_requires='>=3.10',
-    # What requirements.txt lists comes with apt (rosdep) or pip, whichever a machine uses; the ROS
-    # wheels must not be pulled into a machine that has /opt/ros.
-    install_requires=['setuptools'],
+    # The ROS wheels are an extra: they must not be pulled into a machine that has /opt/ros.
+    install_requires=requirements('requirements.txt'),
+    extras_require={'ros': requirements('requirements-ros.txt')},
     zip_safe=True,
     entry_points={'console_scripts': [
         'lytro_driver = pmcl_ros.nodes.lytro_driver:main',
         'subaperture_node = pmcl_ros.nodes.subaperture_node:main',
         'dlv_node = pmcl_ros.nodes.dlv_node:main',
         'pmcl_node = pmcl_ros.nodes.pmcl_node:main',
+        'grasp_node = pmcl_ros.nodes.grasp_node:main',
         'pmcl_bringup = pmcl_ros.nodes.bringup:main',
         'pmcl_replay = pmcl_ros.nodes.replay:main',
         'pmcl = pmcl_ros.cli:main',

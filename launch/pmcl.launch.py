@@ -1,6 +1,7 @@
 """Starts the chain as one process for each node and, unless told otherwise, takes it to active.
 
-Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas).
+Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
+grasps (a grasp file: grasp_node is started too).
 """
 
 from itertools import pairwise
@@ -15,7 +16,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.table import NODES
+from pmcl_ros.nodes.table import GRASPS, NODES
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -40,6 +41,12 @@ def start(context):
                            namespace=LaunchConfiguration('namespace'), output='screen',
                            parameters=[LaunchConfiguration('params_file')])
              for entry in reversed(NODES) if entry.name not in without]  # consumers first
+    grasps = LaunchConfiguration('grasps').perform(context)
+    if grasps:
+        nodes.insert(0, LifecycleNode(
+            package='pmcl_ros', executable=GRASPS.name, name=GRASPS.name,
+            namespace=LaunchConfiguration('namespace'), output='screen',
+            parameters=[LaunchConfiguration('params_file'), {'grasps': grasps}]))
     if LaunchConfiguration('autostart').perform(context).lower() != 'true' or not nodes:
         return nodes
     first, last = nodes[0], nodes[-1]
@@ -65,5 +72,7 @@ def generate_launch_description():
                               description='configure and activate the nodes'),
         DeclareLaunchArgument('without', default_value='',
                               description='names of nodes not to start, by commas'),
+        DeclareLaunchArgument('grasps', default_value='',
+                              description='a grasp file, YAML: start grasp_node with it'),
         OpaqueFunction(function=start),
     ])

@@ -48,6 +48,10 @@ class LocalizationError(PmclError):
     """The pose search was asked for something impossible."""
 
 
+class GraspError(PmclError):
+    """No grasp can be made or ranked from what was given."""
+
+
 class MessageError(PmclError):
     """A ROS message does not hold what its topic promises."""
 

@@ -178,6 +178,25 @@ def test_edges_round_trip_and_join_their_volume(volume, edges):
     assert cv.with_edges(volume, found).edges is found
 
 
+def test_a_volume_read_from_its_bytes_is_the_same(volume, edges):
+    message = cv.volume_to_message(volume)
+    found = cv.volume_from(cv.multi_array_from(serialize_message(message)))
+    expected = cv.volume_from(wired(message))
+    assert (found.header, found.pinhole) == (expected.header, expected.pinhole)
+    np.testing.assert_array_equal(found.depths, expected.depths)
+    np.testing.assert_array_equal(found.likelihood, expected.likelihood)
+    assert found.likelihood.flags.writeable
+    cdr = serialize_message(cv.edges_to_message(edges))
+    np.testing.assert_array_equal(cv.edges_from(cv.multi_array_from(cdr)).tensor, edges.tensor)
+    with pytest.raises(MessageError, match='0 dimensions'):
+        cv.volume_from(cv.multi_array_from(serialize_message(Float32MultiArray())))
+
+
+def test_a_volume_that_has_these_edges_is_left_alone(volume, edges):
+    both = replace(volume, edges=edges)
+    assert cv.with_edges(both, edges) is both
+
+
 def test_edges_of_another_capture_or_camera_are_refused(volume, edges):
     with pytest.raises(MessageError, match='one capture'):
         cv.with_edges(volume, replace(edges, header=Header(5)))

@@ -56,7 +56,7 @@ def launch(monkeypatch):
 
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true'} | given
+    context = {'without': '', 'autostart': 'true', 'grasps': ''} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
@@ -79,7 +79,7 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without']
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -102,3 +102,11 @@ def test_nodes_can_be_left_out_and_left_alone(launch):
     assert nodes == ['pmcl_node', 'subaperture_node']
     assert not first
     assert not chained
+
+
+def test_a_grasp_file_starts_the_grasp_node_first(launch):
+    nodes, first, _ = started(launch, grasps='glass.yaml')
+    assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
+    assert first == [('grasp_node', launch['CONFIGURE'])]
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
+    assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}

@@ -5,13 +5,14 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'pmcl_ros'
-STAGES = ['camera', 'lightfield', 'dlv', 'pmcl', 'evaluation']
+STAGES = ['camera', 'lightfield', 'dlv', 'pmcl', 'grasps', 'evaluation']
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 MODULES = sorted(path.relative_to(ROOT) for path in PACKAGE.rglob('*.py'))
 ROS = ('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_srvs', 'launch', 'launch_ros')
@@ -73,9 +74,10 @@ def workspace(tmp_path_factory):
         pytest.skip('colcon is not installed beside this Python')
     workspace = tmp_path_factory.mktemp('workspace')
     source = workspace / 'src' / 'pmcl_ros'
-    for each in ('pmcl_ros', 'config', 'launch', 'models', 'resource'):
+    for each in ('pmcl_ros', 'config', 'examples', 'launch', 'models', 'resource'):
         shutil.copytree(ROOT / each, source / each, ignore=shutil.ignore_patterns('__pycache__'))
-    for each in ('package.xml', 'setup.py', 'setup.cfg'):
+    for each in ('package.xml', 'setup.py', 'setup.cfg', 'requirements.txt',
+                 'requirements-ros.txt'):
         shutil.copy(ROOT / each, source / each)
     return workspace
 
@@ -98,12 +100,12 @@ def test_colcon_installs_every_node_and_file(workspace):
     subprocess.run([colcon(), 'build'], cwd=workspace, check=True, capture_output=True)
     install = workspace / 'install' / 'pmcl_ros'
     assert (install / 'share' / 'pmcl_ros' / 'hook' / 'ament_prefix_path.sh').is_file()
-    for each in (*NODES, 'pmcl_bringup', 'pmcl_replay', 'pmcl'):
+    for each in (*NODES, 'grasp_node', 'pmcl_bringup', 'pmcl_replay', 'pmcl'):
         assert os.access(install / 'lib' / 'pmcl_ros' / each, os.X_OK), each
     share = install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'pmcl_ros').exists()
-    for each in ('package.xml', 'config/pmcl.yaml', 'launch/pmcl.launch.py',
-                 'config/cameras/demo.yaml', 'models/wine_glass.obj'):
+    for each in ('package.xml', 'config/pmcl.yaml', 'config/fastdds_shm.xml',
+                 'launch/pmcl.launch.py', 'config/cameras/demo.yaml', 'models/wine_glass.obj'):
         assert (share / 'pmcl_ros' / each).is_file(), each
     # the installed node's own Python finds it
     script = install / 'lib' / 'pmcl_ros' / 'dlv_node'
@@ -118,7 +120,10 @@ def test_versions_agree():
     assert f'## {version}' in (ROOT / 'CHANGES.md').read_text()
 
 
-def test_ros_wheels_are_no_dependency_of_the_package():
+def test_ros_wheels_are_an_extra():
     # pip would put them into a machine that has /opt/ros
-    text = (ROOT / 'setup.py').read_text() + (ROOT / 'requirements.txt').read_text()
-    assert 'ros-jazzy' not in text
+    of_ros = [each for each in requires('pmcl_ros') if each.startswith('ros-')]
+    assert len(of_ros) == 3
+    assert all(each.endswith('extra == "ros"') for each in of_ros)
+    base = [each for each in requires('pmcl_ros') if 'extra' not in each]
+    assert len(base) > 10

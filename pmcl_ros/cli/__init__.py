@@ -11,12 +11,16 @@ from pmcl_ros.cli.base import STDERR, Commands
 from pmcl_ros.cli.bench import bench
 from pmcl_ros.cli.calibrate import calibrate, calibration_from_truth
 from pmcl_ros.cli.camera import camera
+from pmcl_ros.cli.coverage import coverage, learn
 from pmcl_ros.cli.decode import decode
+from pmcl_ros.cli.doctor import doctor
 from pmcl_ros.cli.evaluate import evaluate
 from pmcl_ros.cli.figures import figures
+from pmcl_ros.cli.grasps import grasps
 from pmcl_ros.cli.lattice import lattice
 from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
+from pmcl_ros.cli.scenes import scenes
 
 
 @click.group(cls=Commands)
@@ -29,5 +33,5 @@ def main(verbose: bool) -> None:
 
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
-                 bag, lattice, lfp, camera):
+                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn):
     main.add_command(_command)

@@ -1,17 +1,39 @@
 """`pmcl evaluate`: errors over a folder of captures with truth."""
 
+import contextlib
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
-from rich.progress import Progress
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.camera.files import is_picture, list_pictures
+from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR, open_decoders
 from pmcl_ros.cli.calibrate import run_calibration
-from pmcl_ros.evaluation.trials import Trial, find_captures, markdown, run_trials, write_csv
+from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evaluation.curves import pictures
+from pmcl_ros.evaluation.pictures import write_png
+from pmcl_ros.evaluation.plan import Plan
+from pmcl_ros.evaluation.pool import run_batches
+from pmcl_ros.evaluation.records import (
+    TrialsFile,
+    settings,
+    write_bop,
+    write_settings,
+    write_trials,
+)
+from pmcl_ros.evaluation.tables import markdown, rows_of
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.boards import Checkerboard
 from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.lightfield.decoders import Decoders
+
+_INTERRUPTED = 130  # exit status, as of a shell's command
 
 
 @click.command()
@@ -23,42 +45,121 @@ from pmcl_ros.pmcl.settings import PmclSettings
               help='Without --calibration: inner corners of the checkerboard in CAPTURES.')
 @click.option('--square', default=0.011, show_default=True, type=float,
               help='Without --calibration: side of its squares [m].')
-@click.option('--modes', default='default', show_default=True, help='Modes, separated by commas.')
+@click.option('--modes', default='default', show_default=True, help='Rows of the tables, '
+              'separated by commas: default; faithful, the filter of the paper; centre, the '
+              'default on the centre view alone.')
+@click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help='One more row, the '
+              "default with other values of the search's or the volume's parameters; row=faithful "
+              'among them: that with other values.')
+@click.option('--sweep', 'sweeps', multiple=True, metavar='KEY=VALUE,VALUE,...', help='One more '
+              'row for each value, and a drawing of accuracy over time.')
 @click.option('--trials', type=click.IntRange(1), default=10, show_default=True, help='Seeds.')
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
-@click.option('--out', type=FOLDER, help='Folder for results.csv and results.md.')
+@click.option('--wrong-objects', is_flag=True, help='Look also, in each capture, for the objects '
+              'of the others, with each seed for another one: they should be lost.')
+@click.option('--processes', type=click.IntRange(1, 256), help='Default: as many as there are '
+              'cores. With 1 the times are those of a quiet machine.')
+@click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
+              "(results.md), poses in BOP's format (bop_*.csv), charts (PNG) and what they were "
+              'made with (settings.json).')
 def evaluate(captures: Path, calibration: Path | None, white: Path | None, corners: str,
-             square: float, modes: str, trials: int, only: tuple[str, ...],
+             square: float, modes: str, changes: tuple[str, ...], sweeps: tuple[str, ...],
+             trials: int, only: tuple[str, ...], wrong_objects: bool, processes: int | None,
              out: Path | None) -> None:
     """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and tell errors.
 
     Without --calibration the camera is calibrated first, from the pictures of a checkerboard that
     lie there too. A picture may be a light field, as `pmcl localize` takes: it needs none.
+
+    Ctrl-C ends it, with the tables of what has been done so far and exit status 130.
     """
-    folders = [each for each in find_captures(captures) if not only or each.name in only]
-    decoders = None
+    chosen = find_captures(captures, only)
+    variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
+                *(row for each in sweeps for row in sweep(each))]
+    others = find_captures(captures) if wrong_objects else []
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
-    if any(is_picture(file) for folder in folders for file in folder.iterdir()):
-        white = white or list_pictures(captures / 'white')[0]
-        if calibration is None:
-            board = Checkerboard.parse(corners, square)
-            found = run_calibration(white, captures, board).calibration
-        else:
-            found = Calibration.load(calibration)
-        decoders = open_decoders(found, white)
-    results: list[Trial] = []
-    with Progress(console=STDERR, transient=True) as bar:
-        names = [PmclSettings.make({'mode': mode}, '--modes').mode for mode in modes.split(',')]
-        task = bar.add_task('', total=len(folders) * len(names) * trials)
-        for mode in names:
-            for folder in folders:
-                bar.update(task, description=f'{folder.name}, {mode}')
-                for trial in run_trials(folder, decoders, mode, range(trials)):
-                    results.append(trial)
-                    bar.advance(task)
-    table = markdown(results)
+    decoders = _decoders(captures, chosen, calibration, white, corners, square)
+    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
+                tuple(others), decoders)
+    count = min(processes or os.cpu_count() or 1, plan.count)
+    done: list[Trial] = []
+    started = time.perf_counter()
+    try:
+        with _interruptible() as stop:
+            _run(plan, count, stop.is_set, done, out)
+    finally:
+        if done:
+            _report(plan, done, out)
+            if out is not None:
+                files = [each for each in (calibration, white) if each is not None]
+                write_settings(out / 'settings.json', settings(
+                    plan, files, count, time.perf_counter() - started))
+    if stop.is_set():
+        STDERR.print(f'interrupted after {len(done)} of {plan.count} trials')
+        raise SystemExit(_INTERRUPTED)
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[threading.Event]:
+    """An event that Ctrl-C and SIGTERM set; a second time they interrupt at once."""
+    stop = threading.Event()
+
+    def ask(number: int, _: object) -> None:
+        stop.set()
+        signal.signal(number, signal.default_int_handler)
+
+    before = {each: signal.signal(each, ask) for each in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _decoders(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
+              white: Path | None, corners: str, square: float) -> Decoders | None:
+    """Of the camera of raw pictures, calibrated first if need be; None where there are none."""
+    if all(each.picture is None for each in chosen):
+        return None
+    white = white or list_pictures(captures / 'white')[0]
+    if calibration is None:
+        board = Checkerboard.parse(corners, square)
+        return open_decoders(run_calibration(white, captures, board).calibration, white)
+    return open_decoders(Calibration.load(calibration), white)
+
+
+def _run(plan: Plan, processes: int, stopped: Callable[[], bool], done: list[Trial],
+         out: Path | None) -> None:
+    """Make all trials, append each to `done`, and to results.csv."""
+    columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
+    with contextlib.ExitStack() as stack:
+        bar = stack.enter_context(Progress(*columns, console=STDERR, transient=True))
+        task = bar.add_task('', total=plan.count)
+        file = None if out is None else stack.enter_context(TrialsFile(out / 'results.csv'))
+        trials = run_batches(plan.batches, processes, stopped)
+        for trial in stack.enter_context(contextlib.closing(trials)):
+            done.append(trial)
+            bar.update(task, advance=1, description=f'{trial.capture}, {trial.mode}')
+            if file is not None:
+                file.add(trial)
+
+
+def _report(plan: Plan, done: list[Trial], out: Path | None) -> None:
+    """Print the tables; write them, and all else, in an order that does not depend on chance."""
+    rows = [each.name for each in plan.variants]
+    done.sort(key=lambda each: (each.capture, rows.index(each.mode), each.wrong, each.seed))
+    table = markdown(done)
     click.echo(table)
     if out is not None:
-        write_csv(out / 'results.csv', results)
         (out / 'results.md').write_text(table + '\n')
+        write_trials(out / 'results.csv', done)
+        for mode in rows_of(done):
+            write_bop(out / f'bop_{_file_name(mode)}.csv',
+                      [each for each in done if each.mode == mode], plan)
+        for name, picture in pictures(done, plan.variants).items():
+            write_png(out / f'{name}.png', picture)
+
+
+def _file_name(mode: str) -> str:
+    return ''.join(each if each.isalnum() or each in '.-=' else '_' for each in mode)

@@ -5,16 +5,19 @@ from pathlib import Path
 import click
 
 from pmcl_ros.cli.base import FOLDER
-from pmcl_ros.evaluation.figures import FIGURES
+from pmcl_ros.evaluation.figures import FIGURES, TABLES
 from pmcl_ros.evaluation.pictures import write_png
 
 
 @click.command()
 @click.argument('folder', type=FOLDER)
 @click.option('--only', type=click.Choice(list(FIGURES)), help='Only this drawing.')
-def figures(folder: Path, only: str | None) -> None:
+@click.option('--tables', is_flag=True, help='Print their numbers too, as Markdown.')
+def figures(folder: Path, only: str | None, tables: bool) -> None:
     """Draw the documentation's figures into FOLDER, as PNG."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in [only] if only else FIGURES:
         write_png(folder / f'{name}.png', FIGURES[name]())
         click.echo(folder / f'{name}.png')
+        if tables and name in TABLES:
+            click.echo(TABLES[name]())

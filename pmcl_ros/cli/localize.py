@@ -12,8 +12,8 @@ from pmcl_ros.cli.base import FILE, FOLDER, STDERR, open_source, source_options
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.pictures import depth_picture, overlay, write_png
-from pmcl_ros.evaluation.trials import volume_settings
 from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region

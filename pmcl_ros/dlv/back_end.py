@@ -48,7 +48,7 @@ def make_likelihood(light_field: LightField, depths: NDArray[np.float64], settin
             if settings.back_end == 'gl':
                 raise
             _warn(str(error))
-    return log_likelihood(cost.cost_volume(light_field, depths, settings))
+    return cost.likelihood_volume(light_field, depths, settings)
 
 
 @lru_cache

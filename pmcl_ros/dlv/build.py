@@ -10,7 +10,8 @@ from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.likelihood import truncate
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.settings import BackEnd, DlvSettings
+from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
+from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
@@ -40,7 +41,10 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
     edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
     edges = edge_volume(light_field, edge_depths, settings.views).on(lattice)
-    return DepthLikelihoodVolume(light_field.header, likelihood, depths, lattice.pinhole, edges)
+    superposition = (fit_superposition(light_field, settings) if settings.layers == 'joint'
+                     else None)
+    return DepthLikelihoodVolume(light_field.header, likelihood, depths, lattice.pinhole, edges,
+                                 superposition)
 
 
 def _check_size(volume: Pinhole, edges: Pinhole, settings: DlvSettings) -> None:
@@ -65,10 +69,11 @@ def _warn_of_few_labels(settings: DlvSettings, needed: int) -> None:
                          (needed - 1) / (count - 1), name, needed, count)
 
 
-def warm_up(back_end: BackEnd = 'auto') -> None:
+def warm_up(back_end: BackEnd = 'auto', layers: LayersFrom = 'volume') -> None:
     """Compile this stage on a tiny light field, so that the first capture does not wait for it.
 
-    back_end: the one of the settings to come. Raises RenderError when it is 'gl' and GL cannot.
+    back_end, layers: those of the settings to come. Raises RenderError when back_end is 'gl' and
+    GL cannot.
     It takes seconds once on a machine that lets numba keep its cache, else in every process.
     """
     side = 48
@@ -76,4 +81,5 @@ def warm_up(back_end: BackEnd = 'auto') -> None:
     grid = ViewGrid(pinhole, 0.001, nominal_positions(3, 3), np.ones((3, 3), np.float32))
     views = np.random.default_rng(0).random((3, 3, side, side, 3), np.float32)
     build_volume(LightField(Header(), views, grid),
-                 DlvSettings(labels=3, views=3, edge_labels=2, truncate=True, back_end=back_end))
+                 DlvSettings(labels=3, views=3, edge_labels=2, truncate=True, back_end=back_end,
+                             layers=layers))

@@ -2,8 +2,10 @@
 
 Of the matching, a pixel with all its pairs' runs of labels (`runs`) is one invocation's. Its costs
 at up to `LABELS` labels are its own column of shared memory, since so many have no room in
-registers: each view is read once whatever the labels. Series and sums are those of the numba form,
-not GL's own functions, whose precision GL leaves open.
+registers: each view is read once whatever the labels. As in `row_costs`, costs are kept as what
+they differ from the same pair's cost at label 0; the sum of the latter is one more plane, after
+the labels'. Series and sums are those of the numba form, not GL's own functions, whose precision
+GL leaves open.
 """
 
 GROUP = (16, 4)  # pixels of a work group of MATCH, across and down
@@ -19,8 +21,9 @@ const int MOST = {LABELS};
 struct Pair { vec4 weights; vec4 limits; ivec4 inside; };  // colour, x, y; columns, rows
 struct Node { vec4 across; vec4 down; ivec4 cell; };
 struct Channels { vec3 colour; vec2 gradient; };
+struct Quadratics { vec3 c0; vec3 c1; vec3 c2; vec2 g0; vec2 g1; vec2 g2; };
 layout(std430, binding = 0) readonly buffer Planes { float planes[]; };  // view, channel, y, x
-layout(std430, binding = 1) writeonly buffer Costs { float costs[]; };   // label, row, column
+layout(std430, binding = 1) writeonly buffer Costs { float costs[]; };   // labels + 1, row, column
 layout(std430, binding = 2) readonly buffer Runs { ivec4 runs[]; };      // pair, labels, node
 layout(std430, binding = 3) readonly buffer Nodes { Node nodes[]; };
 layout(std430, binding = 4) readonly buffer Times { float times[]; };    // pair, label
@@ -61,6 +64,13 @@ Channels pixel_of_centre(ivec2 pixel) {
                     vec2(planes[at + 3 * area], planes[at + 4 * area]));
 }
 
+float cost(Quadratics q, float t, vec4 limits) {
+    vec3 colour = abs(q.c0 + t * (q.c1 + t * q.c2));
+    vec2 gradient = min(abs(q.g0 + t * (q.g1 + t * q.g2)), limits.yz);
+    float apart = l2 ? sqrt(dot(colour, colour)) : colour.x + colour.y + colour.z;
+    return min(apart, limits.x) + (gradient.x + gradient.y);
+}
+
 void main() {
     ivec2 at = ivec2(gl_GlobalInvocationID.xy);
     if (any(greaterThanEqual(at, size.xy))) return;
@@ -72,11 +82,12 @@ void main() {
     Channels centre = pixel_of_centre(pixel);
     int kept = -1;  // the node that `last` is of
     Channels last;
+    float base = 0.0, summed = 0.0;  // a pair's cost at label 0, the sum of these
     for (int run = 0; run < runs.length(); ++run) {
         ivec4 where = runs[run];
         int from = max(where.y, begin), to = min(where.z, end);
         Pair pair = pairs[where.x];
-        if (from >= to || any(lessThan(at, pair.inside.xz))
+        if ((from >= to && where.y > 0) || any(lessThan(at, pair.inside.xz))
             || any(greaterThanEqual(at, pair.inside.yw))) continue;
         Channels first = last;
         if (kept != where.w) first = seen(where.x + 1, pixel, nodes[where.w]);
@@ -84,23 +95,26 @@ void main() {
         last = seen(where.x + 1, pixel, nodes[where.w + 2]);
         kept = where.w + 2;
         vec3 half_way = middle.colour - first.colour, way = last.colour - first.colour;
-        vec3 c0 = pair.weights.x * (first.colour - centre.colour);
-        vec3 c1 = pair.weights.x * (4.0 * half_way - way);
-        vec3 c2 = pair.weights.x * 2.0 * (way - 2.0 * half_way);
         vec2 half_turn = middle.gradient - first.gradient, turn = last.gradient - first.gradient;
-        vec2 g0 = pair.weights.yz * (first.gradient - centre.gradient);
-        vec2 g1 = pair.weights.yz * (4.0 * half_turn - turn);
-        vec2 g2 = pair.weights.yz * 2.0 * (turn - 2.0 * half_turn);
-        for (int label = from; label < to; ++label) {
-            float t = times[where.x * size.z + label];
-            vec3 colour = abs(c0 + t * (c1 + t * c2));
-            vec2 gradient = min(abs(g0 + t * (g1 + t * g2)), pair.limits.yz);
-            float apart = l2 ? sqrt(dot(colour, colour)) : colour.x + colour.y + colour.z;
-            totals[label - begin][lane] += min(apart, pair.limits.x) + (gradient.x + gradient.y);
+        vec3 colour = pair.weights.x * (first.colour - centre.colour);
+        vec2 gradient = pair.weights.yz * (first.gradient - centre.gradient);
+        Quadratics q = Quadratics(
+            colour, pair.weights.x * (4.0 * half_way - way),
+            pair.weights.x * 2.0 * (way - 2.0 * half_way),
+            gradient, pair.weights.yz * (4.0 * half_turn - turn),
+            pair.weights.yz * 2.0 * (turn - 2.0 * half_turn));
+        int now = where.x * size.z;
+        if (where.y == 0) {
+            base = cost(q, times[now], pair.limits);
+            summed += base;
         }
+        for (int label = from; label < to; ++label)
+            totals[label - begin][lane] += cost(q, times[now + label], pair.limits) - base;
     }
+    int area = size.x * size.y, here = at.y * size.x + at.x;
     for (int label = begin; label < end; ++label)
-        costs[(label * size.y + at.y) * size.x + at.x] = totals[label - begin][lane];
+        costs[label * area + here] = totals[label - begin][lane];
+    if (begin == 0) costs[size.z * area + here] = summed;
 }
 """
 
@@ -132,9 +146,9 @@ LIKELIHOOD = f"""
 #version 430
 layout(local_size_x = {LINE}) in;
 """ + """
-layout(std430, binding = 0) readonly buffer Costs { float costs[]; };  // label, row, column
+layout(std430, binding = 0) readonly buffer Costs { float costs[]; };  // labels + 1, row, column
 layout(std430, binding = 1) writeonly buffer Likelihood { float likelihood[]; };  // y, x, label
-uniform ivec3 size;    // columns, rows, labels of the costs
+uniform ivec3 size;    // columns, rows, labels
 uniform ivec4 wanted;  // first column and row in these; columns, rows
 
 float log1p(float x) {  // of x in [0, 1]: 2 artanh(x / (2 + x))
@@ -148,15 +162,17 @@ void main() {
     int y = int(gl_WorkGroupID.y);
     if (x >= wanted.z) return;
     int here = (wanted.y + y) * size.x + wanted.x + x;
-    float most = 0.0, total = 0.0;
+    int area = size.x * size.y;
+    float most = costs[here], total = 0.0;
     for (int label = 0; label < size.z; ++label) {
-        float cost = costs[label * size.x * size.y + here];
+        float cost = costs[label * area + here];
         most = max(most, cost);
         total += cost;
     }
+    total += float(size.z) * costs[size.z * area + here];
     float share = total > 1e-30 ? 1.0 / total : 0.0;
     for (int label = 0; label < size.z; ++label) {
-        float cost = costs[label * size.x * size.y + here];
+        float cost = costs[label * area + here];
         likelihood[(y * wanted.z + x) * size.z + label] = log1p((most - cost) * share);
     }
 }

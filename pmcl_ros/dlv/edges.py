@@ -9,10 +9,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.cost import sample_row
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import colour_planes, mirrored
 from pmcl_ros.dlv.runs import Runs
+from pmcl_ros.dlv.samples import sample_row
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import VolumeError

@@ -30,6 +30,14 @@ class GlArray:
     buffer: moderngl.Buffer
     shape: tuple[int, int, int]
 
+    def bind(self, binding: int) -> None:
+        """Let shaders of its context read it as `readonly buffer Name { float values[]; }`.
+
+        Raises RenderError in another thread than the context's.
+        """
+        self.context.use()
+        self.buffer.bind_to_storage_buffer(binding)
+
     def read(self) -> NDArray[np.float32]:
         """A copy (`shape`). Raises RenderError in another thread than the context's."""
         self.context.use()
@@ -41,6 +49,29 @@ class GlArray:
         """Free it."""
         self.context.use()
         self.buffer.release()
+
+
+@dataclass(frozen=True)
+class Uploaded:
+    """A task on the GPU; whose it is releases it, or leaves the block that it was opened with.
+
+    inputs: the planes and the tables of `_tables`.
+    costs, other: (labels + 1, rows, columns) of the task's lattice; what costs differ from those
+        of label 0, then these, as of `row_costs`. They change places to sum over windows.
+    """
+
+    task: Matching
+    l2: bool
+    inputs: list[moderngl.Buffer]
+    costs: moderngl.Buffer
+    other: moderngl.Buffer
+    held: ExitStack
+
+    def __enter__(self) -> 'Uploaded':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.held.close()
 
 
 class GlCost:
@@ -61,27 +92,54 @@ class GlCost:
         """What `cost.cost_volume` gives: (labels, height, width)."""
         task = Matching.of(light_field, depths, settings)
         rows, columns = task.wanted.within(task.lattice)
-        with ExitStack() as stack:
-            costs = self._costs(task, settings.color_cost == 'l2', stack)
-            values = GlArray(self.context, costs, task.shape).read()
-        return np.ascontiguousarray(values[:, rows, columns])
+        with self.upload(task, settings) as uploaded:
+            self._sum_costs(uploaded)
+            labels, height, width = task.shape
+            values = GlArray(self.context, uploaded.costs, (labels + 1, height, width)).read()
+        return values[:-1, rows, columns] + values[-1, rows, columns]
 
     def log_likelihood(self, light_field: LightField, depths: NDArray[np.float64],
                        settings: DlvSettings) -> GlArray:
-        """What `likelihood.log_likelihood` makes of it: (height, width, labels), on the GPU.
+        """What `cost.likelihood_volume` makes: (height, width, labels), on the GPU.
 
-        The layout is that which `pmcl.likelihood_score` reads. The caller releases it.
+        The layout is that which `pmcl`'s scorer reads. The caller releases it.
         """
-        task = Matching.of(light_field, depths, settings)
+        with self.upload(Matching.of(light_field, depths, settings), settings) as uploaded:
+            return self.likelihood_of(uploaded)
+
+    def upload(self, task: Matching, settings: DlvSettings) -> 'Uploaded':
+        """Bring a task, made with the same settings, to the GPU; the caller releases it."""
+        self.context.use()
+        labels, height, width = task.shape
+        size = 4 * (labels + 1) * height * width
+        self._check(max(size, task.planes.nbytes))
+        with ExitStack() as stack:
+            def hold(buffer: moderngl.Buffer) -> moderngl.Buffer:
+                stack.callback(buffer.release)
+                return buffer
+
+            gl = self.context.gl
+            inputs = [hold(gl.buffer(each)) for each in (task.planes, *_tables(task))]
+            costs = hold(gl.buffer(reserve=size))
+            other = hold(gl.buffer(reserve=size)) if task.half else costs
+            return Uploaded(task, settings.color_cost == 'l2', inputs, costs, other,
+                            stack.pop_all())
+
+    def likelihood_of(self, uploaded: 'Uploaded') -> GlArray:
+        """The likelihood volume of a task on the GPU, there; the caller releases it."""
+        self._sum_costs(uploaded)
+        task = uploaded.task
         rows, columns = task.wanted.within(task.lattice)
         labels, height, width = task.shape
-        shape = rows.stop - rows.start, columns.stop - columns.start, labels
-        with ExitStack() as stack:
-            costs = self._costs(task, settings.color_cost == 'l2', stack)
-            made = self.context.gl.buffer(reserve=4 * shape[0] * shape[1] * labels)
+        shape = *task.wanted.shape, labels
+        made = self.context.gl.buffer(reserve=4 * shape[0] * shape[1] * labels)
+        try:
             self._log['size'] = (width, height, labels)
             self._log['wanted'] = (columns.start, rows.start, shape[1], shape[0])
-            self._run(self._log, [costs, made], (-(-shape[1] // LINE), shape[0], 1))
+            self._run(self._log, [uploaded.costs, made], (-(-shape[1] // LINE), shape[0], 1))
+        except BaseException:
+            made.release()
+            raise
         return GlArray(self.context, made, shape)
 
     def release(self) -> None:
@@ -90,34 +148,25 @@ class GlCost:
         for each in (self._match, self._sum, self._log):
             each.release()
 
-    def _costs(self, task: Matching, l2: bool, stack: ExitStack) -> moderngl.Buffer:
-        """(labels, rows, columns) of the task's lattice, windows summed; `stack` releases it."""
+    def _sum_costs(self, uploaded: 'Uploaded') -> None:
+        """Fill `uploaded.costs`."""
         self.context.use()
+        task, program = uploaded.task, self._match
         labels, height, width = task.shape
-        size = 4 * labels * height * width
-        self._check(max(size, task.planes.nbytes))
-
-        def hold(buffer: moderngl.Buffer) -> moderngl.Buffer:
-            stack.callback(buffer.release)
-            return buffer
-
-        inputs = [hold(self.context.gl.buffer(each)) for each in (task.planes, *_tables(task))]
-        costs = hold(self.context.gl.buffer(reserve=size))
-        program, lattice = self._match, task.lattice
         program['size'] = (width, height, labels)
-        program['lattice'] = (lattice.left + task.pad, lattice.top + task.pad, lattice.stride)
+        program['lattice'] = (*task.corner, task.lattice.stride)
         program['plane'] = task.planes.shape[:-3:-1]
-        program['l2'] = l2
-        self._run(program, [inputs[0], costs, *inputs[1:]],
+        program['l2'] = uploaded.l2
+        planes, *tables = uploaded.inputs
+        self._run(program, [planes, uploaded.costs, *tables],
                   (-(-width // GROUP[0]), -(-height // GROUP[1]), -(-labels // LABELS)))
         if task.half:
-            other = hold(self.context.gl.buffer(reserve=size))
-            self._sum['size'] = (width, height, labels)
+            self._sum['size'] = (width, height, labels + 1)
             self._sum['reach'] = task.half
-            for down, buffers in ((True, [costs, other]), (False, [other, costs])):
+            both = [uploaded.costs, uploaded.other]
+            for down, buffers in ((True, both), (False, both[::-1])):
                 self._sum['down'] = down
-                self._run(self._sum, buffers, (-(-width // LINE), height, labels))
-        return costs
+                self._run(self._sum, buffers, (-(-width // LINE), height, labels + 1))
 
     def _run(self, program: moderngl.ComputeShader, buffers: list[moderngl.Buffer],
              groups: tuple[int, int, int]) -> None:

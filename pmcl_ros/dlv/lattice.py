@@ -52,6 +52,11 @@ class Lattice:
         """(rows,) y of each in the centre view [px]."""
         return np.arange(self.top, self.top + self.height, self.stride)
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return len(self.rows), len(self.columns)
+
     def grown(self, steps: int) -> 'Lattice':
         """With up to `steps` more pixels of the lattice on each side, as far as the image goes."""
         stride = self.stride

@@ -49,23 +49,27 @@ def _log1p(x):  # type: ignore[no-untyped-def]
 @compiled(parallel=True)
 def _log_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
     for y in prange(cost.shape[1]):
-        _row_likelihood(cost[:, y], likelihood[y])
+        row_likelihood(cost[:, y], np.zeros(cost.shape[2], np.float32), likelihood[y])
 
 
 @compiled()
-def _row_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
-    labels, width = cost.shape
-    most = np.zeros(width, np.float32)
+def row_likelihood(differences, base, likelihood):  # type: ignore[no-untyped-def]
+    """A row of pixels, (width, labels), whose costs are `differences` (labels, width) more than
+    `base` (width,), which need not be rounded together with them."""
+    labels, width = differences.shape
+    most = differences[0].copy()
     total = np.zeros(width, np.float32)
-    for row in cost:
+    for row in differences:
         for x in range(width):
             most[x] = row[x] if row[x] > most[x] else most[x]
             total[x] += row[x]
+    count = np.float32(labels)
     for x in range(width):
+        total[x] += count * base[x]
         total[x] = np.float32(1) / total[x] if total[x] > _NOTHING else np.float32(0)
     rows = np.empty((labels, width), np.float32)
     for label in range(labels):
-        row, out = cost[label], rows[label]
+        row, out = differences[label], rows[label]
         for x in range(width):
             out[x] = _log1p((most[x] - row[x]) * total[x])
     for x in range(width):

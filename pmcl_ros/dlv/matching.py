@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.planes import matching_planes
+from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.runs import Runs
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
@@ -18,7 +18,9 @@ from pmcl_ros.lightfield.light_field import LightField
 class Matching:
     """The pictures, the pixels, and how each pair of views is sampled and counts.
 
-    planes: of `matching_planes`, with `pad` px around; the centre's, then those of each pair.
+    planes: of `matching_planes`, of the part of the views that is needed; the centre's, then those
+        of each pair.
+    corner: x and y of the lattice's first pixel in the planes [px].
     weights: (pairs, 3) float32, of colour, x and y gradient. They are folded into the coefficients
         and the truncations, `limits` (pairs, 3) float32.
     inside: (pairs, 4) int64, first column, one past the last, first row, one past the last of the
@@ -27,7 +29,7 @@ class Matching:
     """
 
     planes: NDArray[np.float32]
-    pad: int
+    corner: tuple[int, int]
     runs: Runs
     weights: NDArray[np.float32]
     limits: NDArray[np.float32]
@@ -53,11 +55,14 @@ class Matching:
         if settings.view_weights == 'light':
             weights *= pairs.light[:, None]
         limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
-        pad = int(np.ceil(np.abs(shifts).max())) + TAPS
         wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
         half = settings.window // 2 // settings.stride
         lattice = wanted.grown(half)
-        return cls(matching_planes(light_field, pairs.indices, pad, neutral), pad,
+        left, top, width, height = _reached(lattice, int(np.ceil(np.abs(shifts).max())))
+        # A pair counts where its samples lie inside the image: only their taps reach out of it.
+        planes = matching_planes(light_field, pairs.indices, (left, top, width, height), TAPS,
+                                 neutral)
+        return cls(planes, (lattice.left - left + TAPS, lattice.top - top + TAPS),
                    Runs.neutral(shifts) if neutral else Runs.bilinear(shifts),
                    weights.astype(np.float32), limits.astype(np.float32),
                    _within(pairs.inside(depths), lattice), wanted, lattice, half)
@@ -66,6 +71,16 @@ class Matching:
     def shape(self) -> tuple[int, int, int]:
         """Labels, rows and columns of the costs of `lattice`."""
         return self.runs.time.shape[1], len(self.lattice.rows), len(self.lattice.columns)
+
+
+def _reached(lattice: Lattice, shift: int) -> tuple[int, int, int, int]:
+    """Left, top, width, height [px] of the part of a view that the lattice's pixels, displaced by
+    up to `shift` px, are made from."""
+    reach = shift + TAPS + HALO
+    left, top = max(lattice.left - reach, 0), max(lattice.top - reach, 0)
+    right = min(lattice.left + lattice.width + reach, lattice.whole.width)
+    bottom = min(lattice.top + lattice.height + reach, lattice.whole.height)
+    return left, top, right - left, bottom - top
 
 
 def _within(inside: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:

@@ -1,5 +1,7 @@
 """What is compared: gamma-encoded colours and luminance gradients, a padded plane for each."""
 
+from functools import lru_cache
+
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
@@ -10,24 +12,27 @@ from pmcl_ros.lightfield.light_field import LightField
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
 _SMOOTHER = SMOOTHER.astype(np.float32)
+HALO = 3  # px around a pixel that its channels are made from: 2 of the smoothing, 1 of a gradient
 _ONE = int(np.float32(1).view(np.int32))
-_STEP = 15  # bits of a float below the knots of the curve: 256 knots an octave, 5e-7 of the value
+_STEP = 14  # bits of a float below the knots of the curve: 512 knots an octave, 1e-7 of the value
 
 
 def matching_planes(light_field: LightField, indices: NDArray[np.int64],
-                    pad: int, smooth: bool = False) -> NDArray[np.float32]:
+                    window: tuple[int, int, int, int], pad: int, smooth: bool = False
+                    ) -> NDArray[np.float32]:
     """(1 + views, 5, height + 2 pad, width + 2 pad) float32, the channels of `reference.channels`.
 
     They are red, green, blue in [0, 1], gamma encoded, then d/dx and d/dy of the luminance [1/px];
-    of the centre view first, then of those of `indices` (views, 2), row and column. The border's
-    values go on outwards for `pad` px (clamp to edge). smooth: through `sampling.SMOOTHER`.
+    of the centre view first, then of those of `indices` (views, 2), row and column.
+    window: left, top, width, height [px] of the part of the views that is read. Its border's
+    values go on outwards for `pad` px (clamp to edge); where that is not the image's, the `HALO`
+    pixels at it are not those of the whole. smooth: through `sampling.SMOOTHER`.
     """
     chosen = np.vstack([[light_field.grid.centre], indices])
-    height, width = light_field.views.shape[2:4]
-    planes = np.empty((len(chosen), 5, height + 2 * pad, width + 2 * pad), np.float32)
+    planes = np.empty((len(chosen), 5, window[3] + 2 * pad, window[2] + 2 * pad), np.float32)
     with LOCK:
         views = np.asarray(light_field.views, np.float32)
-        _fill(views.view(np.int32), chosen, _curve(light_field.gamma), pad, smooth, planes)
+        _fill(views.view(np.int32), chosen, _curve(light_field.gamma), window, pad, smooth, planes)
     return planes
 
 
@@ -48,6 +53,7 @@ def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int
     return planes, means
 
 
+@lru_cache(maxsize=4)
 def _curve(gamma: float) -> NDArray[np.float32]:
     """x ** gamma where the upper bits of x count up from 0: knots evenly spaced in each octave."""
     knots = (np.arange((_ONE >> _STEP) + 2) << _STEP).astype(np.int32).view(np.float32)
@@ -67,9 +73,11 @@ def _encode(bits, curve, out):  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True)
-def _fill(bits, chosen, curve, pad, smooth, planes):  # type: ignore[no-untyped-def]
+def _fill(bits, chosen, curve, window, pad, smooth, planes):  # type: ignore[no-untyped-def]
+    left, top, width, height = window
     for view in prange(len(chosen)):
-        _fill_view(bits[chosen[view, 0], chosen[view, 1]], curve, pad, smooth, planes[view])
+        _fill_view(bits[chosen[view, 0], chosen[view, 1], top:top + height, left:left + width],
+                   curve, pad, smooth, planes[view])
 
 
 @compiled(parallel=True)

@@ -7,6 +7,7 @@ from pydantic import Field, field_validator, model_validator
 from pmcl_ros.settings import Settings
 
 BackEnd = Literal['auto', 'numba', 'gl']
+LayersFrom = Literal['volume', 'joint']
 _Pixels = Annotated[int, Field(ge=0, le=100_000)]
 
 
@@ -54,6 +55,10 @@ class DlvSettings(Settings):
     edge_labels: int = Field(24, ge=2, le=1000,
                              description='number of depth labels of the edge volume [labels]')
 
+    layers: LayersFrom = Field(
+        'volume', description='where the two-layer picture is from: volume, the maxima of the '
+        'likelihood; joint, where that has only one, also a joint fit of two layers to all views, '
+        'which tells them apart far below a pixel per view step and takes about twice the time')
     back_end: BackEnd = Field(
         'auto', description='what makes the volume: numba, on the processor; gl, compute shaders; '
         'auto, gl where OpenGL runs on a GPU, else numba. phase has one form of its own')

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.layers import Layers, read_layers
+from pmcl_ros.dlv.superposition import Superposition
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole
@@ -70,6 +71,7 @@ class DepthLikelihoodVolume:
         of a pixel, growing.
     depths: (labels,) float64 [m], far to near, uniform in inverse depth.
     edges: the edge volume of the same capture, where it was made.
+    superposition: two layers fitted to each of its rays, where that was asked for.
     """
 
     header: Header
@@ -77,13 +79,20 @@ class DepthLikelihoodVolume:
     depths: NDArray[np.float64]
     pinhole: Pinhole
     edges: EdgeVolume | None = None
+    superposition: Superposition | None = None
 
     def __post_init__(self) -> None:
         _check(self.likelihood, (), self.depths, self.pinhole, 'volume')
 
     def layers(self, count: int = 2, prominence: float = 0.1) -> Layers:
-        """The most likely distinct surfaces along each ray (`read_layers`)."""
-        return read_layers(self.likelihood, self.depths, count, prominence)
+        """The most likely distinct surfaces along each ray (`read_layers`).
+
+        A ray's only one is two where the superposition says so.
+        """
+        layers = read_layers(self.likelihood, self.depths, count, prominence)
+        if self.superposition is None or count < 2:
+            return layers
+        return self.superposition.split(layers)
 
     def depth_map(self) -> NDArray[np.float32]:
         """(height, width) the most likely depth of each pixel [m], between the labels.

@@ -29,7 +29,10 @@ class Line:
 def chart(title: str, x_name: str, y_name: str, lines: Sequence[Line],
           x_range: tuple[float, float], y_range: tuple[float, float],
           size: tuple[int, int] = (400, 270)) -> NDArray[np.uint8]:
-    """Lines over a grid of round numbers, a legend at their right. size: of the axes [px]."""
+    """Lines over a grid of round numbers, a legend at their right. size: of the axes [px].
+
+    A range may run from a larger number to a smaller one.
+    """
     width, height = size[0] + _LEFT + _RIGHT, size[1] + _TOP + _BOTTOM
     names = 56 + max(_length(each.name) for each in lines)
     canvas = np.full((height, width + names, 3), 255, np.uint8)
@@ -41,7 +44,7 @@ def chart(title: str, x_name: str, y_name: str, lines: Sequence[Line],
         return corner + (np.stack([x, y], axis=-1) - low) / (high - low) * extent
 
     for axis, (start, end) in enumerate((x_range, y_range)):
-        for value in _round_numbers(start, end):
+        for value in _round_numbers(min(start, end), max(start, end)):
             ends = [(value, y_range[0]), (value, y_range[1])] if axis == 0 else [
                 (x_range[0], value), (x_range[1], value)]
             _draw(canvas, np.array([place(*each) for each in ends]), _GREY, 1)
@@ -58,6 +61,11 @@ def chart(title: str, x_name: str, y_name: str, lines: Sequence[Line],
     _write(canvas, x_name, _LEFT + size[0] // 2, height - 12, centred=True)
     _write(canvas, y_name, 6, 20)
     return canvas
+
+
+def beside(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Pictures of the same height from left to right."""
+    return np.concatenate(pictures, axis=1)
 
 
 def _round_numbers(low: float, high: float) -> NDArray[np.float64]:

@@ -3,10 +3,13 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.settings import LayersFrom
 from pmcl_ros.dlv.theory.lemma import counterexample, printed
 from pmcl_ros.dlv.theory.two_layers import BACK, FRONT
 from pmcl_ros.evaluation.charts import Line, chart
 from pmcl_ros.evaluation.two_layers import rates
+
+_SOURCES: tuple[LayersFrom, ...] = ('joint', 'volume')
 
 
 def lemma() -> NDArray[np.uint8]:
@@ -26,12 +29,35 @@ def lemma() -> NDArray[np.uint8]:
 
 def layers() -> NDArray[np.uint8]:
     """How often both of two layers are found, over their separation."""
-    apart = np.array([0.1, 0.2, 0.3, 0.5, 0.75, 1, 1.25, 1.5, 2, 2.5])
-    lines = [Line(f'alpha {alpha}, texture of {scale} px', apart,
-                  [100 * rates(each, alpha, scale).both for each in apart], colour, alpha != 0.5)
-             for colour, scale in enumerate((0.7, 1, 1.5)) for alpha in (0.5, 0.35)]
-    return chart('rays with both layers found', 'separation of the layers [px per view step]', '%',
-                 lines, (0, 2.5), (0, 100))
+    apart = np.array([0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1, 1.25, 1.5, 2, 2.5])
+    lines = [Line(f'{source}, texture of {scale} px', apart,
+                  [100 * rates(each, 0.35, scale, layers=source).both for each in apart], colour,
+                  source == 'volume')
+             for colour, scale in enumerate((0.7, 1, 1.5)) for source in _SOURCES]
+    return chart('rays with both layers found, alpha 0.35',
+                 'separation of the layers [px per view step]', '%', lines, (0, 2.5), (0, 100))
+
+
+def layers_table() -> str:
+    """The same in numbers, for more shares, textures and noise, as Markdown: joint fit / volume.
+
+    In the first column of rates there is a single layer: rays along which two are told.
+    """
+    apart = (0, 0.05, 0.1, 0.2, 0.3, 0.5, 1, 2)
+    rows = [(0.5, 1, 0.01), (0.35, 1, 0.01), (0.2, 1, 0.01), (0.35, 0.7, 0.01),
+            (0.35, 2, 0.01), (0.35, 1, 0.03)]
+    lines = ['| alpha | texture | noise | one layer | ' + ' | '.join(map(str, apart[1:])) + ' |',
+             '|---' * (3 + len(apart)) + '|']
+    for alpha, scale, noise in rows:
+        cells = [f'{alpha}', f'{scale} px', f'{noise}']
+        for each in apart:
+            found = [rates(each, alpha, scale, noise=noise, layers=source)
+                     for source in _SOURCES]
+            cells.append(' / '.join(f'{100 * (one.both if each else one.several):.0f}'
+                                    for one in found))
+        lines.append('| ' + ' | '.join(cells) + ' |')
+    return '\n'.join(lines)
 
 
 FIGURES = {'lemma': lemma, 'layers': layers}
+TABLES = {'layers': layers_table}

@@ -1,135 +1,161 @@
-"""Captures with known truth, localised many times: the figures behind every claim."""
+"""One localisation of one object in one capture, and all its errors."""
 
-import csv
+import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
-from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.geometry import ViewGrid
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.sources.read import read_light_field
+from pmcl_ros.evaluation.shared import Shared
+from pmcl_ros.evaluation.surface_errors import Surface
+from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.settings import Mode, PmclSettings
-
-_MOST_LABELS = 1000  # that the settings allow; the volume warns where more are needed
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.summary import credible_level
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One localisation. Errors in mm and degrees (of the symmetry axis where there is one).
+    """One localisation. mode: the row's name. sought: the capture whose object was looked for.
 
-    ray_mm: signed along the line of sight, positive: too far. seconds: from the volume.
+    empty: no object is there. wrong: it is another one, so that all errors are NaN, as with empty.
+    translation_mm; ray_mm: signed along the line of sight, positive: too far. axis_deg: of the
+    symmetry axis where there is one, else of the whole rotation; dot: its cosine (paper).
+    symmetric: whether there is an axis, so that a flip may be forgiven.
+    mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
+    credible_level: of the smallest credible region that holds the truth, 0 to 1.
+    seconds: from the volume to the pose; dlv_seconds, decode_seconds: for the volume, the views.
+    renderer: what drew the poses. pose: (12,) the rows of R | t, object to camera, metres.
     """
 
     capture: str
     mode: str
     seed: int
+    sought: str
+    film: bool
+    empty: bool
+    wrong: bool
     translation_mm: float
     ray_mm: float
     axis_deg: float
+    dot: float
     flipped: bool
+    symmetric: bool
+    mssd_mm: float
+    mspd_px: float
+    add_s_mm: float
+    diameter_mm: float
+    width_px: int
+    credible_level: float
+    inside_90: bool
     lost: bool
-    empty: bool
+    score: float
     seconds: float
+    dlv_seconds: float
+    decode_seconds: float
+    renderer: str
+    pose: tuple[float, ...]
+
+    @property
+    def present(self) -> bool:
+        """Whether there was something to find: otherwise it should be lost."""
+        return not (self.empty or self.wrong)
 
 
-def find_captures(folder: Path | str) -> list[Path]:
-    """The subfolders with a picture, a model.obj and a truth.json, sorted.
+@dataclass(frozen=True)
+class Job:
+    """What one trial needs; volume: made in dlv_seconds of views made in decode_seconds."""
 
-    Raises SettingsError when there is none.
+    capture: Capture
+    sought: Capture
+    variant: Variant
+    seed: int
+    volume: Shared[DepthLikelihoodVolume]
+    dlv_seconds: float
+    decode_seconds: float
+
+
+class Worker:
+    """Does jobs one after the other, in the thread that made it; keeps what the next may need.
+
+    stopped: asked while a search goes on; when true, the search ends and counts as not done.
     """
-    found = sorted(path.parent for path in Path(folder).glob('*/truth.json')
-                   if (path.parent / 'model.obj').exists())
-    if not found:
-        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json')
-    return found
+
+    def __init__(self, stopped: Callable[[], bool]) -> None:
+        self._stopped = stopped
+        self._localizer: Localizer | None = None
+        self._settings: tuple[Path, PmclSettings] | None = None  # of the localizer
+        self._volume: DepthLikelihoodVolume | None = None
+        self._path: Path | None = None  # of the volume
+
+    def run(self, job: Job) -> Trial | None:
+        """Do one job; None when it was stopped."""
+        model, surface = _model(job.sought.model)
+        localizer = self._localizer_of(job, model)
+        if self._volume is None or self._path != job.volume.path:
+            self._volume, self._path = job.volume.get(), job.volume.path
+        started = time.perf_counter()
+        estimate = localizer.localize(self._volume, np.random.default_rng(job.seed),
+                                      lambda _: not self._stopped())
+        seconds = time.perf_counter() - started
+        if self._stopped():
+            return None
+        return _trial(job, estimate, self._volume, model, surface, seconds, localizer.renderer)
+
+    def close(self) -> None:
+        """Release the GL context."""
+        if self._localizer is not None:
+            self._localizer.close()
+        self._localizer = self._settings = self._volume = self._path = None
+
+    def _localizer_of(self, job: Job, model: ObjectModel) -> Localizer:
+        wanted = job.sought.model, job.variant.search(job.capture)
+        if self._localizer is None or self._settings != wanted:
+            if self._localizer is not None:
+                self._localizer.close()
+                self._localizer = None
+            self._localizer, self._settings = Localizer(model, wanted[1]), wanted
+        return self._localizer
 
 
-def run_trials(capture: Path, decoders: Decoders | None, mode: Mode, seeds: Iterable[int]
-               ) -> Iterator[Trial]:
-    """Localise one capture once for each seed.
-
-    decoders: of the camera; None where the capture is a light field, not a raw picture.
-    """
-    truth = Truth.load(capture / 'truth.json')
-    model = ObjectModel.load(capture / 'model.obj')
-    near, far = Region(truth.roi_center, truth.roi_size).grown(model.radius)
-    light_field = _light_field(capture, decoders)
-    volume = build_volume(light_field, volume_settings(mode, near, far, light_field.grid))
-    settings = PmclSettings(mode=mode, roi_center=truth.roi_center, roi_size=truth.roi_size)
-    with Localizer(model, settings) as localizer:
-        for seed in seeds:
-            started = time.perf_counter()
-            estimate = localizer.localize(volume, np.random.default_rng(seed))
-            seconds = time.perf_counter() - started
-            error = pose_error(estimate.pose, truth.pose, model.axis)
-            yield Trial(capture.name, mode, seed, 1e3 * error.translation, 1e3 * error.ray,
-                        float(np.rad2deg(error.rotation)), error.flipped, estimate.lost,
-                        truth.empty, seconds)
+@lru_cache(maxsize=64)
+def _model(path: Path) -> tuple[ObjectModel, Surface]:
+    model = ObjectModel.load(path)
+    return model, Surface.of(model)
 
 
-def _light_field(capture: Path, decoders: Decoders | None) -> LightField:
-    """Of the raw picture in a capture's folder, where there is one, else of the views there."""
-    if not any(is_picture(path) for path in capture.iterdir()):
-        return read_light_field(capture)
-    picture = list_pictures(capture)[0]
-    if decoders is None:
-        raise SettingsError(f'{picture} is a raw picture: its calibration is needed')
-    return decoders.decode(read_raw_frame(picture))
+def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, model: ObjectModel,
+           surface: Surface, seconds: float, renderer: str) -> Trial:
+    wrong = job.sought.object != job.capture.object
+    empty = job.capture.truth.empty
+    pose, truth = estimate.pose, job.capture.truth.pose
+    known = not (wrong or empty)
+    error = pose_error(pose, truth, model.axis)
+
+    def if_known(value: float) -> float:
+        return value if known else math.nan
+
+    level = credible_level(truth, pose, estimate.covariance, model.axis)
+    return Trial(
+        job.capture.name, job.variant.name, job.seed, job.sought.name, job.capture.truth.film,
+        empty, wrong, if_known(1e3 * error.translation), if_known(1e3 * error.ray),
+        if_known(float(np.rad2deg(error.rotation))), if_known(error.dot),
+        known and error.flipped, model.axis is not None,
+        if_known(1e3 * surface.mssd(pose, truth)),
+        if_known(surface.mspd(pose, truth, volume.pinhole)),
+        if_known(1e3 * surface.add_s(pose, truth)), 1e3 * surface.diameter, volume.pinhole.width,
+        if_known(level), known and level <= 0.9, estimate.lost, estimate.score, seconds,
+        job.dlv_seconds, job.decode_seconds, renderer, _rows(pose))
 
 
-def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid) -> DlvSettings:
-    """The volume that belongs to a mode: the paper shifts by phase, truncates, weighs no views.
-
-    There are as many labels as by default, or more where the views are farther apart.
-    """
-    default = DlvSettings()
-    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
-    values: dict[str, object] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
-                                 'edge_labels': max(default.edge_labels, needed)}
-    if mode == 'faithful':
-        values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
-    return DlvSettings.make(values, 'region of interest')
-
-
-def write_csv(path: Path, trials: Sequence[Trial]) -> None:
-    """One row a trial."""
-    with path.open('w', newline='') as stream:
-        writer = csv.DictWriter(stream, [field.name for field in fields(Trial)])
-        writer.writeheader()
-        writer.writerows(asdict(trial) for trial in trials)
-
-
-def markdown(trials: Sequence[Trial]) -> str:
-    """A table with a row for each capture and mode: medians, worst, and how often it was lost."""
-    heads = ['capture', 'mode', 'trials', 'median error', 'worst', 'along the ray',
-             'median axis error', 'flipped', 'lost', 'median time']
-    lines = [f'| {" | ".join(heads)} |', '|' + '---|' * len(heads)]
-    for capture, mode in dict.fromkeys((each.capture, each.mode) for each in trials):
-        rows = [each for each in trials if (each.capture, each.mode) == (capture, mode)]
-        lost = f'{sum(each.lost for each in rows)} of {len(rows)}'
-        seconds = float(np.median([each.seconds for each in rows]))
-        if rows[0].empty:
-            errors = ['(nothing there)', '', '', '', '']
-        else:
-            mm = [each.translation_mm for each in rows]
-            errors = [f'{np.median(mm):.1f} mm', f'{max(mm):.1f} mm',
-                      f'{np.median([each.ray_mm for each in rows]):+.1f} mm',
-                      f'{np.median([each.axis_deg for each in rows]):.1f}°',
-                      f'{sum(each.flipped for each in rows)}']
-        cells = [capture, mode, str(len(rows)), *errors, lost, f'{seconds:.1f} s']
-        lines.append('| ' + ' | '.join(cells) + ' |')
-    return '\n'.join(lines)
+def _rows(pose: NDArray[np.float64]) -> tuple[float, ...]:
+    return tuple(pose[:3].ravel().tolist())

@@ -14,13 +14,14 @@ from pmcl_ros.errors import SettingsError
 class Truth:
     """pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
 
-    empty: the object is not there; its pose means nothing.
+    empty: the object is not there; its pose means nothing. film: whether the object is behind one.
     """
 
     pose: NDArray[np.float64]
     roi_center: tuple[float, float, float]
     roi_size: tuple[float, float, float]
     empty: bool
+    film: bool = False
 
     @classmethod
     def load(cls, path: Path | str) -> 'Truth':
@@ -30,6 +31,7 @@ class Truth:
             pose = np.array(values['object_to_camera'], float).reshape(4, 4)
             x, y, z = (float(each) for each in values['roi']['center'])
             width, height, depth = (float(each) for each in values['roi']['size'])
-            return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)))
+            return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
+                       bool(values.get('film', False)))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None

@@ -8,6 +8,7 @@ subscriptions, timers and services run in every state.
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from threading import Lock
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -21,6 +22,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from pmcl_ros.errors import PmclError
+from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.health import Health
 from pmcl_ros.nodes.parameters import Parameters
 from pmcl_ros.settings import Settings
@@ -39,17 +41,21 @@ class StageNode(LifecycleNode):
     Both acquire through the helpers below, or push what undoes it onto `configured` or `active`:
     all is released in reverse order when the node leaves that state, by whichever way. A PmclError
     means that the user can mend it: one line is logged, the transition fails, the node stays.
+
+    hand_over: what the nodes of the graph share that live in this process, if there are others.
     """
 
     name: ClassVar[str]
     settings_class: ClassVar[type[Settings]]
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, hand_over: HandOver | None = None, **options: Any) -> None:
         super().__init__(self.name, **options)
+        self.hand_over = hand_over or HandOver()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
+        self._telling = Lock()  # whoever has it knows whether that is there, and stays so
         self._guard_transitions()
 
     def set_up(self, settings: Any) -> None:
@@ -71,13 +77,16 @@ class StageNode(LifecycleNode):
     # for start
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
-                  qos: QoSProfile) -> Subscription:
-        """A subscription while the node is active; errors of `callback` are logged and counted."""
+                  qos: QoSProfile, raw: bool = False) -> Subscription:
+        """A subscription while the node is active; errors of `callback` are logged and counted.
+
+        raw: the callback gets the serialised message.
+        """
         def received(message: Any) -> None:
             with self.watched(topic):
                 callback(message)
 
-        subscription = self.create_subscription(kind, topic, received, qos)
+        subscription = self.create_subscription(kind, topic, received, qos, raw=raw)
         self.active.callback(self.destroy_subscription, subscription)
         return subscription
 
@@ -128,10 +137,13 @@ class StageNode(LifecycleNode):
         self.get_logger().warning(f'dropped {what}')
 
     def tell_health(self) -> None:
-        """Publish /diagnostics now, not at the next second."""
-        if self._diagnostics is not None:
-            now = self.get_clock().now().nanoseconds
-            self._diagnostics.publish(self.health.to_message(now, self.get_name()))
+        """Publish /diagnostics now, not at the next second; any thread may."""
+        with self._telling:
+            if self._diagnostics is not None:
+                now = self.get_clock().now().nanoseconds
+                # /diagnostics is one topic for all graphs: with its namespace a name is one node's
+                name = self.get_fully_qualified_name().lstrip('/')
+                self._diagnostics.publish(self.health.to_message(now, name))
 
     # transitions
 
@@ -181,7 +193,8 @@ class StageNode(LifecycleNode):
         self.start()
 
     def _end_diagnostics(self) -> None:
-        publisher, self._diagnostics = self._diagnostics, None
+        with self._telling:
+            publisher, self._diagnostics = self._diagnostics, None
         self.destroy_publisher(publisher)
 
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:

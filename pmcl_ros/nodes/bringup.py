@@ -14,9 +14,10 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from pmcl_ros.errors import PmclError
+from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
-from pmcl_ros.nodes.table import NODES, Entry
+from pmcl_ros.nodes.table import GRASPS, NODES, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
 
@@ -62,7 +63,9 @@ class NodeProcess:
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
     entries = [entry for entry in NODES if entry.name not in options.without]
+    entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
+    hand_over = HandOver()  # volumes go by reference between the nodes of this process
 
     def check(name: str) -> None:
         pause(0)
@@ -72,7 +75,7 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     with ExitStack() as stack:
         for entry in reversed(entries):
             running[entry.name] = (NodeProcess(entry, ros_args) if options.processes
-                                   else NodeThread(entry.load()()))
+                                   else NodeThread(entry.load()(hand_over=hand_over)))
             stack.callback(running[entry.name].stop)
         if options.autostart:
             activate(list(running), check, options.timeout)
@@ -120,6 +123,8 @@ def main(args: Sequence[str] | None = None) -> int:
                         help='leave configure and activate to somebody else')
     parser.add_argument('--without', action='append', default=[], metavar='NODE',
                         choices=[entry.name for entry in NODES], help='do not start this node')
+    parser.add_argument('--grasps', metavar='FILE',
+                        help='start grasp_node too, with these grasps, YAML (pmcl grasps)')
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
     options = parser.parse_args(remove_ros_args(given)[1:])
@@ -128,6 +133,8 @@ def main(args: Sequence[str] | None = None) -> int:
             parser.error(f'there is no {options.params_file}')
         # first: what the command line says goes over what the file says
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
+    if options.grasps:
+        ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
     try:
         with ros([given[0], *ros_args]):
             bring_up(options, ros_args)

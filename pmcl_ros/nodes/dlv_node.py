@@ -1,19 +1,22 @@
 """LightField -> DepthLikelihoodVolume."""
 
 import sys
-import time
 from functools import partial
 
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros import conversions
+from pmcl_ros.dlv.back_end import choose
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.pictures import layers_picture
+from pmcl_ros.nodes.audience import Audience, Output
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.values import ValuePublisher
 
 # topic: type, what reads (and so checks) a message as it comes, quality of service
 _INPUTS = {
@@ -32,17 +35,23 @@ class DlvNode(StageNode):
     def set_up(self, settings: DlvSettings) -> None:
         """Compile, so that the first capture need not wait for it."""
         self._settings = settings
-        warm_up(settings.back_end)
-        self._volume = self.publisher(Float32MultiArray, 'dlv', BIG)
-        self._edges = self.publisher(Float32MultiArray, 'dlv/edges', BIG)
-        self._depth = self.publisher(Image, 'dlv/depth', SMALL)
-        self._layers = self.publisher(Image, 'dlv/layers', SMALL)
-        self._buffers = {each: conversions.Buffer()
-                         for each in ('volume', 'edges', 'depth', 'layers')}
+        warm_up(settings.back_end, settings.layers)
+        self.health.back_end = ('numpy' if settings.interpolation == 'phase'
+                                else choose(settings.back_end))
+        volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, conversions.volume_to_message)
+        edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
+                               conversions.edges_to_message)
+        depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, conversions.depth_to_message)
+        layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
+        self._outputs = [Output(volume.wanted, volume.publish),
+                         Output(edges.wanted, lambda made: edges.publish(made.edges)),
+                         Output(depth.wanted, depth.publish),
+                         Output(layers.wanted, layers.publish)]
 
     def start(self) -> None:
         """Listen."""
         self._matching = Matching(list(_INPUTS), 2, self.dropped)
+        self._audience = Audience(self, self._outputs, 'views: nobody listens to dlv')
         for topic, (kind, _, qos) in _INPUTS.items():
             self.subscribe(kind, topic, partial(self._on_part, topic), qos)
 
@@ -53,27 +62,16 @@ class DlvNode(StageNode):
         stamp = conversions.header_from(message.header).stamp_ns
         complete = self._matching.add(topic, stamp, message)
         if complete:
-            self._build(*complete)
+            self._audience.tell(partial(self._build, *complete))
 
-    def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> None:
-        began = time.monotonic()
-        if not any(each.get_subscription_count()
-                   for each in (self._volume, self._edges, self._depth, self._layers)):
-            self.dropped('views: nobody listens to dlv')
-            return
-        light_field = conversions.light_field_from(camera_info, pupil, views)
-        volume = build_volume(light_field, self._settings)
-        if self._volume.get_subscription_count():
-            self._volume.publish(conversions.volume_to_message(volume, self._buffers['volume']))
-        if volume.edges is not None and self._edges.get_subscription_count():
-            self._edges.publish(conversions.edges_to_message(volume.edges, self._buffers['edges']))
-        if self._depth.get_subscription_count():
-            self._depth.publish(conversions.depth_to_message(volume, self._buffers['depth']))
-        if self._layers.get_subscription_count():
-            picture = layers_picture(volume.layers(), self._settings.near, self._settings.far)
-            self._layers.publish(conversions.picture_to_message(volume.header, picture,
-                                                                self._buffers['layers']))
-        self.health.done(time.monotonic() - began)
+    def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> DepthLikelihoodVolume:
+        return build_volume(conversions.light_field_from(camera_info, pupil, views),
+                            self._settings)
+
+    def _layers_to_message(self, volume: DepthLikelihoodVolume,
+                           buffer: conversions.Buffer) -> Image:
+        picture = layers_picture(volume.layers(), self._settings.near, self._settings.far)
+        return conversions.picture_to_message(volume.header, picture, buffer)
 
 
 def main() -> int:

@@ -1,10 +1,15 @@
 """What a node says of itself on /diagnostics."""
 
+import time
+from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from pmcl_ros.conversions import diagnostics_to_message
+
+_WINDOW = 10.0  # s: in which results are counted for their rate
 
 
 @dataclass
@@ -12,7 +17,7 @@ class Health:
     """Counts and the state of the last piece of work of one node, since it was activated.
 
     back_end: what the work runs on, a renderer or a device. hardware_id: the camera's serial
-    number. extra: what else a node has to tell.
+    number. extra: what else a node has to tell, counts: and count.
     """
 
     frames_in: int = 0
@@ -26,9 +31,27 @@ class Health:
     level: bytes = DiagnosticStatus.OK
     message: str = 'active'
     extra: dict[str, object] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
+    clock: Callable[[], float] = time.monotonic
+    _results: deque[float] = field(default_factory=lambda: deque(maxlen=1000))
+
+    def __post_init__(self) -> None:
+        self._began = self.clock()
+
+    @property
+    def rate(self) -> float:
+        """Results per second in the last ten, or since the beginning."""
+        now = self.clock()
+        recent = sum(each > now - _WINDOW for each in list(self._results))
+        return recent / min(_WINDOW, max(now - self._began, 1.0))
+
+    def count(self, what: str) -> None:
+        """One more of `what`."""
+        self.counts[what] = self.counts.get(what, 0) + 1
 
     def done(self, latency: float, message: str = 'active') -> None:
         """A result was published `latency` seconds after its input had come."""
+        self._results.append(self.clock())
         self.frames_out += 1
         self.latency_ms = 1000 * latency
         self.level, self.message = DiagnosticStatus.OK, message
@@ -55,4 +78,4 @@ class Health:
             'frames in': self.frames_in, 'frames out': self.frames_out, 'dropped': self.dropped,
             'errors': self.errors, 'last error': self.last_error,
             'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
-            **self.extra})
+            'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra})

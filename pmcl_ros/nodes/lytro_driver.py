@@ -27,6 +27,7 @@ from pmcl_ros.camera.sources import open_camera
 from pmcl_ros.conversions import Buffer, raw_frame_to_messages
 from pmcl_ros.errors import CameraError, LinkError, PmclError
 from pmcl_ros.header import Header
+from pmcl_ros.nodes.audience import DISCOVERY
 from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
@@ -83,6 +84,7 @@ class LytroDriver(StageNode):
     def start(self) -> None:
         """Publish what is taken from now on, and what was taken while the node was inactive."""
         self.health.hardware_id, self.health.extra = self._serial, self._told
+        self._found_by = time.monotonic() + DISCOVERY
         self._streaming = True
         self.active.callback(self._stop)
         self._looking = self._taking = _NOTHING
@@ -185,6 +187,7 @@ class LytroDriver(StageNode):
             raise CameraError(f'picture {picture.id}: {error}; it is {what}') from error
         self._told['last download [s]'] = f'{seconds:.2f}'
         self._told['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
+        self._await_listener()
         with self._publishing:
             if not self._streaming:
                 return _ENDED
@@ -198,6 +201,12 @@ class LytroDriver(StageNode):
         if self._settings.delete:
             self._delete(picture, received and self._image.get_subscription_count() > 0)
         return f'published {picture.id} with stamp {picture.shutter_ns}'
+
+    def _await_listener(self) -> None:
+        """Soon after activation it may not have been found yet, and would miss the picture."""
+        while (self._streaming and not self._image.get_subscription_count()
+               and time.monotonic() < self._found_by):
+            time.sleep(0.05)
 
     def _delete(self, picture: Picture, received: bool) -> None:
         if not received:

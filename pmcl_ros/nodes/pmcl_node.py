@@ -2,13 +2,13 @@
 
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from typing import TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions
@@ -20,6 +20,7 @@ from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.values import subscribe_value
 from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -27,7 +28,8 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
-_DISCOVERY = 2.0  # s: how much later ROS may find who publishes it
+# s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
+_DISCOVERY = 4.0
 _PICTURES = 4  # centre pictures kept for the overlay
 
 T = TypeVar('T')
@@ -67,9 +69,10 @@ class PmclNode(StageNode):
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
-            self._edges = self.subscribe(Float32MultiArray, 'dlv/edges', self._on_edges, BIG)
+            self._edges = subscribe_value(self, 'dlv/edges', conversions.edges_from,
+                                          self._on_edges, BIG)
             self.every(0.25, self._wait_no_longer)
-        self.subscribe(Float32MultiArray, 'dlv', self._on_volume, BIG)
+        subscribe_value(self, 'dlv', conversions.volume_from, self._on_volume, BIG)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
 
@@ -90,17 +93,16 @@ class PmclNode(StageNode):
         conversions.picture_from(message)
         _keep(self._pictures, message, message)
 
-    def _on_volume(self, message: Float32MultiArray) -> None:
+    def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
         self.health.frames_in += 1
-        volume = conversions.volume_from(message)
         if self._settings.mode == 'faithful':
             self._search(volume)
         else:
             self._held = time.monotonic(), volume
             self._join('dlv', volume)
 
-    def _on_edges(self, message: Float32MultiArray) -> None:
-        self._join('dlv/edges', conversions.edges_from(message))
+    def _on_edges(self, edges: EdgeVolume) -> None:
+        self._join('dlv/edges', edges)
 
     def _join(self, topic: str, part: DepthLikelihoodVolume | EdgeVolume) -> None:
         complete = self._matching.add(topic, part.header.stamp_ns, part)
@@ -122,7 +124,7 @@ class PmclNode(StageNode):
 
     def _search_alone(self, volume: DepthLikelihoodVolume, why: str) -> None:
         self.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
-        self._search(volume)
+        self._search(replace(volume, edges=None))  # they are there where it was handed over
 
     def _again(self) -> str:
         if self._last is None:

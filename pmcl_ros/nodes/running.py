@@ -18,6 +18,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from pmcl_ros.nodes import shared_memory
 from pmcl_ros.nodes.base import StageNode
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -39,6 +40,8 @@ def ros(args: list[str] | None = None) -> Iterator[None]:
     core, handler = logging.getLogger('pmcl_ros'), RosLog()
     core.addHandler(handler)
     core.setLevel(logging.INFO)
+    if problem := shared_memory.problem_here():
+        rclpy.logging.get_logger('pmcl_ros').warning(problem)
     try:
         yield
     except Interrupted:

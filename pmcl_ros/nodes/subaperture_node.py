@@ -1,9 +1,10 @@
 """RawFrame -> LightField: decodes raw pictures into rectified views."""
 
 import sys
-import time
 from collections.abc import Callable
+from functools import cached_property, partial
 
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 
@@ -13,10 +14,33 @@ from pmcl_ros.lightfield.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.settings import DecodeSettings
+from pmcl_ros.nodes.audience import Audience, Output
 from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
 from pmcl_ros.nodes.live import live_parameters
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
+
+
+class _Decoded:
+    """A light field, and its messages when one of them is wanted."""
+
+    def __init__(self, light_field: LightField, views: conversions.Buffer,
+                 picture: conversions.Buffer) -> None:
+        self._light_field, self._views, self._picture = light_field, views, picture
+
+    @cached_property
+    def views(self) -> conversions.LightFieldMessages:
+        return conversions.light_field_to_messages(self._light_field, self._views)
+
+    @property
+    def centre_info(self) -> CameraInfo:
+        return conversions.pinhole_to_message(self._light_field.header,
+                                              self._light_field.grid.pinhole)
+
+    @property
+    def centre_image(self) -> Image:
+        return conversions.picture_to_message(self._light_field.header,
+                                              self._light_field.picture(), self._picture)
 
 
 class SubapertureNode(StageNode):
@@ -30,20 +54,29 @@ class SubapertureNode(StageNode):
         self._metadata: CameraMetadata | None = None
         self._decoders = _load(settings)
         self.configured.enter_context(live_parameters(self, settings, self._renew))
-        # in the order of LightFieldMessages: the small ones first, so that `views` completes them
-        self._views = [self.publisher(CameraInfo, 'views/camera_info', SMALL),
-                       self.publisher(Image, 'views/pupil', SMALL),
-                       self.publisher(Image, 'views', BIG)]
-        self._centre = [self.publisher(CameraInfo, 'center/camera_info', SMALL),
-                        self.publisher(Image, 'center/image', SMALL)]
-        self._views_buffer, self._picture_buffer = conversions.Buffer(), conversions.Buffer()
+        self._buffers = conversions.Buffer(), conversions.Buffer()
+        # the small ones first, so that `views` completes its capture
+        self._outputs = [
+            self._output(CameraInfo, 'center/camera_info', lambda made: made.centre_info),
+            self._output(Image, 'center/image', lambda made: made.centre_image),
+            self._output(CameraInfo, 'views/camera_info', lambda made: made.views.camera_info),
+            self._output(Image, 'views/pupil', lambda made: made.views.pupil),
+            self._output(Image, 'views', lambda made: made.views.views, BIG)]
 
     def start(self) -> None:
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata: CameraMetadata | None = None
         self._waiting: Image | None = None
+        self._audience = Audience(self, self._outputs,
+                                  'an image: nobody listens to views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         self.subscribe(Image, 'image_raw', self._on_image, BIG)
+
+    def _output(self, kind: type, topic: str, message: Callable[[_Decoded], Image | CameraInfo],
+                qos: QoSProfile = SMALL) -> Output[_Decoded]:
+        publisher = self.publisher(kind, topic, qos)
+        return Output(lambda: publisher.get_subscription_count() > 0,
+                      lambda made: publisher.publish(message(made)))
 
     def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
         """Load what changed parameters name; that the last picture can be decoded shows it fits.
@@ -65,40 +98,22 @@ class SubapertureNode(StageNode):
         self._metadata = conversions.metadata_from(message)
         image, self._waiting = self._waiting, None
         if image is not None:
-            self._decode(image, self._metadata)
+            self._audience.tell(partial(self._decode, image, self._metadata))
 
     def _on_image(self, image: Image) -> None:
         self.health.frames_in += 1
         conversions.counts_from(image)
         if self._metadata is not None:
-            self._decode(image, self._metadata)
+            self._audience.tell(partial(self._decode, image, self._metadata))
             return
         if self._waiting is not None:
             self.dropped('an image: a newer one came before any metadata')
         self._waiting = image
         self.health.warn('an image waits for metadata')
 
-    def _decode(self, image: Image, metadata: CameraMetadata) -> None:
-        began = time.monotonic()
-        if not any(each.get_subscription_count() for each in (*self._views, *self._centre)):
-            self.dropped('an image: nobody listens to views or center')
-            return
-        light_field = self._decoders.decode(conversions.raw_frame_from(image, metadata))
-        self._publish_centre(light_field)
-        if any(each.get_subscription_count() for each in self._views):
-            messages = conversions.light_field_to_messages(light_field, self._views_buffer)
-            for publisher, message in zip(self._views, messages, strict=True):
-                publisher.publish(message)
-        self.health.done(time.monotonic() - began)
-
-    def _publish_centre(self, light_field: LightField) -> None:
-        header, pinhole = light_field.header, light_field.grid.pinhole
-        info, picture = self._centre
-        if info.get_subscription_count():
-            info.publish(conversions.pinhole_to_message(header, pinhole))
-        if picture.get_subscription_count():
-            picture.publish(conversions.picture_to_message(header, light_field.picture(),
-                                                           self._picture_buffer))
+    def _decode(self, image: Image, metadata: CameraMetadata) -> _Decoded:
+        frame = conversions.raw_frame_from(image, metadata)
+        return _Decoded(self._decoders.decode(frame), *self._buffers)
 
 
 def _load(settings: DecodeSettings) -> Decoders:

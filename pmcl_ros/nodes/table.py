@@ -24,3 +24,5 @@ NODES = (
     Entry('dlv_node', 'pmcl_ros.nodes.dlv_node', 'DlvNode'),
     Entry('pmcl_node', 'pmcl_ros.nodes.pmcl_node', 'PmclNode'),
 )
+# After the chain, where it is wanted: bring-up and launch start it when they get a grasp file.
+GRASPS = Entry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')

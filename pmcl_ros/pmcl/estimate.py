@@ -11,6 +11,19 @@ from pmcl_ros.header import Header
 
 
 @dataclass(frozen=True)
+class PoseMode:
+    """One of the poses that the data support.
+
+    pose: (4, 4), object to camera, metres. weight: its share of the posterior, 0 to 1. score: of
+    the pose, in the units of the mode's score.
+    """
+
+    pose: NDArray[np.float64]
+    weight: float
+    score: float
+
+
+@dataclass(frozen=True)
 class PoseEstimate:
     """The pose of the mesh frame in the camera's optical frame.
 
@@ -20,6 +33,9 @@ class PoseEstimate:
     particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
     score: of the pose, in the units of the mode's score.
     lost: the data support no pose.
+    modes: what the search compared at its end, the weightiest first; the estimate is of the first.
+        A rival that was tried and found not to be supported has weight 0. Empty where the mode
+        compares none.
     """
 
     header: Header
@@ -30,18 +46,22 @@ class PoseEstimate:
     score: float
     lost: bool
     mode: str
+    modes: tuple[PoseMode, ...] = ()
 
     @property
     def quaternion(self) -> NDArray[np.float64]:
         """(4,) x, y, z, w of the orientation."""
-        return Rotation.from_matrix(self.pose[:3, :3]).as_quat()
+        return _quaternion(self.pose)
 
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON (architecture, "The command line")."""
         return {'position': self.pose[:3, 3].tolist(),
                 'orientation_xyzw': self.quaternion.tolist(),
                 'covariance': self.covariance.ravel().tolist(), 'score': self.score,
-                'lost': self.lost}
+                'lost': self.lost,
+                'modes': [{'position': each.pose[:3, 3].tolist(),
+                           'orientation_xyzw': _quaternion(each.pose).tolist(),
+                           'weight': each.weight, 'score': each.score} for each in self.modes]}
 
     def describe(self) -> str:
         """One line for people."""
@@ -51,3 +71,7 @@ class PoseEstimate:
         return (f'{found} at ({x:.4f}, {y:.4f}, {z:.4f}) m, orientation xyzw '
                 f'({", ".join(f"{q:.4f}" for q in self.quaternion)}), score {self.score:.3g}, '
                 f'standard deviation ({", ".join(f"{s:.1f}" for s in sigma)}) mm')
+
+
+def _quaternion(pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(Rotation.from_matrix(pose[:3, :3]).as_quat())

@@ -10,33 +10,37 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import LocalizationError, RenderError
-from pmcl_ros.gl import GlContext
-from pmcl_ros.pmcl.annealed import CORRELATION, annealed_filter
-from pmcl_ros.pmcl.contour_score import ContourScore
-from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
-from pmcl_ros.pmcl.likelihood_score import LikelihoodScore
+from pmcl_ros.pmcl.level_of_detail import simplified
+from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import make_renderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import covariance, mean_pose, same_mode
+from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, moved, same_mode
 from pmcl_ros.pmcl.weights import Weights
-from pmcl_ros.pmcl.zbuffers import Window, ZBuffers
 
 _LOG = logging.getLogger(__name__)
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
 _SCALE = 2  # image px per pixel of the contour search's z-buffers
+_DETAIL = 0.25  # image px: what may be left out of the mesh in them
 _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
-_BATCH = 96  # poses drawn at once
 
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class Localizer:
-    """Finds one object in volumes. Owns a headless GL context: make, use, close it in one thread.
+    """Finds one object in volumes.
 
+    With the renderer gl it owns a headless GL context: make, use, close it in one thread.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
@@ -44,12 +48,12 @@ class Localizer:
         self._model = model
         self._settings = settings
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._context = GlContext()
-        self.renderer = self._context.renderer
+        self._renderer = make_renderer(settings.renderer)
+        self.renderer = self._renderer.name
         try:
-            self._proposals = Proposals(self._context, model, self._region)
+            self._proposals = Proposals(self._renderer, model, self._region)
         except BaseException:
-            self._context.close()
+            self._renderer.close()
             raise
 
     def __enter__(self) -> 'Localizer':
@@ -59,51 +63,83 @@ class Localizer:
         self.close()
 
     def close(self) -> None:
-        """Release the GL context."""
-        self._context.close()
+        """Release the GL context, if there is one."""
+        self._renderer.close()
 
     def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
-                 progress: Progress | None = None) -> PoseEstimate:
+                 progress: Progress | None = None,
+                 start: NDArray[np.float64] | None = None) -> PoseEstimate:
         """The object's pose in one volume.
 
+        start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
+            given.
+
         progress: called with 0..1; returning False ends the search with what was found so far.
-        Raises LocalizationError when the volume does not reach the region of interest, RenderError
-        in another thread, after `close`, or when the GL refuses its work.
+        Raises LocalizationError when the volume does not reach the region of interest, and with
+        the renderer gl RenderError in another thread, after `close`, or when the GL refuses its
+        work.
         """
-        self._context.use()
+        self._renderer.use()
         self._check_range(volume)
-        search = {'default': self._by_contour, 'faithful': self._by_likelihood}
         try:
-            return search[self._settings.mode](volume, rng, progress or (lambda _: True))
+            if self._settings.mode == 'faithful':
+                return self._by_likelihood(volume, rng, progress or (lambda _: True))
+            return self._by_contour(volume, rng, progress or (lambda _: True), start)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
     def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
-                    progress: Progress) -> PoseEstimate:
+                    progress: Progress, start: NDArray[np.float64] | None) -> PoseEstimate:
         edges = volume.edges
         if edges is None:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
             edges = edges_from_likelihood(volume)
-        window = self._region.window(volume.pinhole, self._model.radius).coarser(_SCALE)
-        start, _ = self._proposals.propose(edges, self._settings.proposals)
-        with (self._zbuffers(volume, window) as zbuffers,
-              ContourScore(zbuffers, edges, self._model.radius, _BLUR) as coarse,
-              ContourScore(zbuffers, edges, self._model.radius) as fine):
-            poses, scores = annealed_filter(
-                self._in_region(coarse, -np.inf), self._in_region(fine, -np.inf), start,
-                self._model.radius, self._settings.particles, self._settings.moves, rng, progress)
-            weights = Weights(scores / CORRELATION)
-            pose, spread = self._summary(poses, weights)
-            evidence, length = fine.batch(pose[None])[0]
-        lost = evidence < self._settings.least_evidence * max(length, 1.0)
-        return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
-                            float(evidence), bool(lost), self._settings.mode)
+        window = self._region.window(volume.pinhole, self._model.radius)
+        if start is None:
+            start, _ = self._proposals.propose(edges, self._settings.proposals)
+        profile = ContourProfile.learned()
+        half, whole = self._scene(volume, window.coarser(_SCALE)), self._scene(volume, window)
+        # The table was learned on sharp edges: blurred ones are judged by their contrast.
+        contrast = ContourProfile.contrast()
+        with (self._renderer.contour_score(half, edges, contrast, _BLUR) as coarse,
+              self._renderer.contour_score(half, edges, profile) as fine,
+              self._renderer.contour_score(whole, edges, profile) as exact):
+            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
+                                     CONTOUR_ERROR if sure else None)
+
+            search = ContourSearch(
+                self._model, self._settings, self._in_region(coarse, -np.inf),
+                self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about)
+            posterior = search.run(start, rng, progress)
+            return self._estimate(volume, posterior, about, rng)
+
+    def _estimate(self, volume: DepthLikelihoodVolume, posterior: Posterior,
+                  about: Callable[[NDArray[np.float64], bool], LocalModel],
+                  rng: np.random.Generator) -> PoseEstimate:
+        axis, poses = self._model.axis, posterior.poses
+        shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
+        order = np.argsort(-shares, kind='stable')
+        ours = poses[posterior.own == order[0]]
+        alike = Weights(np.zeros(len(ours)))
+        pose = mean_pose(ours, alike, axis)
+        local = about(pose, True)
+        # What the model gets wrong adds to what the data leave open.
+        error = local.basis @ local.model_error @ local.basis.T
+        spread = covariance(ours, alike, pose, axis) + error
+        off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
+        modes = tuple(PoseMode(canonical(posterior.modes[k].pose, axis), float(shares[k]),
+                               posterior.modes[k].local.evidence) for k in order)
+        seen = _share_in_view(self._model, pose, volume.pinhole)
+        lost = local.evidence * seen < self._settings.least_evidence * max(local.length, 1.0)
+        return PoseEstimate(volume.header, pose, spread, moved(poses, off),
+                            np.full(len(poses), -np.log(len(poses))), local.evidence, bool(lost),
+                            self._settings.mode, modes)
 
     def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
                        progress: Progress) -> PoseEstimate:
         window = self._region.window(volume.pinhole, self._model.radius)
-        with (self._zbuffers(volume, window) as zbuffers,
-              LikelihoodScore(zbuffers, volume) as score):
+        with self._renderer.likelihood_score(self._scene(volume, window), volume) as score:
             poses, scores = faithful_filter(self._in_region(score, 0.0), self._region,
                                             self._settings, rng, progress)
             weights = Weights.of(scores)
@@ -129,10 +165,12 @@ class Localizer:
             return np.where(self._region.contains(poses[:, :3, 3]), score(poses), outside)
         return inside
 
-    def _zbuffers(self, volume: DepthLikelihoodVolume, window: Window) -> ZBuffers:
+    def _scene(self, volume: DepthLikelihoodVolume, window: Window) -> Scene:
         near, far = self._region.grown(self._model.radius)
-        return ZBuffers(self._context, self._model.vertices, self._model.faces, volume.pinhole,
-                        window, near, far, closed=self._model.closed, capacity=_BATCH)
+        model, camera = self._model, volume.pinhole
+        if window.scale > 1:
+            model = simplified(model, _DETAIL * near / max(camera.fx, camera.fy))
+        return Scene(model, camera, window, near, far)
 
     def _check_range(self, volume: DepthLikelihoodVolume) -> None:
         far, near = volume.depths[0], volume.depths[-1]
@@ -141,3 +179,14 @@ class Localizer:
                 f'the volume spans {near:.3f} to {far:.3f} m, the region of interest '
                 f'{self._region.near:.3f} to {self._region.far:.3f} m; set near and far of the '
                 'volume around the region')
+
+
+def _share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:
+    """Of a mesh's vertices, how many lie in the image's field: 0 to 1.
+
+    What is not seen speaks neither for a pose nor against it, but nobody should believe in an
+    object because of the little of it that may be seen.
+    """
+    pixels = pinhole.project(model.vertices @ pose[:3, :3].T + pose[:3, 3])
+    inside = (pixels > -0.5) & (pixels < np.array([pinhole.width, pinhole.height]) - 0.5)
+    return float(inside.all(axis=1).mean())

@@ -35,7 +35,7 @@ class ObjectSettings(Settings):
         'the object as it is; an empty list: none; left out: found from the mesh')
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ObjectModel:
     """A mesh and its symmetry.
 

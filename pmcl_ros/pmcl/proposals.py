@@ -16,13 +16,13 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import ObjectModelError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.summary import same_mode
-from pmcl_ros.pmcl.zbuffers import Window, ZBuffers
 
 _CELL = 4  # image px: the step of places
 _BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
@@ -73,13 +73,13 @@ class Proposals:
     Holds templates for the region's middle depth; `propose` is pure CPU work.
     """
 
-    def __init__(self, context: GlContext, model: ObjectModel, region: Region) -> None:
+    def __init__(self, renderer: Renderer, model: ObjectModel, region: Region) -> None:
         self._region = region
         self._axis = model.axis
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
         self._turns = 2 * np.pi * np.arange(turns) / turns
         views = _viewing_rotations(model)
-        self._templates = _templates(context, model, region.center[2], views)
+        self._templates = _templates(renderer, model, region.center[2], views)
 
     def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -162,7 +162,7 @@ def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
             * Rotation.from_rotvec(azimuth[:, None] * [0, 0, 1.0])).as_matrix()
 
 
-def _templates(context: GlContext, model: ObjectModel, depth: float,
+def _templates(renderer: Renderer, model: ObjectModel, depth: float,
                rotations: NDArray[np.float64]) -> _Templates:
     depth = max(depth, 1.5 * model.radius)
     half = _TEMPLATE / 2
@@ -170,14 +170,9 @@ def _templates(context: GlContext, model: ObjectModel, depth: float,
     camera = Pinhole(_TEMPLATE, _TEMPLATE, focal, focal, half - 0.5, half - 0.5)
     poses = np.tile(np.eye(4), (len(rotations), 1, 1))
     poses[:, :3, :3], poses[:, 2, 3] = rotations, depth
-    masks: list[NDArray[np.bool_]] = []
-    with ZBuffers(context, model.vertices, model.faces, camera,
-                  Window(0, 0, (_TEMPLATE, _TEMPLATE)), depth - 1.01 * model.radius,
-                  depth + 1.01 * model.radius, closed=model.closed, capacity=64) as zbuffers:
-        for first in range(0, len(poses), zbuffers.capacity):
-            batch = poses[first:first + zbuffers.capacity]
-            zbuffers.draw(batch)
-            masks.extend(zbuffers.read(len(batch)) > 0)
+    scene = Scene(model, camera, Window(0, 0, (_TEMPLATE, _TEMPLATE)),
+                  depth - 1.01 * model.radius, depth + 1.01 * model.radius)
+    masks = renderer.depths(scene, poses) > 0
     # A sheet without thickness has no outline seen edge-on.
     seen = [k for k, mask in enumerate(masks) if mask.any()]
     if not seen:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.zbuffers import Window, sphere_bounds
+from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.settings import Settings
 
 Mode = Literal['default', 'faithful']
@@ -22,6 +23,9 @@ class PmclSettings(Settings):
         description='centre of the box that holds the origin of the object, camera frame [m]')
     roi_size: tuple[_Size, _Size, _Size] = Field(
         (0.16, 0.16, 0.16), description='size of that box [m]')
+    renderer: BackEnd = Field(
+        'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
+        'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
     seed: int = Field(
         0, ge=0, le=2 ** 31 - 1,
         description='of the random numbers: the same seed gives the same pose')
@@ -32,8 +36,8 @@ class PmclSettings(Settings):
         3, ge=1, le=1000,
         description='default mode: moves of the particles in each round of the tournament')
     least_evidence: float = Field(
-        0.7, ge=0, le=2, description='default mode: mean edge evidence along the contour (at most '
-        '2) below which the object counts as lost')
+        0.5, ge=-5, le=5, description='default mode: mean evidence along the whole contour, what '
+        'is out of view counted as none [nat / px], below which the object counts as lost')
     faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
     faithful_iterations: int = Field(
         500, ge=1, le=100_000, description='faithful mode: iterations at most')

@@ -35,17 +35,18 @@ class Weights:
             return cls(np.log(np.asarray(values, float)))
 
     @classmethod
-    def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float) -> 'Weights':
+    def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float
+                 ) -> tuple['Weights', float]:
         """exp(beta score) with the beta that leaves about `effective` (0..1) of them effective.
 
-        Beta is `largest` at most. Annealing: the nearer the particles are to each other in score,
-        the more the score decides.
+        And that beta, `largest` at most. Annealing: the nearer the particles are to each other in
+        score, the more the score decides.
         """
         values = np.asarray(scores, np.float64)
         enough = effective * len(values)
         low, high = 0.0, largest
         if cls(high * values).effective_size >= enough:
-            return cls(high * values)
+            return cls(high * values), high
         for _ in range(40):
             beta = (low + high) / 2
             if cls(beta * values).effective_size >= enough:
@@ -53,7 +54,7 @@ class Weights:
             else:
                 high = beta
         with np.errstate(invalid='ignore'):  # 0 times -inf
-            return cls(low * values)
+            return cls(low * values), low
 
     @cached_property
     def normalised(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.cost import cost_volume
+from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
@@ -173,3 +174,55 @@ def test_samplers_agree_at_whole_pixels():
     expected = reference.bilinear(image)(shift)[inside]
     np.testing.assert_allclose(expected, image[:, :-3, 2:])
     np.testing.assert_allclose(reference.phase_shift(image)(shift)[inside], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize('cycles', [0.03, 0.1, 0.2, 0.35])
+@pytest.mark.parametrize('fraction', [0.25, 0.5])
+def test_bilinear_samples_of_a_wave_differ_from_shifted_ones_by_what_theory_says(cycles, fraction):
+    x = np.broadcast_to(np.arange(240.0), (1, 8, 240))
+    wave = np.cos(2 * np.pi * cycles * x + 0.3)
+    shift = np.array([fraction, 0])
+    shifted, bilinear = (sampler(wave)(shift)[..., 60:-60]
+                         for sampler in (reference.phase_shift, reference.bilinear))
+    turn = 2j * np.pi * cycles
+    exact = np.cos(2 * np.pi * cycles * (x + fraction) + 0.3)[..., 60:-60]
+    response = (1 - fraction + fraction * np.exp(turn)) / np.exp(turn * fraction)
+    np.testing.assert_allclose(shifted, exact, atol=5e-3)
+    known = np.real(response * np.exp(turn * (x + fraction) + 0.3j))[..., 60:-60]
+    np.testing.assert_allclose(bilinear, known, atol=1e-9)
+
+
+def test_phase_shift_and_bilinear_cost_the_same_where_views_move_by_whole_pixels():
+    # In between, bilinear weights average what they read: noise costs less.
+    grid = make_grid((3, 3), (60, 50), 1, focal=(1, 1))
+    depths = depth_labels(1 / 3, 1, 5)  # 1, 1.5, 2, 2.5, 3 px for each view step
+    phase, bilinear = (
+        reference.cost_volume(noise_field(grid, sigma=0.05), depths,
+                              DlvSettings(interpolation=each, window=1))[:, 4:-4, 4:-4]
+        for each in ('phase', 'bilinear'))
+    np.testing.assert_allclose(phase[::2], bilinear[::2], rtol=1e-4)
+    assert (bilinear[1::2].mean(axis=(1, 2)) < 0.9 * phase[1::2].mean(axis=(1, 2))).all()
+
+
+def test_a_periodic_band_limited_view_is_shifted_exactly_by_the_shift_theorem():
+    """And by `phase_shift` as exactly, away from the borders, which it cannot know go on."""
+    texture = np.random.default_rng(0).normal(size=(1, 128, 128))
+    spectrum = np.fft.fft2(texture)
+    along, across = np.fft.fftfreq(128)[:, None], np.fft.fftfreq(128)
+    spectrum[:, np.hypot(along, across) > 0.25] = 0
+    shift = np.array([-1.3, 0.6])
+    theorem = np.real(np.fft.ifft2(spectrum * np.exp(2j * np.pi * (shift[0] * across
+                                                                   + shift[1] * along))))
+    image = np.real(np.fft.ifft2(spectrum))
+    off = np.abs(reference.phase_shift(image)(shift) - theorem)[:, 24:-24, 24:-24] / image.std()
+    assert off.max() < 0.02
+    blurred = np.abs(reference.bilinear(image)(shift) - theorem)[:, 24:-24, 24:-24] / image.std()
+    assert blurred.max() > 10 * off.max()
+
+
+def test_crops_pay_for_what_they_need():
+    field = noise_field(make_grid((3, 3), (200, 180), 0.006))
+    depths, crop = depth_labels(0.3, 0.9, 9), DlvSettings(crop=(90, 70, 20, 30), window=3)
+    whole = Matching.of(field, depths, DlvSettings(window=3)).planes
+    part = Matching.of(field, depths, crop).planes
+    assert part.size < whole.size / 10

@@ -12,7 +12,6 @@ from dlv_fields import make_grid, noise_field, planes_field
 
 from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
-from pmcl_ros.dlv.likelihood import log_likelihood
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.errors import RenderError, VolumeError
@@ -29,7 +28,7 @@ def gl_cost(context):
 def likelihood_of(cost_volume):
     """The formula, in double precision."""
     share = (cost_volume.max(axis=0) - cost_volume) / cost_volume.sum(axis=0)
-    return np.log(share + 1).transpose(1, 2, 0)
+    return np.log1p(share).transpose(1, 2, 0)
 
 
 def assert_same(gl_cost, field, depths, options):
@@ -37,15 +36,16 @@ def assert_same(gl_cost, field, depths, options):
     numba = cost.cost_volume(field, depths, options)
     shader = gl_cost.cost_volume(field, depths, options)
     on_gpu = gl_cost.log_likelihood(field, depths, options)
-    forms = [(numba, log_likelihood(numba)), (shader, on_gpu.read())]
+    forms = [cost.likelihood_volume(field, depths, options), on_gpu.read()]
     on_gpu.release()
+    for one, other in ((numba, plain), (shader, plain), (shader, numba)):
+        assert (np.abs(one - other) <= 1e-5 * plain.max(axis=0)).all()
     exact = likelihood_of(plain)
-    for values, likelihood in forms:
-        assert (np.abs(values - plain) <= 1e-5 * plain.max(axis=0)).all()
-        # a likelihood is a difference from the worst label's: relative to what it lies between
-        assert (np.abs(likelihood - exact) <= 1e-4 * exact.max(axis=2, keepdims=True)).all()
-        assert (likelihood.argmax(axis=2) == exact.argmax(axis=2)).mean() > 0.999
-    assert (np.abs(shader - numba) <= 1e-5 * plain.max(axis=0)).all()
+    # a likelihood is a difference from the worst label's: relative to what it lies between
+    tolerance = 1e-4 * exact.max(axis=2, keepdims=True)
+    for one, other in ((forms[0], exact), (forms[1], exact), forms):
+        assert (np.abs(one - other) <= tolerance).all()
+        assert (one.argmax(axis=2) == other.argmax(axis=2)).mean() > 0.999
 
 
 def dimmed(grid):
@@ -62,6 +62,7 @@ def dimmed(grid):
     {'tau_color': 0.1, 'tau_gradient': 0.05, 'labels': 97},  # one more than a work group's
     {'crop': (7, 5, 20, 13)},
     {'crop': (3, 0, 0, 17), 'stride': 2},
+    {'crop': (2, 3, 0, 0), 'stride': 4, 'window': 9},
 ], ids=str)
 def test_the_three_forms_agree(gl_cost, options, color_cost, interpolation):
     settings = DlvSettings(**{'labels': 31, 'views': 5, 'color_cost': color_cost,
@@ -85,6 +86,14 @@ def test_the_three_forms_agree_on_two_planes(gl_cost):
     grid = make_grid((5, 5), (80, 40), 0.0006, 0.02, focal=(1000, 1000))
     field = planes_field(grid, 0.75, 0.4, 40)
     assert_same(gl_cost, field, depth_labels(0.3, 0.9, 40), DlvSettings())
+
+
+@pytest.mark.parametrize('sigma', [None, 0.05])
+@pytest.mark.parametrize('window', [1, 5, 9])
+def test_the_three_forms_agree_where_labels_hardly_differ(gl_cost, window, sigma):
+    """Noise in a capture's geometry: the range of a ray's costs is a thousandth of a cost."""
+    field = noise_field(make_grid((7, 7), (70, 60), 0.00074, focal=(945, 945)), sigma=sigma)
+    assert_same(gl_cost, field, depth_labels(0.39, 0.71, 75), DlvSettings(window=window))
 
 
 def test_pixels_without_cost_have_no_likelihood(gl_cost):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pmcl_ros.evaluation.charts import Line, chart
+from pmcl_ros.evaluation.charts import Line, beside, chart
 from pmcl_ros.evaluation.figures import FIGURES
 
 RANGES = {'x_range': (0, 1), 'y_range': (0, 2), 'size': (300, 200)}
@@ -24,6 +24,18 @@ def test_a_line_is_drawn_where_its_values_are():
     assert column.min() <= 2
     assert column.max() >= 298
     assert np.abs((200 - row) / 200 - (column / 300) ** 2).max() < 0.02
+
+
+def test_a_range_may_run_backwards():
+    x = np.linspace(0, 1, 50)
+    forwards = drawn([Line('square', x, 2 * x ** 2)])
+    backwards = drawn([Line('square', 1 - x, 2 * x ** 2)], x_range=(1, 0))
+    np.testing.assert_array_equal(backwards, forwards)
+
+
+def test_charts_beside_each_other():
+    one = chart('a', 'x', 'y', [Line('b', [0, 1], [0, 1])], **RANGES)
+    np.testing.assert_array_equal(beside([one, one])[:, one.shape[1]:], one)
 
 
 def test_unknown_values_break_a_line_and_dashes_leave_gaps():

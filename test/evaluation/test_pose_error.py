@@ -67,3 +67,28 @@ def test_ray_is_the_signed_part_along_the_line_of_sight(place, along, across):
     assert error.ray == pytest.approx(along, abs=1e-9)  # positive: too far
     assert error.translation == pytest.approx(np.hypot(along, np.linalg.norm(across)), abs=1e-9)
     assert error.rotation == 0
+
+
+@settings(deadline=None)
+@given(ROTATIONS, DIRECTIONS, ANGLES)
+def test_of_truths_that_are_alike_the_nearest_counts(rotation, direction, angle):
+    half = np.stack([np.eye(4), np.diag([1.0, -1, -1, 1])])  # upside down is the same
+    turned = pose(Rotation.from_rotvec(angle * direction) * rotation)
+    for axis in (None, AXIS):
+        error = pose_error(turned, pose(rotation), axis, half)
+        flipped = pose_error(turned @ half[1], pose(rotation), axis, half)
+        assert error.rotation == pytest.approx(flipped.rotation, abs=1e-6)
+        plain = pose_error(turned, pose(rotation), axis)
+        assert error.rotation <= plain.rotation + 1e-9
+        if axis is not None:
+            assert error.rotation == pytest.approx(min(plain.rotation, np.pi - plain.rotation),
+                                                   abs=1e-6)
+            assert abs(error.dot) == pytest.approx(abs(plain.dot), abs=1e-6)
+            assert not error.flipped or plain.rotation == pytest.approx(np.pi / 2)
+
+
+@settings(deadline=None)
+@given(ROTATIONS, ROTATIONS)
+def test_dot_is_that_of_the_axes(first, second):
+    dot = pose(first)[:3, 2] @ pose(second)[:3, 2]
+    assert pose_error(pose(first), pose(second), AXIS).dot == pytest.approx(dot, abs=1e-9)

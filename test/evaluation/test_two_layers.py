@@ -15,11 +15,18 @@ def test_the_texture_has_the_correlation_length_asked_for():
 
 def test_layers_far_apart_are_both_found_and_close_ones_merge():
     assert rates(2, 0.5, 0.7).both > 0.9
-    assert rates(0.2, 0.5, 0.7).both < 0.05
+    close = rates(0.2, 0.35, 1)
+    assert close.both < 0.05
+    assert rates(0.2, 0.35, 1, layers='joint').both > close.both + 0.9
+
+
+def test_a_joint_fit_tells_no_two_of_a_single_layer():
+    plain, joint = (rates(0, 1, 1, layers=each).several for each in ('volume', 'joint'))
+    assert joint <= plain + 0.01
 
 
 @pytest.mark.parametrize('alpha', [0.35, 0.65])
 def test_the_layer_that_gives_more_light_is_the_more_likely_one(alpha):
-    found = rates(2.5, alpha, 0.7)
-    assert found.both > 0.5
-    assert found.ordered > 0.95
+    for found in (rates(2.5, alpha, 0.7), rates(0.3, alpha, 0.7, layers='joint')):
+        assert found.both > 0.5
+        assert found.ordered > 0.95

@@ -1,5 +1,7 @@
 """What the base class promises to a node: logged failures, and everything released in order."""
 
+import threading
+
 import pytest
 import rclpy
 from pydantic import Field
@@ -151,6 +153,29 @@ def test_shutdown_releases_from_every_state(probe, transitions):
     assert probe.trigger_shutdown() == Result.SUCCESS
     assert ('close file' in probe.notes) == bool(transitions)
     assert ('close stream' in probe.notes) == (len(transitions) == 2)
+
+
+def test_health_is_told_from_any_thread_in_any_state(probe):
+    probe.trigger_configure()
+    stop, problems = threading.Event(), []
+
+    def tell():
+        try:
+            while not stop.is_set():
+                probe.tell_health()
+        except Exception as problem:
+            problems.append(problem)
+
+    threads = [threading.Thread(target=tell) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for _ in range(20):
+        assert probe.trigger_activate() == Result.SUCCESS
+        assert probe.trigger_deactivate() == Result.SUCCESS
+    stop.set()
+    for each in threads:
+        each.join()
+    assert problems == []
 
 
 def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, context, capfd):

@@ -5,13 +5,15 @@ import signal
 from pathlib import Path
 
 import pytest
+import viewer_layouts
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from harness import ACTIVE, CONFIGURE, PATIENCE, UNCONFIGURED, Process
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros.nodes.base import BIG, LATCHED
+from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
 
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 BRINGUP = 'pmcl_ros.nodes.bringup'
@@ -41,6 +43,9 @@ def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, h
         assert [user.state(node) for node in NODES] == [ACTIVE] * 4
         images = user.listen(Image, 'image_raw', BIG)
         texts = user.listen(String, 'metadata', LATCHED)
+        graph = dict(user.node.get_topic_names_and_types())
+        for topic, kind in (*viewer_layouts.rviz(), *viewer_layouts.foxglove()):
+            assert graph[topic] == [kind]
         capture = user.call(Trigger, '/lytro_driver/capture', Trigger.Request())
         assert capture.success, capture.message
         user.wait(lambda: images and texts, 'a picture')
@@ -86,6 +91,9 @@ def test_nodes_live_in_a_namespace(tmp_path, user, write):
         user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
         assert user.state('left/dlv_node') == ACTIVE
         user.listen(Image, '/left/image_raw', BIG)
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        user.wait(lambda: {each.status[0].name for each in states}
+                  == {'left/lytro_driver', 'left/dlv_node'}, 'the state of both, by their names')
 
 
 @pytest.mark.parametrize(('arguments', 'reason'), [

@@ -90,8 +90,10 @@ def test_diagnostics_come_while_active(process, user):
     status = messages[-1].status[0]
     assert (status.name, status.level) == (name, DiagnosticStatus.OK)
     keys = [each.key for each in status.values]
-    assert keys[:7] == ['frames in', 'frames out', 'dropped', 'errors', 'last error',
-                        'last latency [ms]', 'back end']
+    assert keys[:8] == ['frames in', 'frames out', 'dropped', 'errors', 'last error',
+                        'last latency [ms]', 'back end', 'rate [Hz]']
+    if name == 'dlv_node':
+        assert status.values[6].value in ('numba', 'gl')
     assert all(user.change(name, DEACTIVATE, CLEANUP))
 
 

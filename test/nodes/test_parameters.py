@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes.parameters import Parameters
-from pmcl_ros.nodes.table import NODES
+from pmcl_ros.nodes.table import GRASPS, NODES
 from pmcl_ros.settings import Settings
 
 
@@ -86,7 +86,7 @@ def test_a_refused_value_can_be_mended(make):
     assert parameters.read().length == 1.0
 
 
-@pytest.mark.parametrize('entry', NODES, ids=lambda entry: entry.name)
+@pytest.mark.parametrize('entry', [*NODES, GRASPS], ids=lambda entry: entry.name)
 def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
     values = shipped[f'/**/{entry.name}']['ros__parameters']
@@ -96,7 +96,8 @@ def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
     _, parameters = make(kind, **values)
     read = parameters.read().model_dump(mode='json')
     assert read == values
-    its_own = {'calibration', 'white', 'object', 'roi_center', 'roi_size'}  # of bags/wine_glass
+    # of bags/wine_glass
+    its_own = {'calibration', 'white', 'object', 'grasps', 'roi_center', 'roi_size'}
     defaults = kind().model_dump(mode='json')
     assert {k: v for k, v in read.items() if k not in its_own} == {
         k: v for k, v in defaults.items() if k not in its_own}
@@ -104,4 +105,4 @@ def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
 
 def test_shipped_parameters_are_of_no_other_node():
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
-    assert list(shipped) == [f'/**/{entry.name}' for entry in NODES]
+    assert list(shipped) == [f'/**/{entry.name}' for entry in [*NODES, GRASPS]]

@@ -9,7 +9,8 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.zbuffers import Window, ZBuffers
+from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
 
 # Not square, no multiple of 4, its pixels not square either.
 CAMERA = Pinhole(237, 213, 720, 690, 120.5, 103.0)
@@ -59,11 +60,8 @@ def depth_of(context, model, pose, pinhole, zoom=1):
     camera = Pinhole(pinhole.width * zoom, pinhole.height * zoom, pinhole.fx * zoom,
                      pinhole.fy * zoom, pinhole.cx * zoom + shift, pinhole.cy * zoom + shift)
     near, far = pose[2, 3] - 1.1 * model.radius, pose[2, 3] + 1.1 * model.radius
-    with ZBuffers(context, model.vertices, model.faces, camera,
-                  Window(0, 0, (camera.width, camera.height)), near, far, closed=model.closed,
-                  capacity=1) as zbuffers:
-        zbuffers.draw(pose[None])
-        return zbuffers.read(1)[0]
+    scene = Scene(model, camera, Window(0, 0, (camera.width, camera.height)), near, far)
+    return GlRenderer(context).depths(scene, pose[None])[0]
 
 
 def edges_seen(depth, pinhole, depths, jump, zoom=4, strength=1.6):

@@ -6,19 +6,19 @@ from pmcl_scenes import pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.header import Header
-from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 
 
 def make(lost=False):
     pose = pose_of(Rotation.from_euler('z', 90, degrees=True), [0.1, -0.02, 0.5])
     covariance = np.diag([1e-6, 4e-6, 9e-6, 0.01, 0.01, 0.01])
     return PoseEstimate(Header(3), pose, covariance, pose[None], np.zeros(1), 123.4, lost,
-                        'default')
+                        'default', (PoseMode(pose, 0.75, 12.0),))
 
 
 def test_the_dictionary_is_what_the_command_line_promises():
     said = json.loads(json.dumps(make(lost=True).as_dict()))
-    assert set(said) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost'}
+    assert set(said) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost', 'modes'}
     assert said['position'] == [0.1, -0.02, 0.5]
     x, y, z, w = said['orientation_xyzw']
     np.testing.assert_allclose(np.array([x, y, z, w]) * np.sign(w), [0, 0, 0.5 ** 0.5, 0.5 ** 0.5],
@@ -26,6 +26,8 @@ def test_the_dictionary_is_what_the_command_line_promises():
     assert said['covariance'] == make().covariance.ravel().tolist()
     assert said['score'] == 123.4
     assert said['lost'] is True
+    assert said['modes'] == [{'position': [0.1, -0.02, 0.5], 'weight': 0.75, 'score': 12.0,
+                              'orientation_xyzw': said['orientation_xyzw']}]
 
 
 @pytest.mark.parametrize(('lost', 'word'), [(False, 'found'), (True, 'lost; best hypothesis')])

@@ -40,7 +40,10 @@ def scene(context, model, seed):
     """A pose, and a volume in which the object is seen there."""
     truth = random_poses(1, seed, depth=(0.34, 0.42))[0]
     depth = depth_of(context, model, truth, CAMERA, 4)
-    return truth, volume_with(edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius))
+    edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius, strength=2.0)
+    # No picture is without any edges: faint ones, the same every way.
+    tensor = edges.tensor + np.array([0.05, 0.05, 0], np.float32)
+    return truth, volume_with(replace(edges, tensor=tensor))
 
 
 def localized(model, volume, seed=0, settings=SETTINGS, progress=None):
@@ -59,6 +62,9 @@ def assert_valid(estimate, model):
     assert REGION.contains(estimate.pose[None, :3, 3]).all()
     np.testing.assert_allclose(estimate.pose, canonical(estimate.pose, model.axis), atol=1e-6)
     np.testing.assert_allclose(estimate.covariance, estimate.covariance.T)
+    weights = [each.weight for each in estimate.modes]
+    assert weights == sorted(weights, reverse=True)
+    assert sum(weights) == pytest.approx(1)
     assert np.linalg.eigvalsh(estimate.covariance).min() > -1e-12
     assert len(estimate.particles) == len(estimate.log_weights)
     assert np.exp(estimate.log_weights).sum() == pytest.approx(1)
@@ -142,7 +148,6 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
     volume = volume_with(EdgeVolume(cup_volume.header, tensor, DEPTHS, CAMERA))
     estimate = localized(CUP, volume, 0, SMALL)
     assert estimate.lost
-    assert estimate.score == 0
     assert_valid(estimate, CUP)
 
 
@@ -194,8 +199,8 @@ def test_progress_ends_the_search_early_with_what_was_found(cup_volume, stop):
     assert estimate.score > 0
 
 
-def test_a_localizer_belongs_to_its_thread_until_it_is_closed(cup_volume):
-    localizer = Localizer(CUP, SMALL)
+def test_a_localizer_with_gl_belongs_to_its_thread_until_it_is_closed(cup_volume):
+    localizer = Localizer(CUP, SMALL.model_copy(update={'renderer': 'gl'}))
     with ThreadPoolExecutor(1) as pool:
         for work in (lambda: localizer.localize(cup_volume, np.random.default_rng(0)),
                      localizer.close):

@@ -13,6 +13,7 @@ from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.summary import rotation_distance, same_mode
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -43,7 +44,7 @@ def distances(poses, truth, axis):
 def test_one_of_a_few_proposals_is_near_the_pose(context, model, seed):
     truth = random_poses(1, seed, depth=(0.34, 0.46))[0]
     edges = scene(context, model, truth)
-    poses, scores = Proposals(context, model, REGION).propose(edges, 12)
+    poses, scores = Proposals(NumbaRenderer(), model, REGION).propose(edges, 12)
     aside, along, turn = distances(poses, truth, model.axis)
     assert ((aside < 0.005) & (along < 0.015) & (turn < np.deg2rad(20))).any()
     assert len(poses) == len(scores) == 12
@@ -56,7 +57,7 @@ def test_one_of_a_few_proposals_is_near_the_pose(context, model, seed):
 
 def test_the_same_edges_give_the_same_proposals(context):
     edges = scene(context, CUP, random_poses(1, 0)[0])
-    proposals = Proposals(context, CUP, REGION)
+    proposals = Proposals(NumbaRenderer(), CUP, REGION)
     first, second = proposals.propose(edges, 20), proposals.propose(edges, 20)
     np.testing.assert_array_equal(first[0], second[0])
     np.testing.assert_array_equal(first[1], second[1])
@@ -68,7 +69,7 @@ def test_an_object_that_is_partly_out_of_the_image_is_proposed(context):
     depth = depth_of(context, CUP, truth, CAMERA)
     assert (depth[:, 0] > 0).any()  # cut off by the border
     region = Region((-0.065, 0.05, 0.4), (0.06, 0.06, 0.08))
-    poses, _ = Proposals(context, CUP, region).propose(scene(context, CUP, truth), 12)
+    poses, _ = Proposals(NumbaRenderer(), CUP, region).propose(scene(context, CUP, truth), 12)
     aside, along, turn = distances(poses, truth, CUP.axis)
     assert ((aside < 0.01) & (along < 0.02) & (turn < 0.5)).any()
 
@@ -85,7 +86,7 @@ def test_any_camera_will_do(context, camera, place, seed):
     edges = edges_seen(depth_of(context, CUP, truth, camera, 4), camera, depths,
                        0.2 * CUP.radius)
     region = Region(tuple(np.add(place, 0.001)), (0.05, 0.05, 0.2 * place[2]))
-    poses, _ = Proposals(context, CUP, region).propose(edges, 12)
+    poses, _ = Proposals(NumbaRenderer(), CUP, region).propose(edges, 12)
     aside, along, turn = distances(poses, truth, CUP.axis)
     assert ((aside < 0.005) & (along < 0.06 * place[2]) & (turn < np.deg2rad(15))).any()
 
@@ -93,7 +94,7 @@ def test_any_camera_will_do(context, camera, place, seed):
 def test_normals_are_those_of_the_outline_in_the_image(context):
     ball = model_of(trimesh.creation.icosphere(3, 0.05), [0, 0, 1])
     fx, fy = 600, 300
-    proposals = Proposals(context, ball, REGION)
+    proposals = Proposals(NumbaRenderer(), ball, REGION)
     offsets, directions = proposals._turned(Pinhole(237, 213, fx, fy, 120.5, 103.0))
     # The outline is an ellipse; its normal is the gradient of (x / fx)^2 + (y / fy)^2.
     size = np.linalg.norm(offsets / [fx, fy], axis=-1)
@@ -110,7 +111,7 @@ def test_no_edges_still_give_proposals_in_the_region(context):
     camera = Pinhole(121, 83, 300, 300, 60, 41)
     edges = EdgeVolume(Header(), np.zeros((83, 121, 5, 3), np.float32),
                        depth_labels(0.3, 0.6, 5), camera)
-    poses, scores = Proposals(context, CUP, REGION).propose(edges, 7)
+    poses, scores = Proposals(NumbaRenderer(), CUP, REGION).propose(edges, 7)
     assert len(poses) == 7
     np.testing.assert_array_equal(scores, 0)
     assert REGION.contains(poses[:, :3, 3]).all()
@@ -121,7 +122,7 @@ def test_images_of_any_size_are_searched(context, width, height):
     camera = Pinhole(width, height, 300, 300, width / 2, height / 2)
     tensor = np.random.default_rng(0).random((height, width, 3, 3)).astype(np.float32)
     edges = EdgeVolume(Header(), tensor, depth_labels(0.3, 0.6, 3), camera)
-    poses, _ = Proposals(context, CUP, REGION).propose(edges, 3)
+    poses, _ = Proposals(NumbaRenderer(), CUP, REGION).propose(edges, 3)
     assert 1 <= len(poses) <= 3
     assert np.isfinite(poses).all()
 
@@ -130,7 +131,7 @@ def test_a_region_far_larger_than_the_view_is_searched_where_it_is_seen(context)
     truth = random_poses(1, 2, depth=(0.38, 0.42))[0]
     edges = scene(context, CUP, truth)
     region = Region((0, 0, 0.4), (10, 10, 0.1))
-    poses, _ = Proposals(context, CUP, region).propose(edges, 12)
+    poses, _ = Proposals(NumbaRenderer(), CUP, region).propose(edges, 12)
     aside, along, turn = distances(poses, truth, CUP.axis)
     assert ((aside < 0.005) & (along < 0.015) & (turn < np.deg2rad(20))).any()
     seen = CAMERA.project(poses[:, :3, 3])
@@ -141,7 +142,7 @@ def test_a_region_out_of_view_is_refused(context):
     edges = scene(context, CUP, random_poses(1, 0)[0])
     region = Region((3, 0, 0.4), (0.1, 0.1, 0.1))
     with pytest.raises(LocalizationError, match='outside the image'):
-        Proposals(context, CUP, region).propose(edges, 5)
+        Proposals(NumbaRenderer(), CUP, region).propose(edges, 5)
 
 
 def test_a_sheet_without_thickness_has_no_outline_edge_on(context):
@@ -149,7 +150,7 @@ def test_a_sheet_without_thickness_has_no_outline_edge_on(context):
     disc = trimesh.creation.revolve([(0, 0), (0.05, 0)], sections=32)
     model = replace(model_of(disc, [0, 0, 1]), closed=False)
     truth = random_poses(1, 4, depth=(0.36, 0.44))[0]
-    poses, _ = Proposals(context, model, REGION).propose(scene(context, model, truth), 12)
+    poses, _ = Proposals(NumbaRenderer(), model, REGION).propose(scene(context, model, truth), 12)
     aside, along, turn = distances(poses, truth, model.axis)
     turn = np.minimum(turn, np.pi - turn)  # both of its sides look alike
     assert ((aside < 0.005) & (along < 0.02) & (turn < np.deg2rad(25))).any()

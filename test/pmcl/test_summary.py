@@ -10,9 +10,13 @@ from pmcl_ros.pmcl.summary import (
     FREE_AXIS_VARIANCE,
     canonical,
     covariance,
+    credible_level,
     mean_pose,
+    moved,
     rotation_distance,
     same_mode,
+    tangent,
+    tangent_basis,
 )
 from pmcl_ros.pmcl.weights import Weights
 
@@ -157,3 +161,30 @@ def test_same_mode_needs_place_and_orientation():
     poses[4] = spun(pose, AXES[1], 0.21)
     np.testing.assert_array_equal(same_mode(poses, pose, None, 0.01, 0.2), [1, 1, 0, 1, 0])
     np.testing.assert_array_equal(same_mode(poses, pose, AXES[1], 0.01, 0.2), [1, 1, 0, 1, 1])
+
+
+@pytest.mark.parametrize('axis', [None, AXES[0]], ids=['whole', 'symmetric'])
+def test_levels_of_draws_from_the_covariance_are_uniform_and_heed_no_spin(axis):
+    mean = random_poses(1, 3)[0]
+    sigma = np.array([0.001, 0.002, 0.006, 0.02, 0.03, 0.01])
+    basis = tangent_basis(mean, axis)
+    spread = basis @ basis.T @ np.diag(sigma ** 2) @ basis @ basis.T
+    rng = np.random.default_rng(0)
+    draws = moved(mean, rng.multivariate_normal(np.zeros(6), spread, 1000, method='eigh'))
+    np.testing.assert_allclose(tangent(draws, mean, axis) @ basis @ basis.T,
+                               tangent(draws, mean, axis), atol=1e-9)
+    if axis is not None:
+        draws = spun(draws, axis, rng.uniform(0, 6, 1000))
+        spread[3:, 3:] += FREE_AXIS_VARIANCE * np.outer(mean[:3, 2], mean[:3, 2])
+    levels = np.sort([credible_level(each, mean, spread, axis) for each in draws])
+    assert np.abs(levels - np.arange(1000) / 1000).max() < 0.06
+    assert credible_level(mean, mean, spread, axis) == 0
+
+
+@pytest.mark.parametrize('axis', [None, AXES[0]], ids=['whole', 'symmetric'])
+def test_tangents_lead_back(axis):
+    mean = random_poses(1, 1)[0]
+    pose = moved(mean, np.array([[0.01, -0.02, 0.03, 0.1, -0.2, 0.15]]))
+    back = moved(mean, tangent(pose, mean, axis))
+    np.testing.assert_allclose(back[:, :3, 3], pose[:, :3, 3], atol=1e-12)
+    assert rotation_distance(back, pose[0], axis)[0] < 1e-6

@@ -57,7 +57,9 @@ def test_weights_are_one_row(log):
 @given(arrays(float, st.integers(2, 60), elements=st.floats(-300, 300), unique=True),
        st.floats(0.05, 1), st.floats(0.01, 10))
 def test_tempering_reaches_its_share_or_its_cap(scores, effective, largest):
-    weights = Weights.tempered(scores, largest, effective)
+    weights, taken = Weights.tempered(scores, largest, effective)
+    assert 0 <= taken <= largest
+    np.testing.assert_allclose(weights.log, Weights(taken * scores).log)
     capped = Weights(largest * scores)
     if capped.effective_size >= effective * len(scores):
         np.testing.assert_array_equal(weights.log, capped.log)
@@ -73,12 +75,12 @@ def test_tempering_reaches_its_share_or_its_cap(scores, effective, largest):
 @pytest.mark.filterwarnings('error')
 def test_tempering_leaves_out_what_is_impossible():
     scores = np.array([-np.inf, 3.0, np.nan, 3.0, -np.inf, 2.0])
-    weights = Weights.tempered(scores, 5, 0.3)
+    weights, _ = Weights.tempered(scores, 5, 0.3)
     np.testing.assert_array_equal(weights.normalised[[0, 2, 4]], 0)
     assert weights.effective_size >= 0.3 * 6
     # Three cannot be four effective: they get equal weights.
-    np.testing.assert_allclose(Weights.tempered(scores, 5, 0.7).normalised[[1, 3, 5]], 1 / 3)
-    np.testing.assert_allclose(Weights.tempered(np.full(3, -np.inf), 5, 0.7).normalised, 1 / 3)
+    np.testing.assert_allclose(Weights.tempered(scores, 5, 0.7)[0].normalised[[1, 3, 5]], 1 / 3)
+    np.testing.assert_allclose(Weights.tempered(np.full(3, -np.inf), 5, 0.7)[0].normalised, 1 / 3)
 
 
 @settings(max_examples=200, deadline=None)

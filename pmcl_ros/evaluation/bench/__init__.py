@@ -3,6 +3,9 @@
 from pmcl_ros.evaluation.bench.decode import bench_decode
 from pmcl_ros.evaluation.bench.dlv import bench_dlv
 from pmcl_ros.evaluation.bench.driver import DriverBench, bench_driver
+from pmcl_ros.evaluation.bench.pmcl import PmclBench, bench_pmcl
 from pmcl_ros.evaluation.bench.result import Bench
+from pmcl_ros.evaluation.bench.transport import TransportBench, bench_transport
 
-__all__ = ['Bench', 'DriverBench', 'bench_decode', 'bench_dlv', 'bench_driver']
+__all__ = ['Bench', 'DriverBench', 'PmclBench', 'TransportBench', 'bench_decode', 'bench_dlv',
+           'bench_driver', 'bench_pmcl', 'bench_transport']

@@ -1,50 +1,112 @@
 """Times of the depth likelihood volume."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv import cost, reference
+from pmcl_ros.dlv import back_end
+from pmcl_ros.dlv.cost import likelihood_of
 from pmcl_ros.dlv.edges import edge_volume
-from pmcl_ros.dlv.likelihood import log_likelihood
+from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.matching import Matching
-from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.settings import BackEnd, DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.bench import plain_dlv
 from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
 from pmcl_ros.evaluation.bench.result import Bench, best_ms
+from pmcl_ros.gl import GlContext
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
 
+_PLAIN_LABELS = 3  # that the plain form is run on: each takes it a third of a second
 
-def bench_dlv(repeats: int = 7) -> Bench:
-    """The volume of 7x7 views of 328x328, 75 labels, float32 views to float32 likelihood.
 
-    The reference (numpy, exact bilinear slices) runs on 3 of the labels; its time is scaled. The
-    bound is that of `least_work` for cost and likelihood together.
+def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
+    """The volume of 7x7 views of 328x328, 75 labels, uint8 views to float32 likelihood.
+
+    Stages: `views`, from uint8 to a checked LightField; `planes`, what is matched (smoothed
+    colours and gradients); then by numba `sweep`, from planes to likelihood, or by gl `upload`,
+    `resident` (planes on the GPU to likelihood on the GPU) and `read`. `total` is all of it in one
+    go, by the product's own functions; `edges`, the edge volume, is apart. `plain` is `plain_dlv`
+    from the same uint8, on a few of the labels, scaled; ratios are those of `total`, to `plain`
+    and to the `bound` of `least_work`. Raises RenderError when `wanted` is gl and there is none.
     """
-    settings = DlvSettings(near=0.39, far=0.71)
+    settings = DlvSettings(near=0.39, far=0.71, back_end=wanted)
     depths = depth_labels(settings.near, settings.far, settings.labels)
-    light_field = _noise()
-    costs = cost.cost_volume(light_field, depths, settings)  # compiles
-    log_likelihood(costs)
-    edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
-    edge_volume(light_field, edge_depths, settings.views)
+    grid, counts = _grid(), _noise()
     speeds = [(multiply_adds(), copied_bytes())]
-    ms = {'cost': best_ms(lambda: cost.cost_volume(light_field, depths, settings), repeats),
-          'likelihood': best_ms(lambda: log_likelihood(costs), repeats),
-          'edges': best_ms(lambda: edge_volume(light_field, edge_depths, settings.views), repeats)}
-    few, bilinear = depths[::len(depths) // 2], settings.model_copy(
-        update={'interpolation': 'bilinear'})
-    plain = best_ms(lambda: reference.cost_volume(light_field, few, bilinear), 1)
-    ms['reference cost'] = plain * len(depths) / len(few)
+    light_field = _light_field(grid, counts)
+    task = Matching.of(light_field, depths, settings)
+    chosen = back_end.choose(wanted)
+    ms = {'views': best_ms(lambda: _light_field(grid, counts), repeats),
+          'planes': best_ms(lambda: Matching.of(light_field, depths, settings), repeats)}
+    ms |= (_gl_stages if chosen == 'gl' else _numba_stages)(task, settings, repeats)
+
+    def total() -> None:
+        back_end.make_likelihood(_light_field(grid, counts), depths, settings)
+
+    edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
+    ms['total'] = _best_after_first(total, repeats)
+    ms['edges'] = _best_after_first(
+        lambda: edge_volume(light_field, edge_depths, settings.views), repeats)
+    ms['plain'] = _plain_ms(grid, counts, depths, settings)
     # The greatest speed counts: a busy machine makes the ratio too large rather than too small.
     speeds.append((multiply_adds(), copied_bytes()))
-    counts = least_work(Matching.of(light_field, depths, settings), settings)
-    ms['bound'] = 1e3 * max(counts / np.max(speeds, axis=0))
-    geometry = (f'{settings.views}x{settings.views} views of 328x328, {settings.labels} labels, '
-                f'{settings.near} to {settings.far} m, F01 at 0.55 m')
-    return Bench(geometry, ms, ms['reference cost'] / ms['cost'],
-                 ratio_to_bound=(ms['cost'] + ms['likelihood']) / ms['bound'])
+    ms['bound'] = 1e3 * max(least_work(task, settings) / np.max(speeds, axis=0))
+    geometry = (f'{settings.views}x{settings.views} views of 328x328, uint8, {settings.labels} '
+                f'labels, {settings.near} to {settings.far} m, F01 at 0.55 m, by {chosen}')
+    return Bench(geometry, ms, ms['plain'] / ms['total'],
+                 ratio_to_bound=ms['total'] / ms['bound'])
+
+
+def _numba_stages(task: Matching, settings: DlvSettings, repeats: int) -> dict[str, float]:
+    return {'sweep': _best_after_first(lambda: likelihood_of(task, settings), repeats)}
+
+
+def _gl_stages(task: Matching, settings: DlvSettings, repeats: int) -> dict[str, float]:
+    """Each stage waits for the GPU."""
+    context = GlContext()
+    try:
+        gl_cost = GlCost(context)
+
+        def upload() -> None:
+            with gl_cost.upload(task, settings):
+                context.gl.finish()
+
+        ms = {'upload': _best_after_first(upload, repeats)}
+        with gl_cost.upload(task, settings) as uploaded:
+            def resident() -> GlArray:
+                made = gl_cost.likelihood_of(uploaded)
+                context.gl.finish()
+                return made
+
+            made = resident()
+            ms['resident'] = best_ms(lambda: resident().release(), repeats)
+            ms['read'] = best_ms(made.read, repeats)
+    finally:
+        context.close()
+    return ms
+
+
+def _plain_ms(grid: ViewGrid, counts: NDArray[np.uint8], depths: NDArray[np.float64],
+              settings: DlvSettings) -> float:
+    made: list[NDArray[np.float32]] = []
+    few = depths[::len(depths) // _PLAIN_LABELS][:_PLAIN_LABELS]
+    several = len(depths) // len(few)
+    channels = plain_dlv.channels(counts)
+    ms = best_ms(lambda: plain_dlv.channels(counts), 1)
+    ms += several * best_ms(
+        lambda: made.append(plain_dlv.costs(*channels, grid, few, settings)), 1)
+    volume = np.repeat(made[0], several, axis=0)
+    return ms + best_ms(lambda: plain_dlv.log_likelihood(volume), 1)
+
+
+def _best_after_first(step: Callable[[], object], repeats: int) -> float:
+    """The first run compiles, or makes what is kept."""
+    step()
+    return best_ms(step, repeats)
 
 
 def least_work(task: Matching, settings: DlvSettings) -> NDArray[np.float64]:
@@ -64,9 +126,9 @@ def least_work(task: Matching, settings: DlvSettings) -> NDArray[np.float64]:
     - a label of a pixel: 4 for its window by running sums, where there is one, and 15 for its
       likelihood: maximum, sum, difference, product, logarithm by a series of 7 terms (11).
 
-    The planes' encoding and smoothing are left out: they are a few per cent. The bytes are the
-    views of linear colours read, and the likelihood written, once: all else could stay near the
-    cores. The bound is the longer of the two: operations and bytes go side by side.
+    The views' conversion, the planes' encoding and smoothing are left out. The bytes are the uint8
+    views read, and the likelihood written, once: all else could stay near the cores. The bound is
+    the longer of the two: operations and bytes go side by side.
     """
     labels, height, width = task.shape
     areas = np.prod(np.diff(task.inside.reshape(-1, 2, 2), axis=2), axis=(1, 2))
@@ -80,13 +142,21 @@ def least_work(task: Matching, settings: DlvSettings) -> NDArray[np.float64]:
                   + (5 * 2 + distance + 3 + 3) * labels * int(areas.sum())
                   + ((4 if task.half else 0) + 15) * labels * height * width)
     whole = task.lattice.whole
-    seen = 4 * 3 * whole.width * whole.height * len(task.planes)
+    seen = 3 * whole.width * whole.height * len(task.planes)
     return np.array([operations, seen + 4 * labels * len(task.wanted.rows)
                      * len(task.wanted.columns)], float)
 
 
-def _noise() -> LightField:
-    rng = np.random.default_rng(0)
-    grid = ViewGrid(Pinhole(328, 328, 945, 945, 163.5, 163.5), 0.00074, nominal_positions(9, 9),
-                    np.ones((9, 9), np.float32))
-    return LightField(Header(), rng.random((9, 9, 328, 328, 3), np.float32), grid)
+def _grid() -> ViewGrid:
+    return ViewGrid(Pinhole(328, 328, 945, 945, 163.5, 163.5), 0.00074, nominal_positions(7, 7),
+                    np.ones((7, 7), np.float32))
+
+
+def _noise() -> NDArray[np.uint8]:
+    return np.random.default_rng(0).integers(0, 256, (7, 7, 328, 328, 3), np.uint8)
+
+
+def _light_field(grid: ViewGrid, counts: NDArray[np.uint8]) -> LightField:
+    """Of pictures as displays show them: their values are encoded already."""
+    return LightField(Header(), np.multiply(counts, np.float32(1 / 255), dtype=np.float32), grid,
+                      gamma=1)

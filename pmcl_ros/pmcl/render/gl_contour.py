@@ -1,12 +1,5 @@
-"""How well the contour of a pose lies on edges at its own depth (docs/method.md).
+"""The contour's evidence summed on the GPU (`contour` has the same for the processor)."""
 
-A point of the occluding contour is worth e(0) - e(outside): the edge energy across the contour, on
-it, less that just outside it. Glass shows edges as strong a few pixels inside (the inner wall,
-caustics), hardly ever outside; where there is no object both terms have the same expectation, so
-the sum over a wrong contour is near zero whatever the clutter.
-"""
-
-import cv2
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
@@ -14,25 +7,35 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
-from pmcl_ros.pmcl.zbuffers import ZBuffers
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
+from pmcl_ros.pmcl.render.raster import MARGIN
+from pmcl_ros.pmcl.render.scene import Scene
 
-_COMPUTE = """
+_COMPUTE = f"""
 #version 430
+const int MOST_OFFSETS = {MOST_OFFSETS}, MOST_RAMPS = {MOST_KNOTS - 1};
+""" + """
 layout(local_size_x = 64) in;
 const uint MOST = 6144u;    // pairs of pixels on a contour: 24 KiB of shared memory
-const float UNIT = 1024.0;  // of the fixed-point sums
+const float UNIT = 8192.0;  // of the fixed-point sums
 layout(binding = 0) uniform sampler2D depths;    // the atlas
 layout(binding = 1) uniform sampler3D tensor;    // xx, yy, xy at (x, y, label)
 layout(std430, binding = 2) writeonly buffer Sums { vec2 sums[]; };  // evidence, length [px]
 layout(std430, binding = 3) readonly buffer Boxes { ivec4 boxes[]; };
 uniform ivec2 tile;
 uniform ivec2 tiles;
-uniform vec3 window;      // left, top, scale [image px]
-uniform vec2 image;       // width, height [image px]
+uniform vec3 window;      // left, top in the tensor, scale [image px]
 uniform vec2 inverse;     // 1 / near, 1 / far of the z-buffer
-uniform vec3 labels;      // 1 / depth of label 0, labels per 1/m, number of labels
-uniform float jump;       // difference in 1/z across an occlusion, relative [1]
-uniform float reach;      // unit of the outside offsets [image px]
+uniform vec2 labels;      // 1 / depth of label 0, labels per 1/m
+uniform float keep;       // a pixel is beyond another if its 1/z is less than this times that
+uniform ivec2 size;       // offsets and ramps of the profile
+uniform float offsets[MOST_OFFSETS];               // from the contour, outside > 0 [px]
+uniform vec2 ramps[MOST_RAMPS];                    // where they begin, how long they are [1]
+uniform float slopes[MOST_OFFSETS * MOST_RAMPS];   // of the evidence [nat/px]
+uniform float bias;       // of a point [nat / px]
 shared uint found[MOST];
 shared uint count;
 shared ivec2 total;
@@ -46,15 +49,27 @@ float closeness(ivec2 at) {  // 1/z; 0 where nothing is drawn; negative outside 
 }
 
 float energy(vec2 pixel, float label, vec2 n) {
-    vec3 at = vec3((pixel + 0.5) / image, (label + 0.5) / labels.z);
-    vec3 m = textureLod(tensor, at, 0.0).xyz;
+    // Between texels by hand: a GPU's own filter knows 256 places between two.
+    ivec3 last = textureSize(tensor, 0) - 1;
+    vec3 at = clamp(vec3(pixel, label), vec3(0.0), vec3(last));
+    ivec3 low = ivec3(at), high = min(low + 1, last);
+    vec3 part = at - vec3(low);
+    vec3 m = vec3(0.0);
+    for (int k = 0; k < 2; ++k) {
+        int level = k == 0 ? low.z : high.z;
+        vec3 upper = mix(texelFetch(tensor, ivec3(low.xy, level), 0).xyz,
+                         texelFetch(tensor, ivec3(high.x, low.y, level), 0).xyz, part.x);
+        vec3 lower = mix(texelFetch(tensor, ivec3(low.x, high.y, level), 0).xyz,
+                         texelFetch(tensor, ivec3(high.xy, level), 0).xyz, part.x);
+        m += (k == 0 ? 1.0 - part.z : part.z) * mix(upper, lower, part.y);
+    }
     return sqrt(max(m.x * n.x * n.x + m.y * n.y * n.y + 2.0 * m.z * n.x * n.y, 0.0));
 }
 
 // Whether a contour runs between two neighbouring pixels.
 bool across(float here, float there) {
     float near = max(here, there);
-    return here >= 0.0 && there >= 0.0 && min(here, there) < near * (1.0 - jump);
+    return here >= 0.0 && there >= 0.0 && min(here, there) < near * keep;
 }
 
 // Evidence and length of the contour between `near_at` and its neighbour, in fixed point.
@@ -66,21 +81,22 @@ ivec2 evidence(ivec2 near_at, vec2 between) {
     for (int dy = -2; dy <= 2; ++dy) for (int dx = -2; dx <= 2; ++dx) {
         float other = closeness(near_at + ivec2(dx, dy));
         float weight = exp(-0.35 * float(dx * dx + dy * dy));
-        if (other >= 0.0 && other < near * (1.0 - jump)) n += weight * vec2(dx, dy);
+        if (other >= 0.0 && other < near * keep) n += weight * vec2(dx, dy);
     }
     if (dot(n, n) < 1e-6) return ivec2(0);
     n = normalize(n);
     float label = (near - labels.x) * labels.y;
     vec2 pixel = window.xy + window.z * between + (window.z - 1.0) / 2.0;
-    float on = min(energy(pixel, label, n), 2.0);
-    float outside = 0.0;
-    for (int k = 0; k < 3; ++k) {
-        outside += energy(pixel + reach * (3.0 + 1.5 * float(k)) * n, label, n) / 3.0;
+    float value = bias;
+    for (int j = 0; j < size.x; ++j) {
+        float e = energy(pixel + offsets[j] * n, label, n);
+        for (int k = 0; k < size.y; ++k)
+            value += slopes[j * MOST_RAMPS + k] * clamp(e - ramps[k].x, 0.0, ramps[k].y);
     }
     // A line is crossed by |nx| horizontal and |ny| vertical pairs of pixels for each pixel of its
     // length.
     float length_px = window.z / (abs(n.x) + abs(n.y));
-    return ivec2(round(UNIT * length_px * vec2(on - min(outside, 2.0), 1.0)));
+    return ivec2(round(UNIT * length_px * vec2(value, 1.0)));
 }
 
 void main() {
@@ -137,48 +153,60 @@ void main() {
 """
 
 
-class ContourScore:
-    """Scores the z-buffers of an atlas against an edge volume, on the GPU.
+class GlContourScore:
+    """See `ContourScore`. capacity: poses drawn at once.
 
-    zbuffers: its window's scale is the step of the contour [image px].
-    radius: of the object about its origin [m]; an occlusion is a jump in depth by a fifth of it or
-        more.
-    blur: of the edge energy [image px]; 0: as it is. It widens the basin of attraction for the
-        coarse part of a search.
-    Raises RenderError when the volume is larger than this GL can hold.
+    Raises RenderError when the volume, the window or the profile is larger than this GL can hold.
     """
 
-    def __init__(self, zbuffers: ZBuffers, edges: EdgeVolume, radius: float,
-                 blur: float = 0.0) -> None:
-        context = zbuffers.context
-        context.use()
-        self.zbuffers = zbuffers
-        self._tensor = _texture(context, edges, blur)
-        self._sums = context.gl.buffer(reserve=zbuffers.capacity * 8)
+    def __init__(self, context: GlContext, scene: Scene, edges: EdgeVolume,
+                 profile: ContourProfile, blur: float = 0.0, capacity: int = 96) -> None:
+        check_profile(profile)
+        self._scene, self._profile = scene, profile
+        self._edges = Edges.of(scene, edges, profile, blur)
+        self.zbuffers = ZBuffers(context, scene, capacity)
+        self._tensor = _texture(context, self._edges.tensor)
+        self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
-        window = zbuffers.window
-        inverse = 1 / edges.depths
-        per_closeness = (len(inverse) - 1) / (inverse[-1] - inverse[0])
-        self._program['tile'] = window.size
-        self._program['tiles'] = zbuffers.tiles
-        self._program['window'] = (window.left, window.top, window.scale)
-        self._program['image'] = (edges.pinhole.width, edges.pinhole.height)
-        self._program['inverse'] = zbuffers.inverse
-        self._program['labels'] = (inverse[0], per_closeness, len(inverse))
-        self._program['jump'] = 0.2 * radius * inverse.mean()
-        self._program['reach'] = max(1.0, blur)
+        each = self._edges
+        ramps = np.zeros((MOST_KNOTS - 1, 2), np.float32)
+        slopes = np.zeros((MOST_OFFSETS, MOST_KNOTS - 1), np.float32)
+        offsets = np.zeros(MOST_OFFSETS, np.float32)
+        ramps[:len(each.knots)] = np.stack([each.knots, each.widths], axis=-1)
+        slopes[:len(each.offsets), :len(each.knots)] = each.slopes
+        offsets[:len(each.offsets)] = each.offsets
+        self._program['tile'] = scene.window.size
+        self._program['tiles'] = self.zbuffers.tiles
+        self._program['window'] = (each.left, each.top, each.scale)
+        self._program['inverse'] = self.zbuffers.inverse
+        self._program['labels'] = (each.farthest, each.per_closeness)
+        self._program['keep'] = float(each.keep)
+        self._program['size'] = each.slopes.shape
+        self._program['bias'] = float(each.bias)
+        self._program['offsets'] = offsets.tolist()
+        self._program['ramps'] = [tuple(ramp) for ramp in ramps.tolist()]
+        self._program['slopes'] = slopes.ravel().tolist()
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n,) sum of the evidence along each pose's (n, 4, 4) contour."""
-        batches = [self.batch(poses[first:first + self.zbuffers.capacity])[:, 0]
-                   for first in range(0, len(poses), self.zbuffers.capacity)]
-        return np.concatenate(batches) if batches else np.zeros(0)
+        """See `ContourScore`."""
+        return self.evaluate(poses)[:, 0]
 
-    def batch(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n, 2) sum of the evidence and length of the contour in the image [px].
+    def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """See `ContourScore`."""
+        capacity = self.zbuffers.capacity
+        batches = [self._batch(poses[first:first + capacity])
+                   for first in range(0, len(poses), capacity)]
+        return np.concatenate([np.zeros((0, 2)), *batches])
 
-        poses: (n, 4, 4), n at most the atlas' capacity.
-        """
+    def points(self, pose: NDArray[np.floating]) -> ContourPoints:
+        """See `ContourScore`."""
+        self.zbuffers.draw(pose[None])
+        z = np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
+        window = self._scene.window
+        shift = window.left - self._edges.left, window.top - self._edges.top
+        return ContourPoints.of((0, 0, *window.size), z, self._edges, self._profile, shift)
+
+    def _batch(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         self.zbuffers.draw(poses)
         self.zbuffers.bind(depths=0, boxes=3)
         self._tensor.use(1)
@@ -188,7 +216,7 @@ class ContourScore:
         sums = np.frombuffer(self._sums.read(len(poses) * 8), np.float32)
         return sums.reshape(-1, 2).astype(np.float64)
 
-    def __enter__(self) -> 'ContourScore':
+    def __enter__(self) -> 'GlContourScore':
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -196,21 +224,18 @@ class ContourScore:
 
     def release(self) -> None:
         """Free what this score holds on the GPU."""
-        self.zbuffers.context.use()
+        self.zbuffers.release()
         for each in (self._tensor, self._sums, self._program):
             each.release()
 
 
-def _texture(context: GlContext, edges: EdgeVolume, blur: float) -> moderngl.Texture3D:
-    height, width, labels, _ = edges.tensor.shape
+def _texture(context: GlContext, tensor: NDArray[np.float32]) -> moderngl.Texture3D:
+    labels, height, width, _ = tensor.shape
     most = context.limit('GL_MAX_3D_TEXTURE_SIZE')
     if max(width, height, labels) > most:
         raise RenderError(f'an edge volume of {width}x{height} pixels and {labels} labels is '
-                          f'beyond this GL, which holds {most} each way at most')
-    tensor = np.ascontiguousarray(edges.tensor.transpose(2, 0, 1, 3), np.float32)
-    if blur > 0:
-        tensor = np.stack([cv2.GaussianBlur(each, (0, 0), blur) for each in tensor])
+                          f'beyond this GL, which holds {most} each way at most; choose fewer '
+                          'labels or a smaller region of interest')
     texture = context.gl.texture3d((width, height, labels), 3, tensor, dtype='f4')
-    texture.filter = (moderngl.LINEAR, moderngl.LINEAR)
-    texture.repeat_x = texture.repeat_y = texture.repeat_z = False
+    texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
     return texture

@@ -1,7 +1,6 @@
 """Z-buffers of many poses at once: one depth texture, cut into a tile for each pose (an atlas)."""
 
 import math
-from dataclasses import dataclass
 
 import moderngl
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.render.scene import Scene, sphere_bounds
 
 _MOST_PIXELS = 2 ** 26  # of an atlas: 256 MiB
 _VERTEX = """
@@ -39,58 +38,25 @@ void main() {
 """
 
 
-@dataclass(frozen=True)
-class Window:
-    """The part of the image that tiles show: `size` (width, height) of `scale` image pixels each.
-
-    left, top: image pixel of the window's corner. Tile pixel X is at image pixel
-    left + scale X + (scale - 1) / 2.
-    """
-
-    left: int
-    top: int
-    size: tuple[int, int]
-    scale: int = 1
-
-    def pinhole(self, image: Pinhole) -> Pinhole:
-        """The camera of a tile."""
-        shift = (self.scale - 1) / 2
-        return Pinhole(*self.size, image.fx / self.scale, image.fy / self.scale,
-                       (image.cx - self.left - shift) / self.scale,
-                       (image.cy - self.top - shift) / self.scale)
-
-    def coarser(self, scale: int) -> 'Window':
-        """The same part of the image in tile pixels of `scale` image pixels."""
-        width, height = (math.ceil(side * self.scale / scale) for side in self.size)
-        return Window(self.left, self.top, (width, height), scale)
-
-
 class ZBuffers:
-    """Renders batches of poses of one mesh into a depth atlas that stays on the GPU.
+    """Renders batches of poses of one scene into a depth atlas that stays on the GPU.
 
-    vertices: (n, 3) [m], faces: (m, 3) int. near, far: depths that hold every pose [m].
-    closed: the mesh is watertight with outward faces, so that its back faces need no drawing.
     capacity: poses per batch at most; fewer where their tiles would not fit the GL's largest
         texture, or take too much memory.
+    Raises RenderError when not even one tile does.
     """
 
-    def __init__(self, context: GlContext, vertices: NDArray[np.floating],
-                 faces: NDArray[np.integer], image: Pinhole, window: Window, near: float,
-                 far: float, *, closed: bool, capacity: int = 128) -> None:
+    def __init__(self, context: GlContext, scene: Scene, capacity: int = 128) -> None:
         context.use()
-        if not 0 < near < far:
-            raise RenderError(f'cannot render between {near:.3f} m and {far:.3f} m: the object '
-                              'would be at the camera')
         gl = context.gl
         self.context = context
-        self.window = window
-        self.image = image
-        self.inverse = (1 / near, 1 / far)
-        width, height = window.size
+        self.window = scene.window
+        self.inverse = (1 / scene.near, 1 / scene.far)
+        width, height = scene.window.size
         self.tiles = _layout(width, height, capacity, context.limit('GL_MAX_TEXTURE_SIZE'))
         columns, rows = self.tiles
         self.capacity = columns * rows
-        tile = window.pinhole(image)
+        tile = self._camera = scene.camera
         self._program = gl.program(vertex_shader=_VERTEX,
                                    fragment_shader='#version 430\nvoid main() {}')
         self._program['pinhole'] = (tile.fx, tile.fy, tile.cx, tile.cy)
@@ -98,12 +64,12 @@ class ZBuffers:
         self._program['tile'] = (width, height)
         self._program['tiles'] = self.tiles
         self._poses = gl.buffer(reserve=self.capacity * 64)
-        self._vertices = gl.buffer(np.ascontiguousarray(vertices, 'f4'))
-        self._faces = gl.buffer(np.ascontiguousarray(faces, 'i4'))
+        self._vertices = gl.buffer(np.ascontiguousarray(scene.model.vertices, 'f4'))
+        self._faces = gl.buffer(np.ascontiguousarray(scene.model.faces, 'i4'))
         self._mesh = gl.vertex_array(self._program, [(self._vertices, '3f', 'position')],
                                      self._faces)
-        self._closed = closed
-        self._radius = float(np.linalg.norm(vertices, axis=1).max())
+        self._closed = scene.model.closed
+        self._radius = scene.model.radius
         self._boxes = gl.buffer(reserve=self.capacity * 16)
         self.depth = gl.depth_texture((columns * width, rows * height))
         self.depth.compare_func = ''
@@ -143,23 +109,20 @@ class ZBuffers:
 
     def _bounds(self, poses: NDArray[np.floating]) -> NDArray[np.int32]:
         """(n, 4) left, top, right, bottom of what the object can touch, and a pixel around it."""
-        box = sphere_bounds(self.window.pinhole(self.image), poses[:, :3, 3], self._radius)
+        box = sphere_bounds(self._camera, poses[:, :3, 3], self._radius)
         box[:, :2] = np.floor(box[:, :2]) - 1
         box[:, 2:] = np.ceil(box[:, 2:]) + 2
         return np.clip(box, 0, self.window.size * 2).astype(np.int32)
 
-    def read(self, count: int) -> NDArray[np.float32]:
-        """(count, height, width) the depths drawn last [m]; 0 where nothing was drawn.
-
-        For tests, templates, pictures.
-        """
+    def closeness(self, count: int) -> NDArray[np.float32]:
+        """(count, height, width) 1/z of what was drawn last [1/m]; 0 where nothing was drawn."""
         self.context.use()
         (width, height), (columns, rows) = self.window.size, self.tiles
         atlas = np.frombuffer(self.depth.read(alignment=1), np.float32)
         tiles = atlas.reshape(rows, height, columns, width).swapaxes(1, 2)
         depth = tiles.reshape(-1, height, width)[:count].astype(np.float64)
         near, far = self.inverse
-        return np.where(depth < 1, 1 / (near - depth * (near - far)), 0).astype(np.float32)
+        return np.where(depth < 1, near - depth * (near - far), 0).astype(np.float32)
 
     def __enter__(self) -> 'ZBuffers':
         return self
@@ -174,25 +137,6 @@ class ZBuffers:
         for each in (self._mesh, self._vertices, self._faces, self._poses, self._boxes,
                      self._frame, self.depth, self._program):
             each.release()
-
-
-def sphere_bounds(camera: Pinhole, centres: NDArray[np.floating], radius: float
-                  ) -> NDArray[np.float64]:
-    """(n, 4) left, top, right, bottom pixel of spheres about (n, 3) [m]; infinite at the camera.
-
-    That is where the planes through the camera and the image's axes touch a sphere: off the axis
-    it is wider than the radius over the depth.
-    """
-    z = centres[:, 2]
-    ahead = z > radius
-    square = np.where(ahead, z ** 2 - radius ** 2, 1)
-    low, high = [], []
-    for side, focal, middle in ((centres[:, 0], camera.fx, camera.cx),
-                                (centres[:, 1], camera.fy, camera.cy)):
-        reach = radius * np.sqrt(np.where(ahead, side ** 2 + square, 0))
-        low.append(np.where(ahead, focal * (side * z - reach) / square + middle, -np.inf))
-        high.append(np.where(ahead, focal * (side * z + reach) / square + middle, np.inf))
-    return np.stack(low + high, axis=-1)
 
 
 def _layout(width: int, height: int, capacity: int, largest: int) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""The paper's score: the mean likelihood under the rendered pixels.
+"""The paper's score on the GPU: the mean likelihood under the rendered pixels.
 
 Section V, the last two equations.
 """
@@ -6,9 +6,14 @@ Section V, the last two equations.
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.gl_cost import GlArray
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import RenderError
-from pmcl_ros.pmcl.zbuffers import ZBuffers
+from pmcl_ros.gl import GlContext
+from pmcl_ros.pmcl.render.contour import label_scale
+from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
+from pmcl_ros.pmcl.render.scene import Scene
 
 _COMPUTE = """
 #version 430
@@ -57,53 +62,48 @@ void main() {
 """
 
 
-class LikelihoodScore:
-    """Scores the z-buffers of an atlas in a volume, on the GPU.
+class GlLikelihoodScore:
+    """See `LikelihoodScore`. capacity: poses drawn at once.
 
-    zbuffers: its window's pixels are the image's, or each is read at the image pixel at its centre
-        or just above and left of that.
-    Raises RenderError when the volume is larger than this GL can hold.
+    volume: one that is in this context already is read where it is, and stays its owner's.
+    Raises RenderError when the volume is larger than this GL can hold, or in another context.
     """
 
-    def __init__(self, zbuffers: ZBuffers, volume: DepthLikelihoodVolume) -> None:
-        context = zbuffers.context
+    def __init__(self, context: GlContext, scene: Scene,
+                 volume: DepthLikelihoodVolume | GlVolume, capacity: int = 96) -> None:
         context.use()
-        most = context.limit('GL_MAX_SHADER_STORAGE_BLOCK_SIZE')
-        if 4 * volume.likelihood.size > most:
-            raise RenderError(f'a volume of {volume.likelihood.shape} takes '
-                              f'{4 * volume.likelihood.size} bytes, this GL holds {most} at most; '
-                              'choose fewer labels')
-        self.zbuffers = zbuffers
-        self._volume = context.gl.buffer(np.ascontiguousarray(volume.likelihood, 'f4'))
-        self._sums = context.gl.buffer(reserve=zbuffers.capacity * 8)
+        self._likelihood = _resident(context, volume)
+        self._owned = not isinstance(volume, GlVolume)
+        self.zbuffers = ZBuffers(context, scene, capacity)
+        self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
-        window = zbuffers.window
-        height, width, labels = volume.likelihood.shape
-        inverse = 1 / volume.depths
+        window = scene.window
+        height, width, labels = self._likelihood.shape
         self._program['tile'] = window.size
-        self._program['tiles'] = zbuffers.tiles
+        self._program['tiles'] = self.zbuffers.tiles
         self._program['window'] = (window.left, window.top, window.scale)
         self._program['volume'] = (width, height, labels)
-        self._program['inverse'] = zbuffers.inverse
-        self._program['labels'] = (inverse[0], (labels - 1) / (inverse[-1] - inverse[0]))
+        self._program['inverse'] = self.zbuffers.inverse
+        self._program['labels'] = label_scale(volume.depths)
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n,) mean likelihood under each pose's (n, 4, 4) valid pixels; 0 if it covers none."""
-        batches = [self._batch(poses[first:first + self.zbuffers.capacity])
-                   for first in range(0, len(poses), self.zbuffers.capacity)]
-        return np.concatenate(batches) if batches else np.zeros(0)
+        """See `LikelihoodScore`."""
+        capacity = self.zbuffers.capacity
+        batches = [self._batch(poses[first:first + capacity])
+                   for first in range(0, len(poses), capacity)]
+        return np.concatenate([np.zeros(0), *batches])
 
     def _batch(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         self.zbuffers.draw(poses)
         self.zbuffers.bind(depths=0, boxes=3)
-        self._volume.bind_to_storage_buffer(1)
+        self._likelihood.bind(1)
         self._sums.bind_to_storage_buffer(2)
         self._program.run(group_x=len(poses))
         self.zbuffers.context.gl.memory_barrier()
         sums = np.frombuffer(self._sums.read(len(poses) * 8), np.float32).reshape(-1, 2)
         return sums[:, 0].astype(np.float64) / np.maximum(sums[:, 1], 1)
 
-    def __enter__(self) -> 'LikelihoodScore':
+    def __enter__(self) -> 'GlLikelihoodScore':
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -111,6 +111,25 @@ class LikelihoodScore:
 
     def release(self) -> None:
         """Free what this score holds on the GPU."""
-        self.zbuffers.context.use()
-        for each in (self._volume, self._sums, self._program):
+        self.zbuffers.release()
+        if self._owned:
+            self._likelihood.release()
+        for each in (self._sums, self._program):
             each.release()
+
+
+def _resident(context: GlContext, volume: DepthLikelihoodVolume | GlVolume) -> GlArray:
+    """The likelihoods in a buffer of the context."""
+    if isinstance(volume, GlVolume):
+        if volume.likelihood.context is not context:
+            raise RenderError('this volume is in another OpenGL context than the poses are drawn '
+                              'in; make it in that one, or read it')
+        return volume.likelihood
+    values = volume.likelihood
+    most = context.limit('GL_MAX_SHADER_STORAGE_BLOCK_SIZE')
+    if values.nbytes > most:
+        raise RenderError(f'a volume of {values.shape} takes {values.nbytes} bytes, this GL holds '
+                          f'{most} at most; choose fewer labels')
+    height, width, labels = values.shape
+    return GlArray(context, context.gl.buffer(np.ascontiguousarray(values, 'f4')),
+                   (height, width, labels))

@@ -1,0 +1,56 @@
+"""`pmcl scenes`: light fields of made-up scenes, with truth."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.progress import Progress, TimeRemainingColumn
+
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.evaluation.scenes.files import write_capture
+from pmcl_ros.evaluation.scenes.random_scene import random_scene
+from pmcl_ros.evaluation.scenes.render import render
+from pmcl_ros.evaluation.scenes.settings import KINDS, SceneSettings
+
+
+@click.group()
+def scenes() -> None:
+    """Made-up scenes: glass, film, clutter, seen by a light-field camera."""
+
+
+@scenes.command('render')
+@click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Scene k is that of seed + k.')
+@click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS),
+              help='Only this kind; may be repeated.')
+@click.option('--views', type=click.IntRange(3), default=7, show_default=True,
+              help='Side of the square of views, odd.')
+@click.option('--size', type=click.IntRange(16), default=328, show_default=True,
+              help='Side of a view [px].')
+@click.option('--targets', type=click.IntRange(1, 8), default=1, show_default=True,
+              help='Objects to look for in a scene.')
+@click.option('--samples', type=click.IntRange(1), default=2, show_default=True,
+              help='Rays per pixel and view.')
+@click.option('--noise', type=click.FloatRange(0), default=1.0, show_default=True,
+              help=SceneSettings.model_fields['noise'].description)
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
+def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, size: int,
+                  targets: int, samples: int, noise: float, out: Path) -> None:
+    """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
+    values = {'views': views, 'size': size, 'targets': targets, 'noise': noise}
+    settings = SceneSettings.make(values | ({'kinds': kinds} if kinds else {}), 'pmcl scenes')
+    with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
+                  transient=True) as bar:
+        task = bar.add_task('', total=float(count))
+        for number in range(count):
+            rng = np.random.default_rng(seed + number)
+            scene = random_scene(rng, settings)
+            bar.update(task, description=scene.name)
+
+            def show(part: float, done: int = number) -> None:
+                bar.update(task, completed=done + part)
+
+            capture = render(scene, rng, samples, show)
+            write_capture(out / f'{seed + number:06d}', scene, capture, seed + number)
+            click.echo(f'{out / f"{seed + number:06d}"}: {scene.name}')

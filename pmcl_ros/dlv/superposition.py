@@ -1,0 +1,149 @@
+"""Two layers along a ray, one seen through the other, fitted to all views together.
+
+Two superimposed pictures that move by s + h and s - h px per view step obey one differential
+equation of second order: refocused at s, what the views hold of second degree in their place is
+h^2 times the second derivatives of what they hold in common (Shizawa and Mase 1990; Aach, Mota,
+Stuke et al. 2006; on epipolar slices Wanner and Goldluecke 2013). Neither picture need be known.
+Least squares over the window, over the colours and over all views at once finds s and h far below
+the separation at which a cost has two minima. How it is told from one layer: docs/method.md.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.lattice import Lattice
+from pmcl_ros.dlv.layer_evidence import fit_rays
+from pmcl_ros.dlv.layer_sums import LL, NN, OO, REACH, SUMS, window_sums
+from pmcl_ros.dlv.layers import Layers
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.planes import colour_planes
+from pmcl_ros.dlv.sampling import SMOOTHER
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.view_moments import TAPS, ViewMoments, refocused_moments
+from pmcl_ros.errors import VolumeError
+from pmcl_ros.kernels import LOCK
+from pmcl_ros.lightfield.light_field import LightField
+
+_SPACING = 0.2  # px by which the outermost view moves from one refocused depth to the next
+_WIDEST = 0.9  # px by which it may move off the middle: there the series has lost a few per cent
+_SEPARATIONS = 24  # tried up to that
+_MOST_BYTES = 2 ** 30
+
+# Part of the window's pixels whose noise is independent, after the views were smoothed.
+_COVARIANCE = np.correlate(SMOOTHER, SMOOTHER, 'full')
+_INDEPENDENT = float((_COVARIANCE.max() ** 2 / (_COVARIANCE ** 2).sum()) ** 2)
+
+
+@dataclass(frozen=True)
+class Superposition:
+    """The likeliest two layers of each ray; all (height, width) float32.
+
+    near, far: their inverse depths [1/m].
+    share: of the contrast (squared) that the nearer one gives; 0.5 where both give the same.
+    evidence: by how much the log likelihood of two layers exceeds that of one [nats], less what
+        their two more parameters cost (Schwarz' criterion); NaN where views miss the ray.
+    """
+
+    near: NDArray[np.float32]
+    far: NDArray[np.float32]
+    share: NDArray[np.float32]
+    evidence: NDArray[np.float32]
+
+    def split(self, layers: Layers) -> Layers:
+        """`layers` with each ray's only surface made two where the evidence says so.
+
+        layers: of two surfaces or more a ray. Likelihood and sharpness are divided by the shares;
+        the larger share is the first.
+        """
+        single = np.isfinite(layers.depths).sum(axis=2) == 1
+        chosen = single & (self.evidence > 0)
+        depths, likelihood, sharpness = (each.copy() for each in (
+            layers.depths, layers.likelihood, layers.sharpness))
+        first = np.where(self.share >= 0.5, self.near, self.far)
+        second = np.where(self.share >= 0.5, self.far, self.near)
+        larger = np.maximum(self.share, 1 - self.share)
+        depths[chosen, :2] = 1 / np.stack([first, second], axis=-1)[chosen]
+        parts = np.stack([larger, 1 - larger], axis=-1)[chosen]
+        for each in (likelihood, sharpness):
+            each[chosen, :2] = each[chosen, :1] * parts
+        return Layers(depths, likelihood, sharpness)
+
+
+def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superposition:
+    """Fit two layers between the settings' `near` and `far`, for the pixels of their lattice.
+
+    Views, window, crop and stride are the settings'. Raises VolumeError when the views are too few
+    or on a line, or the depths shift them out of the image.
+    """
+    grid = light_field.grid
+    lattice = Lattice.of(grid.pinhole, settings.crop, settings.stride)
+    views = _with_centre(StereoPairs.of(grid, settings.views))
+    places = views.positions * [1, grid.pinhole.fy / grid.pinhole.fx]
+    light = grid.weights[tuple(views.indices.T)].astype(float)
+    moments = ViewMoments.of(places, light)
+    scale = grid.baseline * grid.pinhole.fx  # px per view step, times m
+    reach = np.abs(places).max()
+    count = int(np.ceil(scale * (1 / settings.near - 1 / settings.far) * reach / _SPACING)) + 1
+    nodes = np.linspace(scale / settings.far, scale / settings.near, max(count, 3))
+    shifts = views.shifts(scale / nodes)
+    size = 4 * SUMS * len(nodes) * lattice.height * lattice.width // lattice.stride ** 2
+    if size > _MOST_BYTES:
+        raise VolumeError(f'two layers along {lattice.width}x{lattice.height} px at {len(nodes)} '
+                          f'depths take {size / 2 ** 30:.1f} GiB, more than '
+                          f'{_MOST_BYTES / 2 ** 30:.0f}: choose a larger stride, a smaller crop, '
+                          'or layers volume')
+    half = settings.window // 2
+    margin = half + REACH
+    pad = int(np.ceil(np.abs(shifts).max())) + TAPS + margin
+    planes, brightness = colour_planes(light_field, views.indices, pad)
+    gain = brightness[-1] / np.maximum(brightness, 1e-6)  # of the centre view, the last
+    rows = range(lattice.top - margin, lattice.top + lattice.height + margin)
+    columns = range(lattice.left - margin, lattice.left + lattice.width + margin)
+    sums = np.stack([
+        window_sums(refocused_moments(planes, pad, shifts[:, node], moments.weights * gain, rows,
+                                       columns), moments, half, settings.stride)
+        for node in range(len(nodes))])
+    best = (sums[:, OO] + sums[:, LL]).argmin(axis=0)
+    rest = np.take_along_axis(sums[:, NN], best[None], axis=0)[0]
+    seen = _seen(lattice, shifts, margin + TAPS // 2)
+    known = rest[seen] if seen.any() else rest
+    independent = _independent(known, 3 * settings.window ** 2)
+    # Of the frame, or of the ray where that has more: brighter, or not what its views agree on.
+    noise = np.maximum(rest, max(float(np.median(known)), 1e-12)) / (2 * independent)
+    separations = np.linspace(0, 2 * _WIDEST / reach, _SEPARATIONS + 1)[1:]
+    found = np.empty((4, *best.shape), np.float32)
+    with LOCK:
+        fit_rays((sums / noise).astype(np.float32, copy=False), nodes, separations, independent,
+                 found)
+    found[3][~seen] = np.nan
+    middle, apart = found[0] / scale, found[1] / scale
+    return Superposition((middle + apart / 2).astype(np.float32),
+                         (middle - apart / 2).astype(np.float32), found[2], found[3])
+
+
+def _independent(rest: NDArray[np.float32], values: int) -> float:
+    """How many of a window's `values` have noise of their own.
+
+    rest: (rays) sums of twice as many squares, of noise alone. Smoothed and resampled
+    noise is correlated: its sums spread like those of fewer (Wilson and Hilferty 1931: cube roots
+    of chi-square are normal, of variance 2 / (9 n) for a mean of 1).
+    """
+    low, middle, high = np.percentile(np.cbrt(rest), [25, 50, 75])
+    spread = (high - low) / (1.349 * max(middle, 1e-12))
+    return float(np.clip(1 / (9 * max(spread, 1e-3) ** 2), 3, values * _INDEPENDENT))
+
+
+def _with_centre(pairs: StereoPairs) -> StereoPairs:
+    return StereoPairs(pairs.grid, np.vstack([pairs.indices, [pairs.grid.centre]]))
+
+
+def _seen(lattice: Lattice, shifts: NDArray[np.float64], margin: int) -> NDArray[np.bool_]:
+    """(rows, columns) the pixels that, with `margin` px around, no view loses at any depth."""
+    x, y = (np.add.outer(each, shifts[..., k].ravel()) for k, each in enumerate(
+        (lattice.columns, lattice.rows)))
+    whole = lattice.whole
+    inside = [(each.min(axis=1) >= margin) & (each.max(axis=1) <= size - 1 - margin)
+              for each, size in ((y, whole.height), (x, whole.width))]
+    return np.asarray(inside[0][:, None] & inside[1])

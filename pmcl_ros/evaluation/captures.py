@@ -1,0 +1,84 @@
+"""Captures with known truth: a folder with a picture, a model.obj and a truth.json.
+
+Of further objects in the same picture there are a model.obj and a truth.json in subfolders.
+"""
+
+import hashlib
+from collections.abc import Collection
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.sources.read import read_light_field
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One object in one picture, which is a raw one or a light field (`read_light_field`).
+
+    folder: of the object's truth and model. source: of the picture. name: of the capture.
+    """
+
+    folder: Path
+    truth: Truth
+    source: Path
+    name: str
+
+    @classmethod
+    def load(cls, folder: Path, source: Path | None = None) -> 'Capture':
+        """Read its truth.json; SettingsError when that is impossible.
+
+        source: default: `folder`, else one that this is a subfolder of.
+        """
+        source = source or folder
+        name = folder.relative_to(source.parent).as_posix()
+        return cls(folder, Truth.load(folder / 'truth.json'), source, name)
+
+    @property
+    def model(self) -> Path:
+        """The mesh of the object that is there, or is looked for."""
+        return self.folder / 'model.obj'
+
+    @cached_property
+    def object(self) -> str:
+        """A digest of the mesh: the same for two captures of one object."""
+        return hashlib.sha256(self.model.read_bytes()).hexdigest()[:16]
+
+    @property
+    def picture(self) -> Path | None:
+        """The raw picture; None where the source is a light field."""
+        if not any(is_picture(path) for path in self.source.iterdir()):
+            return None
+        return list_pictures(self.source)[0]
+
+    def light_field(self, decoders: Decoders | None) -> LightField:
+        """The views. decoders: of the camera of a raw picture."""
+        if self.picture is None:
+            return read_light_field(self.source)
+        if decoders is None:
+            raise SettingsError(f'{self.picture} is a raw picture: its calibration is needed')
+        return decoders.decode(read_raw_frame(self.picture))
+
+
+def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Capture]:
+    """The captures in the subfolders of a folder, sorted; of these names, if any are given.
+
+    Raises SettingsError when there is none, or none of one of the names.
+    """
+    places = sorted(path.parent for depth in ('*', '*/*')
+                    for path in Path(folder).glob(f'{depth}/truth.json'))
+    found = {path.relative_to(folder).as_posix(): path for path in places
+             if (path / 'model.obj').exists()}
+    if not found:
+        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json')
+    missing = sorted(set(only) - set(found))
+    if missing:
+        raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are '
+                            f'{", ".join(found)}')
+    return [Capture.load(path, Path(folder) / name.partition('/')[0])
+            for name, path in found.items() if not only or name in only]

@@ -1,0 +1,141 @@
+"""What a run leaves on disk for other programs: all trials, BOP's CSV, what it was made with."""
+
+import csv
+import hashlib
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmcl_ros import __version__
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evaluation.captures import Capture
+from pmcl_ros.evaluation.plan import Plan
+from pmcl_ros.evaluation.trials import Trial
+
+_LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'moderngl', 'trimesh')
+_BOP = ('scene_id', 'im_id', 'obj_id', 'score', 'R', 't', 'time')
+
+
+class TrialsFile:
+    """A CSV with a row for each trial, written as they come."""
+
+    def __init__(self, path: Path) -> None:
+        self._stream = path.open('w', newline='')
+        self._writer = csv.DictWriter(self._stream, [each.name for each in fields(Trial)])
+        self._writer.writeheader()
+
+    def __enter__(self) -> 'TrialsFile':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    def add(self, trial: Trial) -> None:
+        """Write one more; whoever reads the file now sees it."""
+        self._writer.writerow(asdict(trial) | {'pose': _numbers(trial.pose)})
+        self._stream.flush()
+
+
+def write_trials(path: Path, trials: Sequence[Trial]) -> None:
+    """All at once."""
+    with TrialsFile(path) as file:
+        for each in trials:
+            file.add(each)
+
+
+def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
+    """The poses found, as BOP's toolkit reads them: R row by row, t in mm, time in seconds.
+
+    A scene is a capture and an image one of its trials (its seed), both counted from 0, an object
+    a mesh, counted from 1; `settings` lists them. Lost poses are none, and searches for an object
+    of another capture are no part of a benchmark.
+    """
+    scenes = {each.name: number for number, each in enumerate(plan.captures)}
+    objects = _objects(plan)
+    with path.open('w', newline='') as stream:
+        writer = csv.DictWriter(stream, _BOP)
+        writer.writeheader()
+        for each in trials:
+            if each.lost or each.wrong:
+                continue
+            rows = np.reshape(each.pose, (3, 4))
+            writer.writerow({
+                'scene_id': scenes[each.capture], 'im_id': each.seed,
+                'obj_id': objects[plan.captures[scenes[each.capture]].object],
+                'score': each.score, 'R': _numbers(rows[:, :3].ravel().tolist()),
+                't': _numbers((1e3 * rows[:, 3]).tolist()),
+                'time': each.seconds + each.dlv_seconds + each.decode_seconds})
+
+
+def _objects(plan: Plan) -> dict[str, int]:
+    digests = dict.fromkeys(each.object for each in plan.captures)
+    return {digest: number for number, digest in enumerate(digests, 1)}
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ' '.join(repr(float(each)) for each in values)
+
+
+def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
+             ) -> dict[str, Any]:
+    """What a table was made with: enough to make it again, on whatever machine.
+
+    files: what was read beside the captures, as the calibration and the white image.
+    """
+    objects = _objects(plan)
+    return {
+        'pmcl_ros': __version__,
+        'python': platform.python_version(),
+        'libraries': {each: importlib.metadata.version(each) for each in _LIBRARIES},
+        'machine': {'system': platform.platform(), 'processor': _processor(),
+                    'cores': os.cpu_count()},
+        'processes': processes,
+        'seconds': round(seconds, 1),
+        'command': sys.argv[1:],
+        'files': {each.name: _digest(each) for each in files if each.is_file()},
+        'seeds': list(plan.seeds),
+        'rows': {each.name: {
+            'base': each.base, 'search': each.search(plan.captures[0]).model_dump(
+                exclude={'roi_center', 'roi_size', 'seed', 'object'}),
+            'volume': DlvSettings.make(dict(each.dlv)).model_dump(exclude={'near', 'far'})}
+            for each in plan.variants},
+        'captures': [{
+            'scene_id': number, 'name': each.name, 'obj_id': objects[each.object],
+            'empty': each.truth.empty, 'film': each.truth.film,
+            'sha256': _digests(each)} for number, each in enumerate(plan.captures)],
+        'other_objects': [each.name for each in plan.others],
+    }
+
+
+def write_settings(path: Path, values: dict[str, Any]) -> None:
+    """JSON, to be read by people too."""
+    path.write_text(json.dumps(values, indent=1) + '\n')
+
+
+def _digests(capture: Capture) -> dict[str, str]:
+    """Of the files of a capture, and of its picture where that lies elsewhere."""
+    files = [each for folder in dict.fromkeys([capture.source, capture.folder])
+             for each in sorted(folder.iterdir()) if each.is_file()]
+    return {each.relative_to(capture.source).as_posix(): _digest(each) for each in files}
+
+
+def _digest(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _processor() -> str:
+    """Its name where the system tells; platform.processor is empty on most Linuxes."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return names[0] if names else platform.processor()

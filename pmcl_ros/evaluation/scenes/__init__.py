@@ -1,0 +1,1 @@
+"""Light fields of made-up table-top scenes, with exact truth."""

@@ -1,0 +1,49 @@
+"""How things stand on a table, and where the camera is."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Pose = NDArray[np.float64]
+
+
+def pose_of(rotation: Rotation, position: NDArray[np.floating]) -> Pose:
+    """(4, 4)."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), position
+    return pose
+
+
+def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str) -> Pose:
+    """A thing's pose in the world (z up, the table is z = 0), above the origin.
+
+    way: 'upright', 'lying' (the z axis nearly level), 'tilted' (any axis, held up to 4 cm above
+    the table), 'head down'. The lowest of its vertices (n, 3) touches the table otherwise.
+    """
+    turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
+    lean = {'upright': 0.0, 'head down': np.pi, 'lying': np.pi / 2 + rng.normal(0, 0.04),
+            'tilted': np.arccos(rng.uniform(-1, 1))}[way]
+    about = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
+    rotation = about * Rotation.from_euler('x', lean) * turn
+    low = rotation.apply(vertices)[:, 2].min()
+    held = rng.uniform(0, 0.04) if way == 'tilted' else 0.0
+    return pose_of(rotation, np.array([0, 0, held - low]))
+
+
+def camera_above(rng: np.random.Generator, aim: NDArray[np.floating], distance: float,
+                 aside: tuple[float, float]) -> Pose:
+    """Camera from world, (4, 4): `distance` from the point `aim` of the world, looking down.
+
+    aside: angles [rad] to the right and down at which that point is seen.
+    """
+    height = np.arcsin(rng.uniform(np.sin(0.15), np.sin(1.15)))
+    azimuth = rng.uniform(0, 2 * np.pi)
+    back = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth),
+                     np.sin(height)])
+    right = np.cross([0, 0, 1.0], back)
+    right /= np.linalg.norm(right)
+    rows = np.stack([right, -np.cross(back, right), -back])  # x right, y down, z forward
+    looking = (Rotation.from_euler('y', aside[0]) * Rotation.from_euler('x', -aside[1])
+               * Rotation.from_euler('z', rng.normal(0, 0.1)) * Rotation.from_matrix(rows))
+    place = np.asarray(aim) + distance * back
+    return pose_of(looking, -looking.apply(place))

@@ -1,0 +1,108 @@
+"""Errors of a pose as BOP counts them: how far the surface is from where it should be.
+
+MSSD, MSPD: Hodan et al., "BOP Challenge 2020 on 6D Object Localization", 2020, section 2.2; ADD-S:
+Hinterstoisser et al., ACCV 2012.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.distance import pdist
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+# Turns tried about a continuous axis, as BOP does: each moves the surface by 2 % of its radius.
+STEPS = 315
+
+_Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """What is measured of an object, and what leaves it as it is.
+
+    points: (n, 3) the mesh's vertices [m]. corners: (m, 3) those of its convex hull.
+    axis: (3,) unit vector of a continuous symmetry through the origin, or None.
+    discrete: (k, 4, 4) the discrete symmetries, the identity included.
+    """
+
+    points: NDArray[np.float64]
+    corners: NDArray[np.float64]
+    axis: NDArray[np.float64] | None
+    discrete: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, model: ObjectModel) -> 'Surface':
+        """An object's."""
+        corners = model.vertices[ConvexHull(model.vertices, qhull_options='QJ').vertices]
+        return cls(model.vertices, corners, model.axis, np.eye(4)[None])
+
+    @property
+    def diameter(self) -> float:
+        """The largest distance of two of its points [m]."""
+        return float(pdist(self.corners).max())
+
+    def symmetries(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n * k, 4, 4) the discrete symmetries, after turns (n,) [rad] about the axis."""
+        if self.axis is None:
+            return self.discrete
+        turned = np.tile(np.eye(4), (len(turns), 1, 1))
+        turned[:, :3, :3] = Rotation.from_rotvec(turns[:, None] * self.axis).as_matrix()
+        return np.asarray((self.discrete[:, None] @ turned).reshape(-1, 4, 4))
+
+    def mssd(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
+        """Maximum symmetry-aware surface distance [m]: of the farthest point, at best.
+
+        pose, truth: (4, 4). The farthest point is a corner: the distance is a convex function.
+        """
+        found = transformed(pose[None], self.corners)
+
+        def distance(alike: NDArray[np.float64]) -> NDArray[np.float64]:
+            apart = transformed(truth @ alike, self.corners) - found
+            return np.asarray(np.linalg.norm(apart, axis=-1).max(axis=-1))
+
+        return self._least(distance)
+
+    def mspd(self, pose: NDArray[np.floating], truth: NDArray[np.floating], pinhole: Pinhole
+             ) -> float:
+        """Maximum symmetry-aware projection distance [px]; infinite behind the camera."""
+        found = pinhole.project(transformed(pose[None], self.points))
+
+        def distance(alike: NDArray[np.float64]) -> NDArray[np.float64]:
+            apart = pinhole.project(transformed(truth @ alike, self.points)) - found
+            return np.nan_to_num(np.linalg.norm(apart, axis=-1).max(axis=-1), nan=np.inf)
+
+        return self._least(distance)
+
+    def add_s(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
+        """Mean distance from the true points to the nearest point of the pose [m]; BOP's ADI."""
+        nearest, _ = cKDTree(transformed(pose[None], self.points)[0]).query(
+            transformed(truth[None], self.points)[0])
+        return float(np.mean(nearest))
+
+    def _least(self, distance: _Distance) -> float:
+        """The least distance over all symmetries: over BOP's steps, then between them."""
+        if self.axis is None:
+            return float(distance(self.discrete).min())
+        turns = 2 * np.pi * np.arange(STEPS) / STEPS
+        values = distance(self.symmetries(turns)).reshape(len(self.discrete), STEPS)
+        which, best = np.unravel_index(values.argmin(), values.shape)
+        step, count = 2 * np.pi / STEPS, len(self.discrete)
+
+        def between(turn: float) -> float:
+            return float(distance(self.symmetries(np.array([turn]))).reshape(count)[which])
+
+        refined = minimize_scalar(between, bounds=(turns[best] - step, turns[best] + step),
+                                  method='bounded', options={'xatol': 1e-6})
+        return float(min(values.min(), refined.fun))
+
+
+def transformed(poses: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, m, 3) points (m, 3) at each of the poses (n, 4, 4)."""
+    return np.asarray(points @ poses[:, :3, :3].swapaxes(1, 2) + poses[:, None, :3, 3], float)

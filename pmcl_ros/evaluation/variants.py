@@ -1,0 +1,128 @@
+"""What is compared: the rows of a table, each a way to make the volume and to search in it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+import yaml
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.edges import edge_volume
+from pmcl_ros.dlv.lattice import Lattice
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.evaluation.captures import Capture
+from pmcl_ros.lightfield.geometry import ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import Mode, PmclSettings
+
+Base = Literal['default', 'faithful', 'centre']
+
+_MOST_LABELS = 1000  # that the settings allow; the volume warns where more are needed
+_OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One row. name: as shown. base: what it starts from; centre: of the centre view alone.
+
+    dlv, pmcl: what is set otherwise, (name, value) pairs. group: rows that differ in one value,
+    of which accuracy over time is drawn; may be empty.
+    """
+
+    name: str
+    base: Base = 'default'
+    dlv: tuple[tuple[str, Any], ...] = ()
+    pmcl: tuple[tuple[str, Any], ...] = ()
+    group: str = ''
+
+    @classmethod
+    def named(cls, name: str) -> 'Variant':
+        """The row of one of the names in `Base`; SettingsError when there is none."""
+        if name not in get_args(Base):
+            raise SettingsError(f'there is no row {name!r}, only {", ".join(get_args(Base))}')
+        return cls(name, {each: each for each in get_args(Base)}[name])
+
+    @classmethod
+    def parse(cls, text: str, group: str = '') -> 'Variant':
+        """A row of `KEY=VALUE,...`: parameters of the volume or of the search, values as in YAML.
+
+        `row=faithful` starts from that row. SettingsError when there is no such parameter.
+        """
+        try:
+            values = yaml.safe_load('{' + text.replace('=', ': ') + '}')
+        except yaml.YAMLError:
+            values = None
+        if not isinstance(values, dict) or not values or None in values.values():
+            raise SettingsError(f'{text!r} is not of the form KEY=VALUE,KEY=VALUE')
+        base = cls.named(str(values.pop('row', 'default'))).base
+        dlv, pmcl = (_of(settings, values) for settings in (DlvSettings, PmclSettings))
+        unknown = [key for key in values if key not in dlv | pmcl]
+        if unknown:
+            raise SettingsError(f'{text!r}: {", ".join(map(str, unknown))} is no parameter of the '
+                                'volume or the search, or one that the capture decides')
+        DlvSettings.make(dlv, text)
+        PmclSettings.make(pmcl, text)
+        return cls(text, base, tuple(dlv.items()), tuple(pmcl.items()), group)
+
+    @property
+    def mode(self) -> Mode:
+        """Of the search."""
+        return 'faithful' if self.base == 'faithful' else 'default'
+
+    def search(self, capture: Capture) -> PmclSettings:
+        """The search's settings for a capture. Raises SettingsError for impossible values."""
+        return PmclSettings.make({'mode': self.mode, 'roi_center': capture.truth.roi_center,
+                                  'roi_size': capture.truth.roi_size} | dict(self.pmcl), self.name)
+
+    def volume(self, capture: Capture, model: ObjectModel, grid: ViewGrid) -> DlvSettings:
+        """The volume's settings, to look for a model's object in a capture."""
+        near, far = Region(capture.truth.roi_center, capture.truth.roi_size).grown(model.radius)
+        default = volume_settings(self.mode, near, far, grid)
+        return DlvSettings.make(default.model_dump() | dict(self.dlv), self.name)
+
+    def build(self, light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
+        """The volume; of the centre view alone every label is the same, and none is likelier."""
+        if self.base != 'centre':
+            return build_volume(light_field, settings)
+        lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+        depths, edge_depths = (depth_labels(settings.near, settings.far, count)
+                               for count in (settings.labels, settings.edge_labels))
+        edges = edge_volume(light_field, edge_depths, views=1).on(lattice)
+        pinhole = lattice.pinhole
+        likelihood = np.zeros((pinhole.height, pinhole.width, len(depths)), np.float32)
+        return DepthLikelihoodVolume(light_field.header, likelihood, depths, pinhole, edges)
+
+
+def _of(settings: type[DlvSettings] | type[PmclSettings], values: Mapping[str, Any]
+        ) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value
+            for key, value in values.items()
+            if key in settings.model_fields and key not in _OF_THE_CAPTURE}
+
+
+def sweep(text: str) -> list[Variant]:
+    """The rows of `KEY=VALUE,VALUE,...`, one for each value."""
+    key, _, values = text.partition('=')
+    if not values:
+        raise SettingsError(f'{text!r} is not of the form KEY=VALUE,VALUE')
+    return [Variant.parse(f'{key}={value}', key) for value in values.split(',')]
+
+
+def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid) -> DlvSettings:
+    """The volume that belongs to a mode: the paper shifts by phase, truncates, weighs no views.
+
+    There are as many labels as by default, or more where the views are farther apart.
+    """
+    default = DlvSettings()
+    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
+    values: dict[str, object] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
+                                 'edge_labels': max(default.edge_labels, needed)}
+    if mode == 'faithful':
+        values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
+    return DlvSettings.make(values, 'region of interest')

@@ -1,0 +1,1 @@
+"""PoseEstimate -> grasps: how a gripper with two fingers can take the object."""

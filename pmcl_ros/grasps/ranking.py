@@ -1,0 +1,193 @@
+"""Which grasps of an object are the best, now that its pose is known, and how surely."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import GraspError
+from pmcl_ros.grasps.clearance import Clearance, surface_points
+from pmcl_ros.grasps.frames import about, covariance_at, without_spin
+from pmcl_ros.grasps.grasp import Grasp
+from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+_UP = np.array([0, 0, 1.0])
+_LEVEL = 0.1  # of a unit vector: less than this across the axis makes no direction
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A grasp that the robot may try.
+
+    pose: (4, 4) the grasp frame in the robot's base. probability: that the open fingers clear the
+    object. comfort: 1 where the approach points away from the shoulder, 0 where towards it.
+    """
+
+    grasp: Grasp
+    pose: NDArray[np.float64]
+    probability: float
+    comfort: float
+
+    @property
+    def score(self) -> float:
+        """What candidates are ranked by."""
+        return self.probability * self.comfort
+
+    def before(self, distance: float) -> NDArray[np.float64]:
+        """(4, 4) the pose `distance` [m] back along the approach."""
+        pose = self.pose.copy()
+        pose[:3, 3] -= distance * pose[:3, 0]
+        return pose
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """The candidates, best first, and how many were refused for what reason."""
+
+    candidates: tuple[Candidate, ...]
+    refused: dict[str, int]
+
+    def describe(self) -> str:
+        """One line for people."""
+        why = ', '.join(f'{count} {reason}' for reason, count in self.refused.items())
+        if not self.candidates:
+            return f'no grasp: {why}'
+        best = self.candidates[0]
+        return (f'{len(self.candidates)} grasps, best {best.grasp.name}: clear with '
+                f'{best.probability:.3f}' + (f'; refused: {why}' if why else ''))
+
+
+class Ranker:
+    """Ranks the grasps of one object for its poses.
+
+    Raises GraspError when a grasp touches the object or leaves nothing between the fingers.
+    """
+
+    def __init__(self, model: ObjectModel, gripper: GripperSettings, grasps: Sequence[Grasp],
+                 settings: GraspSettings) -> None:
+        points = surface_points(model)
+        self._model, self._gripper, self._settings = model, gripper, settings
+        self._grasps = tuple(grasps)
+        self._clearances = [Clearance.of(each, points, gripper) for each in grasps]
+        poor = [f'{each.name} ({1000 * room.least:.1f} mm)' for each, room
+                in zip(self._grasps, self._clearances, strict=True) if room.least <= 0]
+        if poor:
+            raise GraspError(
+                f'the gripper touches {model.name}, or holds nothing, in: {", ".join(poor)}; '
+                "mend the grasps, their opening or the gripper's sizes, or make new ones with "
+                '`pmcl grasps`')
+        self._corners = np.stack([gripper.corners(each.opening).reshape(-1, 3)
+                                  for each in self._grasps])
+
+    def rank(self, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> Ranking:
+        """The grasps for a pose of the object, best first.
+
+        pose: (4, 4) object to base. covariance: (6, 6) of it, x, y, z [m^2], then rotations about
+        the base's axes [rad^2].
+
+        An axis of symmetry makes the turns about it equivalent: each grasp is tried at evenly
+        spaced ones, from that where its approach (closed form) points away from the shoulder. What
+        follows is thus independent of the spin that the pose happens to have.
+        """
+        poses = self._turned(pose)  # (grasps, turns, 4, 4)
+        probability = self._probability(pose, covariance, poses)
+        outwards = poses[..., :3, 3] - self._settings.shoulder
+        outwards /= np.maximum(np.linalg.norm(outwards, axis=-1, keepdims=True), 1e-9)
+        comfort = (1 + (poses[..., :3, 0] * outwards).sum(axis=-1)) / 2
+        reasons = {
+            'out of reach': self._unreachable(poses),
+            'too near to what the object stands on': self._too_low(pose, poses),
+            'not surely clear of the object': probability < self._settings.least_probability}
+        good = ~np.any(list(reasons.values()), axis=0)
+        refused, counted = {}, np.zeros(good.shape, bool)
+        for reason, refuses in reasons.items():
+            if (refuses & ~counted).any():
+                refused[reason] = int((refuses & ~counted).sum())
+            counted |= refuses
+        grasp, turn = np.nonzero(good)
+        # Rounded, and the order of the grasps kept: noise must not decide between equals.
+        order = np.argsort(-np.round((probability * comfort)[good], 9), kind='stable')
+        return Ranking(tuple(
+            Candidate(self._grasps[g], _upright(poses[g, t], outwards[g, t]),
+                      float(probability[g, t]), float(comfort[g, t]))
+            for g, t in zip(grasp[order][:self._settings.most], turn[order], strict=False)),
+            refused)
+
+    def _turned(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(grasps, turns, 4, 4) the equivalent grasps in the base."""
+        axis = self._model.axis
+        own = np.stack([each.pose for each in self._grasps])
+        if axis is None:
+            return (pose @ own)[:, None]
+        outwards = pose[:3, :3].T @ (pose[:3, 3] - self._settings.shoulder)
+        steps = 2 * np.pi * np.arange(self._settings.turns) / self._settings.turns
+        return np.stack([pose @ about(axis, _aligning(each, axis, outwards, pose) + steps) @ each
+                         for each in own])
+
+    def _probability(self, pose: NDArray[np.float64], covariance: NDArray[np.float64],
+                     poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(grasps, turns) that the open fingers clear the object."""
+        if self._model.axis is not None:
+            covariance = without_spin(covariance, pose[:3, :3] @ self._model.axis)
+        turns = poses[..., :3, :3]
+        shift = covariance_at(covariance, poses[..., :3, 3] - pose[:3, 3])
+        shift = np.swapaxes(turns, -1, -2) @ shift @ turns
+        shift = shift + self._settings.arm_sigma ** 2 * np.eye(3)
+        return np.stack([room.probability(each) for room, each
+                         in zip(self._clearances, shift, strict=True)])
+
+    def _unreachable(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(grasps, turns) whose wrist, there or before the approach, is too near or too far.
+
+        What is left may still have no inverse kinematics: a planner says.
+        """
+        parent = (poses @ self._gripper.parent_pose)[..., :3, 3]
+        wrist = parent - self._settings.wrist * poses[..., :3, 0]
+        both = np.stack([wrist, wrist - self._settings.approach * poses[..., :3, 0]])
+        distance = np.linalg.norm(both - self._settings.shoulder, axis=-1)
+        far = (distance > self._settings.reach) | (distance < self._settings.nearest)
+        return far.any(axis=0)
+
+    def _too_low(self, pose: NDArray[np.float64], poses: NDArray[np.float64]
+                 ) -> NDArray[np.bool_]:
+        """(grasps, turns) where the gripper, there or before, is below the object's lowest point.
+
+        The base's z points up.
+        """
+        if not self._settings.support:
+            return np.zeros(poses.shape[:2], bool)
+        ground = (self._model.vertices @ pose[2, :3]).min() + pose[2, 3]
+        heights = np.einsum('gtj,gcj->gtc', poses[..., 2, :3], self._corners)
+        lowest = heights.min(axis=-1) + poses[..., 2, 3]
+        lowest = lowest - np.maximum(self._settings.approach * poses[..., 2, 0], 0)
+        return lowest < ground + self._settings.support_margin
+
+
+def _aligning(grasp: NDArray[np.float64], axis: NDArray[np.float64],
+              outwards: NDArray[np.float64], pose: NDArray[np.float64]) -> float:
+    """The turn about `axis` [rad] that brings a grasp's (4, 4) approach nearest to `outwards`.
+
+    For v = v_along + v_across, the turned v is v_along + cos(t) v_across + sin(t) axis x v_across;
+    its product with a direction is largest at t = atan2(axis x v . d, v_across . d). An approach
+    along the axis leaves the closing direction, which is then brought across `outwards`.
+    """
+    ahead = outwards / max(float(np.linalg.norm(outwards)), 1e-9)
+    if np.linalg.norm(np.cross(axis, ahead)) < _LEVEL:  # seen along the axis: any fixed direction
+        ahead = pose[:3, :3].T @ np.eye(3)[int(abs(pose[:3, :3] @ axis).argmin())]
+    across = np.cross(axis, np.cross(grasp[:3, 0], axis))
+    if np.linalg.norm(across) < _LEVEL:
+        across, ahead = np.cross(axis, np.cross(grasp[:3, 1], axis)), np.cross(axis, ahead)
+    return float(np.arctan2(np.cross(axis, across) @ ahead, across @ ahead))
+
+
+def _upright(pose: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The pose (4, 4), or the same turned by half about the approach, which holds as well.
+
+    z of the gripper points up, or outwards where the approach is down: as a wrist likes it.
+    """
+    if pose[:3, 2] @ (_UP + outwards) >= -1e-9:
+        return pose
+    return pose @ np.diag([1.0, -1, -1, 1])

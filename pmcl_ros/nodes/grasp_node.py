@@ -1,0 +1,159 @@
+"""PoseEstimate -> grasps: ranks the ways to take the object for each of its poses."""
+
+import sys
+import time
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from std_msgs.msg import Float32MultiArray
+from visualization_msgs.msg import MarkerArray
+
+from pmcl_ros import conversions
+from pmcl_ros.errors import GraspError, PmclError
+from pmcl_ros.grasps.frames import transform, turned_covariance
+from pmcl_ros.grasps.grasp_file import GraspFile
+from pmcl_ros.grasps.ranking import Ranker, Ranking
+from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.header import Header
+from pmcl_ros.nodes.arms import arm_of
+from pmcl_ros.nodes.base import SMALL, StageNode
+from pmcl_ros.nodes.grasp_messages import first_of, grasps_to_messages, grippers_to_markers
+from pmcl_ros.nodes.resources import resolve
+from pmcl_ros.nodes.running import run
+
+_PATIENCE = 0.5  # s: how much later than its pose a covariance may come
+
+
+class GraspNode(StageNode):
+    """Publishes the grasps of each pose once, best first, or none and says why."""
+
+    name = 'grasp_node'
+    settings_class = GraspSettings
+
+    def set_up(self, settings: GraspSettings) -> None:
+        """Load the object and its grasps."""
+        self._settings = settings
+        self._model, self._gripper, grasps = GraspFile.read(resolve(settings.grasps, 'grasps'))
+        self._ranker = Ranker(self._model, self._gripper, grasps, settings)
+        self._mount = transform(settings.mount_position, settings.mount_rpy)
+        self._arm = arm_of(self, settings)
+        self.get_logger().info(
+            f'{len(grasps)} grasps of {self._model.name}; poses of {self._gripper.parent_link} in '
+            f'{settings.base_frame}')
+        self._ranked = [self.publisher(PoseArray, 'grasps', SMALL),
+                        self.publisher(PoseArray, 'pre_grasps', SMALL),
+                        self.publisher(Float32MultiArray, 'grasps/details', SMALL)]
+        self._best = [self.publisher(PoseStamped, 'grasp', SMALL),
+                      self.publisher(PoseStamped, 'pre_grasp', SMALL)]
+        self._markers = self.publisher(MarkerArray, 'grasp_markers', SMALL)
+
+    def start(self) -> None:
+        """Listen."""
+        self._done: int | None = None  # the last stamp of which a covariance has come
+        self._held: tuple[float, Header, NDArray[np.float64]] | None = None
+        self._told_lost = ''
+        self.active.callback(self._take_markers_away)
+        self._arm.start()
+        self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both, SMALL)
+        self.subscribe(PoseStamped, 'pose', self._on_pose, SMALL)
+        if self._settings.localizer:
+            namespace = self.get_namespace().rstrip('/')
+            self._localizer = f'{namespace}/{self._settings.localizer}'.lstrip('/')
+            self.subscribe(DiagnosticArray, '/diagnostics', self._on_diagnostics, SMALL)
+        self.every(_PATIENCE / 2, self._wait_no_longer)
+
+    # in
+
+    def _on_both(self, message: PoseWithCovarianceStamped) -> None:
+        header, pose, covariance = conversions.pose_with_covariance_from(message)
+        self._done = header.stamp_ns
+        self._take(header, pose, covariance)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        header, pose = conversions.pose_from(message)
+        if header.stamp_ns != self._done:  # else its covariance came first
+            self._held = time.monotonic(), header, pose
+
+    def _wait_no_longer(self) -> None:
+        if self._held is None or time.monotonic() - self._held[0] < _PATIENCE:
+            return
+        _, header, pose = self._held
+        shift, turn = self._settings.assumed_sigma
+        self.get_logger().warning(
+            f'poses come without pose_with_covariance: {shift} m and {turn} rad are assumed '
+            '(assumed_sigma)', once=True)
+        self._take(header, pose, np.diag(np.repeat([shift ** 2, turn ** 2], 3)))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if (status.name == self._localizer
+                    and status.level == DiagnosticStatus.WARN
+                    and status.message.startswith('lost') and status.message != self._told_lost):
+                self._told_lost = status.message
+                self._none(Header(conversions.header_from(message.header).stamp_ns,
+                                  self._settings.base_frame), status.message)
+
+    # out
+
+    def _take(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+              ) -> None:
+        began, self._held = time.monotonic(), None
+        self.health.frames_in += 1
+        told = Header(header.stamp_ns, self._settings.base_frame)
+        try:
+            ranking = self._rank(header, pose, covariance)
+        except PmclError:
+            self._publish(told, Ranking((), {}))
+            raise  # logged and counted as an error
+        if not ranking.candidates:
+            self._none(told, ranking.describe())
+            return
+        self._publish(told, ranking)
+        self.health.extra = {'object': self._model.name,
+                             'best grasp': ranking.candidates[0].grasp.name,
+                             'probability': f'{ranking.candidates[0].probability:.3f}'}
+        self.health.done(time.monotonic() - began, f'{ranking.describe()}, in capture '
+                         f'{header.stamp_ns}')
+        self.get_logger().info(self.health.message)
+        self.tell_health()
+
+    def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
+              ) -> Ranking:
+        if header.frame_id != self._settings.camera_frame:
+            raise GraspError(f'the pose is told in {header.frame_id!r}, expected camera_frame '
+                             f'{self._settings.camera_frame!r}')
+        camera = self._arm.at(header.stamp_ns) @ self._mount
+        return self._ranker.rank(camera @ pose, turned_covariance(covariance, camera[:3, :3]))
+
+    def _none(self, header: Header, why: str) -> None:
+        self._publish(header, Ranking((), {}))
+        self.health.warn(why if why.startswith('no grasp') else f'no grasp: {why}')
+        self.get_logger().warning(self.health.message)
+        self.tell_health()
+
+    def _publish(self, header: Header, ranking: Ranking) -> None:
+        messages = grasps_to_messages(header, ranking.candidates, self._gripper,
+                                      self._settings.approach)
+        for publisher, message in zip(self._ranked, messages, strict=True):
+            publisher.publish(message)
+        if ranking.candidates:
+            for publisher, message in zip(self._best, messages[:2], strict=True):
+                publisher.publish(first_of(message))
+        if self._markers.get_subscription_count():
+            self._markers.publish(grippers_to_markers(header, ranking.candidates, self._gripper,
+                                                      self._settings.approach))
+
+    def _take_markers_away(self) -> None:
+        if self.context.ok():  # else ROS has been shut down around the node
+            self._markers.publish(conversions.no_markers())
+
+
+def main() -> int:
+    """Entry point."""
+    return run(GraspNode)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""What the evidence is worth near one pose: how far it is from the best, and how sure that is.
+
+To first order a small motion of the object moves each point of its contour along its own normal in
+the image. So the evidence along those normals, which is smooth, tells the evidence of all poses
+nearby: no rasteriser's steps, and no more rendering than once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.energies import energies_across
+from pmcl_ros.pmcl.model_error import FACING, ModelError
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.summary import tangent_basis
+
+_STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
+# px: contributions this far apart on a contour share no noise. Contrast is measured against that
+# of a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
+_REACH = 20.0
+_LEAST_CURVATURE = 0.02  # of the evidence [nat / px^3]: where there is no peak, little is known
+_LEAST_VARIANCE = 0.05  # of a contribution's slope along the normal: no capture is without noise
+_WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
+_FARTHEST = 1.0  # px (rms along the contour) that one step goes: beyond that nothing is known
+
+
+@dataclass(frozen=True)
+class LocalModel:
+    """Evidence about a pose, expanded in the tangent space there (`summary.tangent_basis`).
+
+    evidence, length: of the contour, sums over it [nat, px].
+    basis: (6, d), columns of the tangent space.
+    gradient: (d,) of the evidence. information: (d, d) minus its second derivative, H.
+    variability: (d, d) of the gradient over the noise of captures like this one, J.
+    model_error: (d, d) covariance of the pose by what no evidence along a contour can tell.
+    moments: (d, d) mean over the contour of the products of its motions [px^2].
+    """
+
+    evidence: float
+    length: float
+    basis: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    variability: NDArray[np.float64]
+    model_error: NDArray[np.float64]
+    moments: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, pose: NDArray[np.float64], axis: NDArray[np.float64] | None,
+           points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
+           error: ModelError | None) -> 'LocalModel':
+        """The model about `pose` (4, 4), whose contour's points are `points`.
+
+        axis: (3,) of the object's symmetry. error: of the model; None: noise and error do not
+        matter, only where to go, which costs a tenth.
+        """
+        basis = tangent_basis(pose, axis)
+        length = float(points.lengths.sum())
+        motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
+        before, here, after = (_evidence(points, edges, profile, shift)
+                               for shift in (-_STEP, 0.0, _STEP))
+        slope = (_evidence(points, edges, profile, _STEP / 2)
+                 - _evidence(points, edges, profile, -_STEP / 2)) / _STEP
+        weight = points.lengths[:, None]
+        bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
+        # An edge's peak bends as it is high: where the contour shows none it tells nothing.
+        shown = np.maximum(here, 0) + 1e-3
+        shown *= length / max(float(points.lengths @ shown), 1e-9)
+        curvature = max(float(bend), _LEAST_CURVATURE) * shown[:, None]
+        # Where no contour is seen to say better, a pose is as unsure as about this.
+        least = basis.T @ np.diag(1 / _WIDEST ** 2) @ basis
+        moments = motion.T @ (weight * motion) + least
+        each = weight * slope[:, None] * motion
+        told = weight * curvature * motion
+        information = motion.T @ told + _LEAST_CURVATURE * least
+        variability, off = information, np.zeros_like(information)
+        if error is not None:
+            distance = cdist(points.pixels, points.pixels)
+            same_side = points.normals @ points.normals.T > FACING
+            together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0)
+            variability = each.T @ together @ each + _LEAST_VARIANCE * moments
+            # What the model gets wrong moves the contour; the pose follows as by least squares.
+            follow = np.linalg.solve(information, told.T)
+            off = follow @ error.covariance(distance, same_side) @ follow.T
+        return cls(float(points.lengths @ here), length, basis, each.sum(axis=0), information,
+                   variability, off, moments / max(length, 1.0))
+
+    @property
+    def scale(self) -> float:
+        """What the evidence is to be multiplied by to be a log likelihood.
+
+        Contributions along a contour are noisy alike, so their sum is too sure of itself. Scaled
+        by d / tr(H^-1 J), at most 1, the posterior is on average as wide as the estimate scatters
+        (Godambe's information; magnitude adjustment of Ribatet, Cooley, Davison 2012).
+        """
+        loss = float(np.trace(np.linalg.solve(self.information, self.variability)))
+        return len(self.gradient) / max(loss, len(self.gradient))
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(6, 6) of the posterior, without the model's error."""
+        return self.basis @ np.linalg.inv(self.scale * self.information) @ self.basis.T
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """(6,) tangent vector to the best pose nearby: a Gauss-Newton step of bounded length."""
+        step = np.asarray(self.basis @ np.linalg.solve(self.information, self.gradient), float)
+        return step * min(1.0, _FARTHEST / max(self.motion(step), 1e-9))
+
+    def motion(self, step: NDArray[np.float64]) -> float:
+        """How far a tangent vector (6,) moves the contour, rms along it [px]."""
+        each = self.basis.T @ step
+        return float(np.sqrt(each @ self.moments @ each))
+
+
+def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.float64]
+                  ) -> NDArray[np.float64]:
+    """(n, 6) px that a contour's points move along their normals in the image.
+
+    Per metre of shift along x, y, z and radian of turn about these axes through `origin` (3,). A
+    contour on a smooth surface slides over it as the object turns, but along the line of sight and
+    the contour only: to first order it moves as the point of the surface does.
+    """
+    x, y = points.pixels.T
+    z = points.depths
+    place = np.stack([(x - pinhole.cx) / pinhole.fx * z, (y - pinhole.cy) / pinhole.fy * z, z],
+                     axis=-1)
+    across = points.normals * [pinhole.fx, pinhole.fy] / z[:, None]
+    along = -(across * place[:, :2]).sum(axis=1) / z
+    shift = np.concatenate([across, along[:, None]], axis=1)
+    return np.concatenate([shift, np.cross(place - origin, shift)], axis=1)
+
+
+def _evidence(points: ContourPoints, edges: EdgeVolume, profile: ContourProfile, shift: float
+              ) -> NDArray[np.float64]:
+    """(n,) evidence of the points moved outwards by `shift` [px], at their own depths."""
+    energies = energies_across(edges, points.pixels, points.normals, points.depths,
+                               profile.offsets + shift)
+    return profile.evidence(energies)

@@ -1,0 +1,121 @@
+"""Which machine draws and scores poses, and what any of them offers."""
+
+import logging
+from functools import lru_cache
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.back_end import is_software
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.errors import RenderError
+from pmcl_ros.gl import GlContext
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene
+
+_LOG = logging.getLogger(__name__)
+
+BackEnd = Literal['auto', 'gl', 'numba']
+
+
+class LikelihoodScore(Protocol):
+    """The paper's score: the mean likelihood under the rendered pixels (section V)."""
+
+    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4), object to camera; 0 for one that covers nothing."""
+        ...
+
+    def __enter__(self) -> 'LikelihoodScore': ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+class ContourScore(Protocol):
+    """How well the contour of a pose lies on edges at its own depth (docs/method.md)."""
+
+    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(n,) sum of the evidence along the contours of poses (n, 4, 4) [nat]."""
+        ...
+
+    def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(n, 2) that, and the length of the contour in the image [px]."""
+        ...
+
+    def points(self, pose: NDArray[np.floating]) -> ContourPoints:
+        """The points that are summed, of one pose (4, 4)."""
+        ...
+
+    def __enter__(self) -> 'ContourScore': ...
+
+    def __exit__(self, *_: object) -> None: ...
+
+
+class Renderer(Protocol):
+    """Draws poses of a scene, and makes what scores them.
+
+    A pose that is not finite shows nothing. Everything raises RenderError in a thread that it is
+    not for, after `close`, and for what is too large to draw.
+    """
+
+    @property
+    def name(self) -> str:
+        """What draws, for logs."""
+        ...
+
+    def depths(self, scene: Scene, poses: NDArray[np.floating]) -> NDArray[np.float32]:
+        """(n, height, width) depths [m] of poses (n, 4, 4); 0 where nothing is."""
+        ...
+
+    def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+                      blur: float = 0.0) -> ContourScore:
+        """Of an edge volume; the scene's scale is the step of the contour [image px].
+
+        blur: of the edge energy [image px]. It widens the basin of attraction for the coarse part
+        of a search: the profile's offsets are multiplied by it, if it is more than 1.
+        """
+        ...
+
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume) -> LikelihoodScore:
+        """Of a volume; each pixel is read at its centre in the image, or just above and left."""
+        ...
+
+    def use(self) -> None:
+        """Be the one that this thread draws with."""
+        ...
+
+    def close(self) -> None:
+        """Release everything."""
+        ...
+
+
+def make_renderer(wanted: BackEnd) -> Renderer:
+    """A renderer, for the calling thread; what numba has to compile for it is compiled.
+
+    Raises RenderError when 'gl' is wanted and there is none. With 'numba' OpenGL is not touched.
+    """
+    if choose(wanted) == 'gl':
+        return GlRenderer()
+    renderer = NumbaRenderer()
+    renderer.warm_up()
+    return renderer
+
+
+@lru_cache
+def choose(wanted: BackEnd) -> Literal['gl', 'numba']:
+    """The back end that `wanted` stands for on this machine; logged when first asked."""
+    if wanted != 'auto':
+        _LOG.info('poses are scored by %s, as the settings say', wanted)
+        return wanted
+    try:
+        context = GlContext()
+    except RenderError as error:
+        _LOG.info('poses are scored by numba: %s', error)
+        return 'numba'
+    context.close()
+    chosen: Literal['gl', 'numba'] = 'numba' if is_software(context.renderer) else 'gl'
+    _LOG.info('poses are scored by %s: the OpenGL renderer is %s', chosen, context.renderer)
+    return chosen

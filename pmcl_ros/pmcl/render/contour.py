@@ -1,0 +1,244 @@
+"""The occluding contour in a z-buffer, and what edges say along it: the kernels.
+
+A contour runs between two neighbouring pixels of which one is nearer by the fraction `jump` or
+more, or covered where the other is not. Each such pair is a point of the contour.
+"""
+
+import math
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.errors import RenderError
+from pmcl_ros.kernels import compiled
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.render.raster import MARGIN
+from pmcl_ros.pmcl.render.scene import Scene
+
+MOST_OFFSETS, MOST_KNOTS = 8, 9  # of a profile
+_JUMP = 0.2  # of the object's radius: what counts as an occlusion
+_FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
+
+
+class Edges(NamedTuple):
+    """An edge volume and a profile as kernels take them.
+
+    tensor: (labels, height, width, 3) float32 around the window. left, top, scale: of the
+        z-buffer in it [image px].
+    farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
+    keep: a pixel is beyond another if its 1/z is less than this times the other's.
+    offsets: (j,) from the contour [image px]. knots, widths: (k,) where ramps begin and how long
+        they are [1]. slopes: (j, k) of the evidence in them [nat / px]. bias: [nat / px].
+    """
+
+    tensor: NDArray[np.float32]
+    left: int
+    top: int
+    scale: int
+    farthest: float
+    per_closeness: float
+    keep: np.float32
+    offsets: NDArray[np.float32]
+    knots: NDArray[np.float32]
+    widths: NDArray[np.float32]
+    slopes: NDArray[np.float32]
+    bias: np.float32
+
+    @classmethod
+    def of(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile, blur: float) -> 'Edges':
+        """blur: of the edge energy [image px]; the profile is that much wider, if more than 1."""
+        offsets = reach_of(blur) * profile.offsets
+        window = scene.window
+        margin = math.ceil(float(np.abs(offsets).max()) + 4 * blur) + 2
+        left, top = max(window.left - margin, 0), max(window.top - margin, 0)
+        right, bottom = (first + window.scale * side + margin for first, side in
+                         zip((window.left, window.top), window.size, strict=True))
+        tensor = smoothed(edges.tensor[top:bottom, left:right], blur).transpose(2, 0, 1, 3)
+        farthest, per_closeness = label_scale(edges.depths)
+        widths = np.diff(profile.knots)
+        return cls(np.ascontiguousarray(tensor, np.float32), window.left - left, window.top - top,
+                   window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, edges)),
+                   offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
+                   widths.astype(np.float32),
+                   (np.diff(profile.tables) / widths).astype(np.float32),
+                   np.float32(profile.bias + profile.tables[:, 0].sum()))
+
+
+def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
+    """1 / depth of label 0 [1/m], and labels per 1/m, of labels uniform in inverse depth."""
+    inverse = 1 / depths
+    return float(inverse[0]), float((len(inverse) - 1) / (inverse[-1] - inverse[0]))
+
+
+def jump_of(scene: Scene, edges: EdgeVolume) -> float:
+    """The relative difference in 1/z that counts as an occlusion [1]."""
+    return float(_JUMP * scene.model.radius * (1 / edges.depths).mean())
+
+
+def reach_of(blur: float) -> float:
+    """The unit of a profile's offsets [image px], where the edge energy is blurred [image px]."""
+    return max(1.0, blur)
+
+
+def smoothed(tensor: NDArray[np.float32], blur: float) -> NDArray[np.float32]:
+    """(height, width, labels, 3), blurred in the image [px]."""
+    if blur == 0:
+        return tensor
+    height, width, labels, _ = tensor.shape
+    channels = np.ascontiguousarray(tensor).reshape(height, width, 3 * labels)
+    blurred = cv2.GaussianBlur(channels, (0, 0), blur).reshape(tensor.shape)
+    return np.asarray(blurred, np.float32)
+
+
+def check_profile(profile: ContourProfile) -> None:
+    """Raise RenderError for a profile larger than scores are made for."""
+    offsets, knots = profile.tables.shape
+    if offsets > MOST_OFFSETS or not 2 <= knots <= MOST_KNOTS:
+        raise RenderError(f'a contour profile of {offsets} offsets and {knots} knots: scores take '
+                          f'{MOST_OFFSETS} offsets at most and 2 to {MOST_KNOTS} knots')
+
+
+@compiled()
+def find(box, keep, z, found):  # type: ignore[no-untyped-def]
+    """Write the pairs of pixels on the contour to `found`; returns how many.
+
+    4 times the index of the pair's first pixel, 2 if the other is below it, not beside it, 1 if
+    the other is the nearer.
+    """
+    left, top, right, bottom = box
+    stride = right - left + 2 * MARGIN
+    count = 0
+    if left >= right:
+        return count
+    for row in range(MARGIN - 1, bottom - top + MARGIN):
+        begin = row * stride
+        here, below = z[begin:begin + stride], z[begin + stride:begin + 2 * stride]
+        for k in range(MARGIN - 1, right - left + MARGIN):
+            a = here[k]
+            b = here[k + 1]
+            if _across(a, b, keep):
+                found[count] = 4 * (begin + k) + (1 if b > a else 0)
+                count += 1
+            b = below[k]
+            if _across(a, b, keep):
+                found[count] = 4 * (begin + k) + 2 + (1 if b > a else 0)
+                count += 1
+    return count
+
+
+@compiled()
+def _across(a, b, keep):  # type: ignore[no-untyped-def]
+    """Whether a contour runs between two pixels."""
+    least, most = (a, b) if a < b else (b, a)
+    return (least < most * keep) & (least >= 0)
+
+
+@compiled()
+def normal(near, stride, keep, z):  # type: ignore[no-untyped-def]
+    """The normal out of the surface at a pixel: unit x and y, or zeros where there is none.
+
+    It points from the centre of the nearer surface within 5x5 pixels to the centre of the rest.
+    """
+    limit = z[near] * keep
+    x, y = np.float32(0), np.float32(0)
+    for row in range(-2, 3):
+        line = z[near + row * stride - 2:near + row * stride + 3]
+        for column in range(5):
+            other = line[column]
+            across = np.float32(column - 2)
+            weight = _WEIGHTS[row + 2, column] if (other >= 0) & (other < limit) else np.float32(0)
+            x += weight * across
+            y += weight * np.float32(row)
+    square = x * x + y * y
+    if square < 1e-6:
+        return np.float32(0), np.float32(0)
+    one = np.float32(1) / np.sqrt(square)
+    return x * one, y * one
+
+
+_WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) ** 2)
+                  ).astype(np.float32)
+
+
+@compiled()
+def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
+    """Edge energy across a normal, between pixels and labels; beyond the volume its end's."""
+    labels, height, width, _ = tensor.shape
+    x = min(max(x, np.float32(0)), np.float32(width - 1))
+    y = min(max(y, np.float32(0)), np.float32(height - 1))
+    label = min(max(label, np.float32(0)), np.float32(labels - 1))
+    column, row, level = int(x), int(y), min(int(label), labels - 2)
+    fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
+    right, below = min(column + 1, width - 1), min(row + 1, height - 1)
+    xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
+    for k in range(2):
+        plane = tensor[level + k]
+        beside = fl if k else np.float32(1) - fl
+        for j in range(2):
+            line = plane[below if j else row]
+            part = beside * (fy if j else np.float32(1) - fy)
+            here, there = part * (np.float32(1) - fx), part * fx
+            xx += here * line[column, 0] + there * line[right, 0]
+            yy += here * line[column, 1] + there * line[right, 1]
+            xy += here * line[column, 2] + there * line[right, 2]
+    square = xx * nx * nx + yy * ny * ny + np.float32(2) * xy * nx * ny
+    return np.sqrt(max(square, np.float32(0)))
+
+
+@compiled()
+def place(code, box, window, z):  # type: ignore[no-untyped-def]
+    """Of a pair: its nearer pixel's index, x and y between the two in the image, its 1/z."""
+    left, top, right, _ = box
+    stride = right - left + 2 * MARGIN
+    first = code >> 2
+    below = (code >> 1) & 1
+    near = first + (stride if below else 1) * (code & 1)
+    row = first // stride
+    column = first - row * stride
+    scale = window[2]
+    x = window[0] + scale * (left + column - MARGIN + 0.5 * (1 - below)) + 0.5 * (scale - 1)
+    y = window[1] + scale * (top + row - MARGIN + 0.5 * below) + 0.5 * (scale - 1)
+    return near, np.float32(x), np.float32(y), z[near]
+
+
+@compiled()
+def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
+    """What an energy says [nat / px] by one offset's ramps."""
+    total = np.float32(0)
+    for k in range(len(knots)):
+        total += slopes[k] * min(max(e - knots[k], np.float32(0)), widths[k])
+    return total
+
+
+@compiled()
+def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
+    """Evidence and length [image px] of the contour in a z-buffer; found: room for its pairs."""
+    tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
+    knots, widths, slopes = edges.knots, edges.widths, edges.slopes
+    window = (edges.left, edges.top, edges.scale)
+    farthest, per_closeness = edges.farthest, edges.per_closeness
+    count = find(box, keep, z, found)
+    stride = box[2] - box[0] + 2 * MARGIN
+    total, length = 0.0, 0.0
+    last, nx, ny = -1, np.float32(0), np.float32(0)
+    for k in range(count):
+        near, x, y, closeness = place(found[k], box, window, z)
+        if near != last:
+            last = near
+            nx, ny = normal(near, stride, keep, z)
+        if nx == 0 and ny == 0:
+            continue
+        label = np.float32((closeness - farthest) * per_closeness)
+        value = bias
+        for j in range(len(offsets)):
+            off = offsets[j]
+            e = energy(tensor, x + off * nx, y + off * ny, label, nx, ny)
+            value += evidence(e, knots, widths, slopes[j])
+        # A line is crossed by |nx| horizontal and |ny| vertical pairs for each pixel of it.
+        pixels = window[2] / (abs(nx) + abs(ny))
+        total += pixels * value
+        length += pixels
+    return total, length

@@ -1,0 +1,121 @@
+"""The contour of one pose, point by point in the order in which a finger would follow it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.kernels import compiled
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.render.contour import Edges, energy, find, normal, place
+from pmcl_ros.pmcl.render.raster import MARGIN
+
+
+@dataclass(frozen=True)
+class ContourPoints:
+    """Points of an occluding contour; pieces that hang together follow each other.
+
+    pixels: (m, 2) x, y in the image. normals: (m, 2) unit, out of the object. depths: (m,) of the
+        nearer surface [m]. lengths: (m,) of the contour that the point stands for [image px].
+    energies: (m, j) edge energy across the contour at the profile's offsets.
+    evidence: (m,) [nat / px]; lengths @ evidence is the pose's score.
+    piece: (m,) which connected piece a point is of. along: (m,) how far along it [image px].
+    """
+
+    pixels: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    depths: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    energies: NDArray[np.float64]
+    evidence: NDArray[np.float64]
+    piece: NDArray[np.int64]
+    along: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
+           profile: ContourProfile, shift: tuple[int, int]) -> 'ContourPoints':
+        """Of the contour in a z-buffer (`raster`).
+
+        shift: what to add to pixels of the tensor in `edges`.
+        """
+        found = np.zeros(2 * len(z), np.int32)
+        found = found[:find(box, edges.keep, z, found)]
+        order, piece = _followed(found, box[2] - box[0] + 2 * MARGIN)
+        values = _values(found[order], box, z, edges)
+        known = values[:, 5] > 0
+        values, piece = values[known].astype(np.float64), piece[known]
+        lengths, energies = values[:, 5], values[:, 6:]
+        ends = np.cumsum(lengths)
+        middles = ends - lengths / 2
+        first = np.searchsorted(piece, piece)  # pieces ascend
+        along = middles - (ends - lengths)[first]
+        return cls(values[:, :2] + shift, values[:, 2:4], 1 / values[:, 4], lengths, energies,
+                   profile.evidence(energies), piece, along)
+
+
+@compiled()
+def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
+    """(m, 6 + j) x, y, normal, 1/z, length (0 where there is no normal), energies."""
+    stride = box[2] - box[0] + 2 * MARGIN
+    values = np.zeros((len(found), 6 + len(edges.offsets)), np.float32)
+    for k in range(len(found)):
+        near, x, y, closeness = place(found[k], box, (edges.left, edges.top, edges.scale), z)
+        nx, ny = normal(near, stride, edges.keep, z)
+        label = np.float32((closeness - edges.farthest) * edges.per_closeness)
+        values[k, :5] = x, y, nx, ny, closeness
+        if nx != 0 or ny != 0:
+            values[k, 5] = edges.scale / (abs(nx) + abs(ny))
+        for j in range(len(edges.offsets)):
+            off = edges.offsets[j]
+            values[k, 6 + j] = energy(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
+    return values
+
+
+@compiled()
+def _followed(found, stride):  # type: ignore[no-untyped-def]
+    """The order in which pairs follow each other, and the number of the piece that each is of.
+
+    Between a pair's pixels runs a side of both; a side leads from one corner of the pixels to the
+    next, the nearer surface on its right. Pieces with two ends come first, from their beginnings;
+    then those that close.
+    """
+    count = len(found)
+    starts, ends = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    most = 0
+    for k in range(count):
+        first = found[k] >> 2
+        one = first + (stride if found[k] & 2 else 1)  # upper left corner of the second pixel
+        other = one + (1 if found[k] & 2 else stride)
+        # Downwards the left pixel is on the right hand, rightwards the lower one.
+        if bool(found[k] & 1) == bool(found[k] & 2):
+            starts[k], ends[k] = one, other
+        else:
+            starts[k], ends[k] = other, one
+        most = max(most, one, other)
+    # Up to two sides begin at a corner, where two pixels touch by their corners alone.
+    begins = np.full((most + 1, 2), -1, np.int64)
+    arrivals = np.zeros(most + 1, np.int64)
+    for k in range(count):
+        begins[starts[k], 1 if begins[starts[k], 0] >= 0 else 0] = k
+        arrivals[ends[k]] += 1
+    order, piece = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    seen = np.zeros(count, np.bool_)
+    done, pieces = 0, 0
+    for closing in range(2):
+        for k in range(count):
+            if seen[k] or (closing == 0 and arrivals[starts[k]] > 0):
+                continue
+            here = k
+            while here >= 0:
+                seen[here] = True
+                order[done], piece[done] = here, pieces
+                done += 1
+                following = -1
+                for branch in range(2):
+                    candidate = begins[ends[here], branch]
+                    if candidate >= 0 and not seen[candidate]:
+                        following = candidate
+                        break
+                here = following
+            pieces += 1
+    return order, piece

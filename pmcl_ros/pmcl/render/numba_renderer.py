@@ -1,0 +1,203 @@
+"""Renderer and scores on the processor: a thread draws a pose and scores it while it is warm."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+from numba import prange
+from numba.np.ufunc import parallel
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.header import Header
+from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
+from pmcl_ros.pmcl.render.scene import Scene, Window
+
+
+@dataclass(frozen=True)
+class NumbaRenderer:
+    """Draws and scores by numba: in any thread, the same numbers whatever the machine's cores."""
+
+    name: str = 'numba'
+
+    def depths(self, scene: Scene, poses: NDArray[np.floating]) -> NDArray[np.float32]:
+        """See `Renderer`."""
+        drawing = Drawing.of(scene)
+        inverse = np.zeros((len(poses), drawing.height, drawing.width), np.float32)
+        with LOCK:
+            _draw_all(drawing, _float32(poses), _room(drawing), inverse)
+        return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
+
+    def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+                      blur: float = 0.0) -> 'NumbaContourScore':
+        """See `Renderer`."""
+        return NumbaContourScore(scene, edges, profile, blur)
+
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume
+                         ) -> 'NumbaLikelihoodScore':
+        """See `Renderer`."""
+        return NumbaLikelihoodScore(scene, volume)
+
+    def warm_up(self) -> None:
+        """Compile, or load from numba's cache, all that scoring needs."""
+        corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
+        camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
+        scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
+                      Window(0, 0, (8, 8)), 0.5, 2.0)
+        depths = depth_labels(0.5, 2.0, 2)
+        edges = EdgeVolume(Header(), np.zeros((8, 8, 2, 3), np.float32), depths, camera)
+        volume = DepthLikelihoodVolume(Header(), np.zeros((8, 8, 2), np.float32), depths, camera)
+        pose = np.eye(4)
+        self.depths(scene, pose[None])
+        self.likelihood_score(scene, volume)(pose[None])
+        score = self.contour_score(scene, edges, ContourProfile.contrast())
+        score(pose[None])
+        score.points(pose)
+
+    def use(self) -> None:
+        """Nothing to do."""
+
+    def close(self) -> None:
+        """Nothing to do."""
+
+
+class NumbaContourScore:
+    """See `ContourScore`."""
+
+    def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+                 blur: float = 0.0) -> None:
+        check_profile(profile)
+        self._scene, self._profile = scene, profile
+        self._drawing = Drawing.of(scene)
+        self._edges = Edges.of(scene, edges, profile, blur)
+        self._room = _room(self._drawing)
+        self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
+
+    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """See `ContourScore`."""
+        return self.evaluate(poses)[:, 0]
+
+    def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """See `ContourScore`."""
+        result = np.zeros((len(poses), 2))
+        with LOCK:
+            _contours(self._drawing, _float32(poses), self._room, self._edges, self._found, result)
+        return result
+
+    def points(self, pose: NDArray[np.floating]) -> ContourPoints:
+        """See `ContourScore`."""
+        with LOCK:
+            z = self._room.z[0]
+            box = draw(self._drawing, _float32(pose), self._room.corners[0],
+                       self._room.exact[0], z)
+            shift = (self._scene.window.left - self._edges.left,
+                     self._scene.window.top - self._edges.top)
+            return ContourPoints.of(box, z, self._edges, self._profile, shift)
+
+    def __enter__(self) -> 'NumbaContourScore':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+class NumbaLikelihoodScore:
+    """See `LikelihoodScore`."""
+
+    def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
+        self._drawing = Drawing.of(scene)
+        self._room = _room(self._drawing)
+        self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
+        self._labels = label_scale(volume.depths)
+        self._window = (scene.window.left, scene.window.top, scene.window.scale)
+
+    def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
+        """See `LikelihoodScore`."""
+        result = np.zeros(len(poses))
+        with LOCK:
+            _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
+                         *self._labels, result)
+        return result
+
+    def __enter__(self) -> 'NumbaLikelihoodScore':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+
+def _float32(poses: NDArray[np.floating]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(poses, np.float32)
+
+
+def _room(drawing: Drawing) -> Room:
+    threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    return Room.for_threads(drawing, threads)
+
+
+thread_id: Any = parallel.get_thread_id
+
+
+@compiled(parallel=True)
+def _draw_all(drawing, poses, room, inverse):  # type: ignore[no-untyped-def]
+    for n in prange(len(poses)):
+        thread = thread_id()
+        z = room.z[thread]
+        left, top, right, bottom = draw(drawing, poses[n], room.corners[thread],
+                                        room.exact[thread], z)
+        stride = right - left + 2 * MARGIN
+        for row in range(bottom - top):
+            first = (row + MARGIN) * stride + MARGIN
+            inverse[n, top + row, left:right] = z[first:first + right - left]
+
+
+@compiled(parallel=True)
+def _contours(drawing, poses, room, edges, found, result):  # type: ignore[no-untyped-def]
+    for n in prange(len(poses)):
+        thread = thread_id()
+        z = room.z[thread]
+        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        result[n, 0], result[n, 1] = sums(box, z, edges, found[thread])
+
+
+@compiled(parallel=True)
+def _likelihoods(drawing, poses, room, volume, left, top, scale,  # type: ignore[no-untyped-def]
+                 farthest, per_closeness, result):
+    for n in prange(len(poses)):
+        thread = thread_id()
+        z = room.z[thread]
+        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)
+
+
+@compiled()
+def _mean(box, z, volume, left, top, scale, farthest, per_closeness):  # type: ignore[no-untyped-def]
+    """The mean likelihood of covered pixels, between labels; beyond the labels it is zero."""
+    height, width, labels = volume.shape
+    half = (scale - 1) // 2
+    stride = box[2] - box[0] + 2 * MARGIN
+    total, count = 0.0, 0
+    for row in range(box[3] - box[1]):
+        y = top + scale * (box[1] + row) + half
+        if y >= height:
+            break
+        first = (row + MARGIN) * stride + MARGIN
+        line = z[first:first + box[2] - box[0]]
+        columns = min(len(line), (width - 1 - half - left) // scale - box[0] + 1)
+        rays = volume[y]
+        for k in range(columns):
+            if line[k] > 0:
+                count += 1
+                label = (line[k] - farthest) * per_closeness
+                if 0 <= label <= labels - 1:
+                    ray = rays[left + scale * (box[0] + k) + half]
+                    below = min(int(label), labels - 2)
+                    total += ray[below] + (label - below) * (ray[below + 1] - ray[below])
+    return total / max(count, 1)

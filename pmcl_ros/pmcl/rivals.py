@@ -1,0 +1,32 @@
+"""Poses that look nearly like a given one: upside down, or tilted away instead of towards."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+
+def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 4) poses that a pose (4, 4) could be mistaken for, the middle of the mesh in place.
+
+    With an axis of symmetry: the object upside down, and both of these with the tilt of the axis
+    towards the camera turned into one away from it. From afar their outlines are alike or nearly.
+    Without: half turns about the mesh's axes, and about the line of sight.
+    """
+    middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
+    rotation = pose[:3, :3]
+    centre = rotation @ middle + pose[:3, 3]
+    sight = centre / np.linalg.norm(centre)
+    if model.axis is None:
+        turned = [rotation @ Rotation.from_rotvec(np.pi * each).as_matrix() for each in np.eye(3)]
+        turned.append(Rotation.from_rotvec(np.pi * sight).as_matrix() @ rotation)
+    else:
+        axis = rotation @ model.axis
+        away = axis - 2 * (axis @ sight) * sight
+        turned = [Rotation.align_vectors(each[None], axis[None])[0].as_matrix() @ rotation
+                  for each in (-axis, away, -away)]
+    result = np.tile(np.eye(4), (len(turned), 1, 1))
+    result[:, :3, :3] = turned
+    result[:, :3, 3] = centre - result[:, :3, :3] @ middle
+    return result

@@ -1,0 +1,109 @@
+"""A sample of the posterior by sequential Monte Carlo, started from Gaussians about its modes."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from pmcl_ros.pmcl.summary import moved, tangent, tangent_basis
+from pmcl_ros.pmcl.weights import Weights
+
+LogPosterior = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Progress = Callable[[float], bool]
+
+_EFFECTIVE = 0.5  # of the particles that one step in temperature leaves effective
+_ACCEPTED = 0.3  # of the moves: about where a random walk in five or six dimensions mixes fastest
+_MOST_STEPS = 30  # in temperature; a start that fits needs two to five
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """A normal density about a pose, in its tangent space (`summary.tangent_basis`).
+
+    pose: (4, 4). spread: (d, d), its columns a square root of the covariance.
+    """
+
+    pose: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, pose: NDArray[np.float64], covariance: NDArray[np.float64],
+           axis: NDArray[np.float64] | None) -> 'Gaussian':
+        """covariance: (6, 6), of which the part about the axis of symmetry is left out."""
+        basis = tangent_basis(pose, axis)
+        return cls(pose, basis, np.linalg.cholesky(basis.T @ covariance @ basis))
+
+    def deviations(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 6) tangent vectors of standard normal numbers (n, d)."""
+        return normal @ self.spread.T @ self.basis.T
+
+    def log_density(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
+                    ) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4), but for a constant that all Gaussians of d dimensions share."""
+        deviations = tangent(poses, self.pose, axis) @ self.basis
+        normal = np.linalg.solve(self.spread, deviations.T)
+        return -0.5 * (normal ** 2).sum(axis=0) - np.log(np.abs(np.diag(self.spread))).sum()
+
+
+def sample_posterior(log_posterior: LogPosterior, start: Sequence[Gaussian],
+                     axis: NDArray[np.float64] | None, count: int, moves: int,
+                     rng: np.random.Generator, progress: Progress
+                     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Poses (n, 4, 4), equally weighted, their log posterior (n,), whose they are (n,).
+
+    n is `count`.
+
+    log_posterior: (n,) of poses (n, 4, 4), but for a constant; -inf where no pose can be.
+    start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares.
+    Bridges from that mixture to the posterior by powers of their ratio, each so large that half of
+    the particles stay effective, with `moves` Metropolis moves after each (Del Moral, Doucet,
+    Jasra 2006). So the share of the particles about a mode is its share of the posterior.
+    Ends early, with what it has, when `progress` says so.
+    """
+    own = np.arange(count) % len(start)
+    dimensions = start[0].basis.shape[1]
+    poses = _displaced(start, np.stack([each.pose for each in start])[own], own,
+                       rng.normal(size=(count, dimensions)))
+    values, densities = log_posterior(poses), _mixture(start, poses, axis)
+    power, size = 0.0, 1.2 / dimensions ** 0.5
+    for step in range(_MOST_STEPS):
+        if power >= 1 or not progress(step / _MOST_STEPS):
+            break
+        gain = _ratio(values, densities)
+        possible = float(np.isfinite(gain).mean())  # the rest is out at any power
+        weights, taken = Weights.tempered(gain, 1 - power, _EFFECTIVE * possible)
+        power += taken
+        drawn = weights.resample(count, rng)
+        poses, values, densities, own = poses[drawn], values[drawn], densities[drawn], own[drawn]
+        for _ in range(moves):
+            tried = _displaced(start, poses, own, size * rng.normal(size=(count, dimensions)))
+            tried_values, tried_densities = log_posterior(tried), _mixture(start, tried, axis)
+            gain = (power * (tried_values - np.where(np.isfinite(values), values, -1e300))
+                    + (1 - power) * (tried_densities - densities))
+            better = np.log(rng.random(count)) < gain
+            poses = np.where(better[:, None, None], tried, poses)
+            values = np.where(better, tried_values, values)
+            densities = np.where(better, tried_densities, densities)
+            size *= np.exp(better.mean() - _ACCEPTED)
+    return poses, values, own
+
+
+def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArray[np.int64],
+               normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses (n, 4, 4) moved by their own Gaussian's deviations of `normal` (n, d)."""
+    deviations = np.zeros((len(poses), 6))
+    for k, each in enumerate(start):
+        deviations[own == k] = each.deviations(normal[own == k])
+    return moved(poses, deviations)
+
+
+def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64],
+             axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    return np.asarray(logsumexp([each.log_density(poses, axis) for each in start], axis=0))
+
+
+def _ratio(values: NDArray[np.float64], densities: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(np.isfinite(values), values - densities, -np.inf)

@@ -1,0 +1,101 @@
+"""`pmcl evaluate` as a user calls it, on captures made for it; and interrupted."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import cv2
+import pytest
+from pmcl_scenes import bracket
+from tiny_capture import QUICK, write_capture
+
+
+@pytest.fixture(scope='module')
+def captures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('captures')
+    write_capture(folder / 'glass')
+    write_capture(folder / 'thing', seed=2, mesh=bracket(), film=True)
+    return folder
+
+
+def command(captures, *arguments):
+    return [sys.executable, '-m', 'pmcl_ros.cli', 'evaluate', str(captures),
+            *map(str, arguments)]
+
+
+def group_lives(number):
+    try:
+        os.killpg(number, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def rows_of(path):
+    with path.open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_all_that_a_run_writes(captures, tmp_path):
+    paper = 'row=faithful,faithful_particles=8,faithful_iterations=3'
+    done = subprocess.run(command(captures, '--modes', 'centre', '--set', paper, '--sweep',
+                                  'particles=8,16', '--trials', 1, '--only', 'glass', '--out',
+                                  tmp_path, '--processes', 1),
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert {each.name for each in tmp_path.iterdir()} == {
+        'results.csv', 'results.md', 'settings.json', 'success.png', 'errors.png', 'coverage.png',
+        'time.png', *(f'bop_{name}.csv' for name in (
+            'centre', 'particles=8', 'particles=16', paper.replace(',', '_')))}
+    rows = rows_of(tmp_path / 'results.csv')
+    assert [each['mode'] for each in rows] == ['centre', paper, 'particles=8', 'particles=16']
+    assert (tmp_path / 'results.md').read_text() == done.stdout
+    settings = json.loads((tmp_path / 'settings.json').read_text())
+    assert settings['rows']['particles=8']['search']['particles'] == 8
+    assert settings['command'][0] == 'evaluate'
+    for name in ('success', 'errors', 'coverage', 'time'):
+        assert cv2.imread(str(tmp_path / f'{name}.png')) is not None
+
+
+@pytest.mark.parametrize(('number', 'processes'), [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
+def test_an_interrupted_run_writes_what_it_has(captures, tmp_path, number, processes):
+    """As a terminal does it: Ctrl-C reaches all processes of the group."""
+    out, scratch = tmp_path / 'out', tmp_path / 'scratch'
+    scratch.mkdir()
+    with subprocess.Popen(command(captures, '--set', QUICK, '--modes', 'default', '--trials', 500,
+                                  '--processes', processes, '--out', out), text=True,
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True,
+                          env=os.environ | {'TMPDIR': str(scratch)}) as process:
+        results = out / 'results.csv'
+        while process.poll() is None and not (results.exists() and rows_of(results)):
+            time.sleep(0.1)
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
+        stdout, stderr = process.communicate()
+    assert process.returncode == 130, stderr
+    assert 'Traceback' not in stderr
+    assert 'interrupted after' in stderr
+    rows = rows_of(results)
+    assert 1 <= len(rows) < 1000
+    assert (out / 'results.md').read_text() == stdout
+    assert f'| glass | default | {len(rows)} |' in stdout
+    assert (out / 'success.png').exists()
+    assert not list(scratch.iterdir())
+    deadline = time.monotonic() + 60  # Python's own helper ends when it sees that nobody is left
+    while group_lives(process.pid) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not group_lives(process.pid)
+
+
+def test_what_cannot_be_done_is_told_at_once(captures):
+    done = subprocess.run(command(captures, '--set', 'moves=0'), capture_output=True, text=True,
+                          check=False)
+    assert done.returncode == 1
+    assert 'moves' in done.stderr
+    assert 'Traceback' not in done.stderr

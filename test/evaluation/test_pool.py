@@ -1,0 +1,105 @@
+"""Trials in several processes are those of one; what is shared is shared; what is made is few."""
+
+import os
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pmcl_scenes import bracket
+from tiny_capture import QUICK, write_capture
+
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.evaluation.captures import find_captures
+from pmcl_ros.evaluation.plan import Plan
+from pmcl_ros.evaluation.pool import run_batches
+from pmcl_ros.evaluation.shared import Shared
+from pmcl_ros.evaluation.variants import Variant
+
+TIMES = {'seconds': 0.0, 'dlv_seconds': 0.0, 'decode_seconds': 0.0, 'renderer': ''}
+ROW = (Variant.parse(QUICK),)
+
+
+@pytest.fixture(scope='module')
+def captures(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('tiny')
+    write_capture(folder / 'glass', seed=1)
+    write_capture(folder / 'thing', seed=2, mesh=bracket(), film=True)
+    write_capture(folder / 'nothing', empty=True)
+    return find_captures(folder)
+
+
+def made(plan, processes):
+    """The trials but for their times, by what they are; volumes are few at once, and deleted."""
+    most, folders = 0, set()
+
+    def watched(folder):
+        nonlocal most
+        folders.add(folder)
+        for batch in plan.batches(folder):
+            most = max(most, len(os.listdir(folder)))
+            yield batch
+
+    trials = [replace(each, **TIMES) for each in run_batches(watched, processes)]
+    assert len(trials) == plan.count
+    assert most <= processes  # one is worked on while the next is made
+    assert len(folders) == 1
+    assert not folders.pop().exists()
+    return {(each.capture, each.mode, each.sought, each.seed): each for each in trials}
+
+
+def test_two_processes_make_the_trials_of_one(captures):
+    plan = Plan(tuple(captures), ROW, (0,), tuple(captures[:1]))
+    alone, together = made(plan, 1), made(plan, 2)
+    assert alone.keys() == together.keys()
+    assert len(alone) == 3 + 1  # in each capture, and the glass where the thing is
+    for key, trial in alone.items():
+        assert repr(trial) == repr(together[key])  # NaN is itself
+    for (capture, _, sought, _), trial in alone.items():
+        assert trial.wrong == (trial.empty is False and sought != capture)
+        assert trial.present == (trial.translation_mm == trial.translation_mm)
+    assert {each.film for key, each in alone.items() if key[0] == 'thing'} == {True}
+    glass = next(each for each in alone.values() if each.capture == each.sought == 'glass')
+    off = np.reshape(glass.pose, (3, 4))[:, 3] - captures[0].truth.pose[:3, 3]
+    assert glass.translation_mm == pytest.approx(1e3 * np.linalg.norm(off))
+    assert glass.mssd_mm >= glass.translation_mm  # the origin is inside the glass
+
+
+def test_each_seed_looks_for_another_wrong_object(captures):
+    plan = Plan((captures[0],), ROW, (0, 1, 2), tuple(captures))
+    with tempfile.TemporaryDirectory() as folder:
+        jobs = [job for batch in plan.batches(Path(folder)) for job in batch.jobs]
+    assert [(job.seed, job.sought.name) for job in jobs if job.sought.name != 'glass'] == [
+        (0, 'thing'), (1, 'thing'), (2, 'thing')]  # `nothing` has the model that is there
+    assert len(jobs) == plan.count == 6
+
+
+def test_what_fails_in_another_process_is_told_here(captures):
+    far = replace(captures[0].truth, roi_center=(9.0, 9.0, 0.4))
+    plan = Plan((replace(captures[0], truth=far),), ROW, (0, 1))
+    with pytest.raises(LocalizationError, match='outside the image'):
+        list(run_batches(plan.batches, 2))
+
+
+@dataclass(frozen=True)
+class Value:
+    name: str
+    first: np.ndarray
+    second: np.ndarray
+
+
+@pytest.mark.parametrize('shape', [(0,), (3,), (40, 30, 5)])
+def test_a_shared_value_is_the_one_that_was_put(tmp_path, shape):
+    rng = np.random.default_rng(0)
+    value = Value('x', rng.random(shape), rng.random((7, 3)).astype(np.float32)[::2].copy())
+    shared = Shared.put(value, tmp_path / 'value')
+    found = shared.get()
+    assert found.name == 'x'
+    for name in ('first', 'second'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(value, name))
+        assert getattr(found, name).dtype == getattr(value, name).dtype
+    if value.first.size:
+        assert not found.first.flags.writeable
+        shared.path.unlink()  # what is open stays
+        np.testing.assert_array_equal(found.first, value.first)

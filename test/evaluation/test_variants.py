@@ -1,0 +1,109 @@
+"""The rows of the tables: how they are named, and what volume each makes."""
+
+import shutil
+
+import numpy as np
+import pytest
+from pmcl_scenes import cup
+from tiny_capture import light_field, pose, write_capture
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evaluation.variants import Variant, sweep
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+
+@pytest.fixture
+def capture(tmp_path):
+    return Capture.load(write_capture(tmp_path / 'glass'))
+
+
+def settings(name, capture, grid):
+    variant = Variant.parse(name)
+    return variant, variant.volume(capture, ObjectModel.load(capture.model), grid)
+
+
+def test_values_go_where_they_belong(capture):
+    field = light_field(pose(0), cup())
+    variant, volume = settings('particles=7,views=5,truncate=true,edge_labels=9', capture,
+                               field.grid)
+    search = variant.search(capture)
+    assert (search.mode, search.particles, search.roi_size) == ('default', 7, (0.05, 0.05, 0.06))
+    assert (volume.views, volume.truncate, volume.edge_labels) == (5, True, 9)
+    assert volume.near < 0.4 - 0.03 < 0.4 + 0.03 < volume.far
+    variant, volume = settings('row=faithful,faithful_particles=9', capture, field.grid)
+    assert (variant.search(capture).mode, variant.search(capture).faithful_particles
+            ) == ('faithful', 9)
+    assert volume.interpolation == 'phase'
+
+
+def test_a_sweep_is_a_row_for_each_value():
+    rows = sweep('particles=8,16')
+    assert [each.name for each in rows] == ['particles=8', 'particles=16']
+    assert {each.group for each in rows} == {'particles'}
+
+
+@pytest.mark.parametrize(('text', 'reason'), [
+    ('moves=0', 'moves'), ('near=0.2', 'near is no parameter'), ('seed=1', 'seed is no parameter'),
+    ('sparkles=3', 'sparkles is no parameter'), ('row=best', "no row 'best'"),
+    ('moves', 'KEY=VALUE'), ('', 'KEY=VALUE'), ('moves=', 'KEY=VALUE'), ('a: {', 'KEY=VALUE')])
+def test_what_cannot_be_set_is_told(text, reason):
+    with pytest.raises(SettingsError, match=reason):
+        Variant.parse(text)
+
+
+def test_the_centre_view_alone_knows_no_depth(capture):
+    """All labels are alike; and no other view has a part in it, whatever it shows."""
+    field = light_field(pose(0), cup())
+    variant = Variant.parse('row=centre,labels=5,edge_labels=4')
+    chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
+    volume = variant.build(field, chosen)
+    assert volume.edges.tensor.max() > 0.5
+    for label in range(1, 4):
+        np.testing.assert_array_equal(volume.edges.tensor[:, :, label],
+                                      volume.edges.tensor[:, :, 0])
+    assert np.ptp(volume.likelihood) == 0
+    other = field.views.copy()
+    other[[0, 0, 2], [0, 1, 2]] = 0.5
+    again = variant.build(light_field_of(field, other), chosen)
+    np.testing.assert_array_equal(again.edges.tensor, volume.edges.tensor)
+    whole = build_volume(field, chosen)
+    assert whole.edges.tensor.shape == volume.edges.tensor.shape
+    assert (whole.edges.tensor[:, :, 0] != whole.edges.tensor[:, :, 3]).any()
+    assert (whole.depths == volume.depths).all()
+
+
+def light_field_of(field, views):
+    return type(field)(field.header, views, field.grid)
+
+
+def test_a_crop_is_the_centre_views_too(capture):
+    field = light_field(pose(0), cup())
+    variant = Variant.parse('row=centre,labels=5,edge_labels=4,crop=[10,20,40,30],stride=2')
+    chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
+    volume, whole = variant.build(field, chosen), build_volume(field, chosen)
+    assert volume.likelihood.shape == whole.likelihood.shape
+    assert volume.pinhole == whole.pinhole
+    assert len({variant, variant}) == 1
+
+
+def test_captures_are_found_by_name(tmp_path):
+    for name in ('b', 'a'):
+        write_capture(tmp_path / name)
+    (tmp_path / 'white').mkdir()
+    assert [each.name for each in find_captures(tmp_path)] == ['a', 'b']
+    assert [each.name for each in find_captures(tmp_path, ['b'])] == ['b']
+    assert len({each.object for each in find_captures(tmp_path)}) == 1
+    second = tmp_path / 'a/1'
+    second.mkdir()
+    for name in ('model.obj', 'truth.json'):
+        shutil.copy(tmp_path / 'b' / name, second)
+    targets = find_captures(tmp_path)
+    assert [each.name for each in targets] == ['a', 'a/1', 'b']
+    assert [each.source.name for each in targets] == ['a', 'a', 'b']
+    assert (targets[1].light_field(None).views == targets[0].light_field(None).views).all()
+    with pytest.raises(SettingsError, match='no capture c; there are a, a/1, b'):
+        find_captures(tmp_path, ['c'])
+    with pytest.raises(SettingsError, match='no subfolder'):
+        find_captures(tmp_path / 'white')

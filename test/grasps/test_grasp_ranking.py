@@ -1,0 +1,146 @@
+"""Ranking: equivalent under symmetry, safest first, and never what cannot be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.errors import GraspError
+from pmcl_ros.grasps.frames import about, transform
+from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.grasps.ranking import Ranker
+from pmcl_ros.grasps.settings import GraspSettings
+
+FETCH, SETTINGS = GripperSettings(), GraspSettings()
+PLACE = (0.72, 0.1, 0.75)
+SURE = np.diag([1e-6] * 3 + [1e-4] * 3)
+
+
+def ranker(vessels, made, name='cup', **changes):
+    return Ranker(vessels[name], FETCH, made[name], GraspSettings(**changes))
+
+
+@pytest.mark.parametrize('name', ['cup', 'lying cup'])
+@pytest.mark.parametrize('spin', [0.3, 2.0, -1.234])
+def test_a_spin_about_the_axis_changes_nothing(vessels, made, name, spin):
+    rank = ranker(vessels, made, name, most=1000, support=False).rank
+    pose, axis = transform(PLACE, (0.05, -0.1, 0.7)), vessels[name].axis
+    # not isotropic, and free about the axis, as an estimate tells it
+    covariance = np.diag([1e-6, 9e-6, 3e-5, 1e-4, 2e-4, 1e-4])
+    world = pose[:3, :3] @ axis
+    covariance[3:, 3:] += np.pi ** 2 / 3 * np.outer(world, world)
+    one = rank(pose, covariance)
+    two = rank(pose @ about(axis, np.array([spin]))[0], covariance)
+    assert len(one.candidates) > 20
+    assert one.refused == two.refused
+    assert len(one.candidates) == len(two.candidates)
+    np.testing.assert_allclose([each.score for each in one.candidates],
+                               [each.score for each in two.candidates], atol=1e-8)
+    # equals may change places
+    kept = [(each.grasp.name, each.pose) for each in two.candidates]
+    for each in one.candidates:
+        assert any(each.grasp.name == other and np.allclose(each.pose, pose, atol=1e-8)
+                   for other, pose in kept)
+
+
+def test_the_best_approach_points_away_from_the_shoulder(vessels, made):
+    sides = [each for each in made['cup'] if each.kind == 'side']
+    for angle in (-0.8, 0.0, 0.6):
+        place = np.array([0.7 * np.cos(angle), 0.7 * np.sin(angle), 0.75])
+        best = Ranker(vessels['cup'], FETCH, sides, SETTINGS).rank(
+            transform(place), SURE).candidates[0]
+        out = place[:2] - SETTINGS.shoulder[:2]
+        # the closed form, not only the nearest of 24 turns
+        assert best.pose[:2, 0] @ out / np.linalg.norm(out) == pytest.approx(1, abs=1e-9)
+        assert best.pose[2, 2] == pytest.approx(1)  # z up
+
+
+def test_scores_fall_and_what_is_told_is_true(vessels, made):
+    ranking = ranker(vessels, made).rank(transform(PLACE), SURE)
+    scores = [each.score for each in ranking.candidates]
+    assert (np.diff(scores) < 1e-8).all()
+    assert len(ranking.candidates) <= SETTINGS.most
+    for each in ranking.candidates:
+        assert each.probability >= SETTINGS.least_probability
+        assert 0 <= each.comfort <= 1
+        before = each.before(0.1)
+        np.testing.assert_allclose(each.pose[:3, 3] - before[:3, 3], 0.1 * each.pose[:3, 0])
+        # the wrist is within reach, there and before
+        for pose in (each.pose, before):
+            wrist = (pose @ FETCH.parent_pose)[:3, 3] - SETTINGS.wrist * pose[:3, 0]
+            assert np.linalg.norm(wrist - SETTINGS.shoulder) <= SETTINGS.reach
+    assert 'best' in ranking.describe()
+
+
+def test_the_fingers_close_where_the_pose_is_sure(vessels, made):
+    # An estimate is least sure along the camera's ray: here along the robot's x. Fingers that
+    # close along y do not mind; over the top of the glass they can be turned as they like.
+    over = [each for each in made['cup'] if each.kind == 'top']
+    unsure = SURE + np.diag([1.2e-4, 0, 0, 0, 0, 0])
+    rank = Ranker(vessels['cup'], FETCH, over, GraspSettings(least_probability=0.2)).rank
+    best = rank(transform((0.6, 0.0, 0.55)), unsure).candidates[0]
+    assert abs(best.pose[1, 1]) > 0.8
+    worst = rank(transform((0.6, 0.0, 0.55)), unsure).candidates[-1]
+    assert abs(worst.pose[1, 1]) < 0.5
+    assert worst.probability < best.probability - 0.05
+
+
+def test_a_pose_that_is_too_unsure_gets_no_grasp(vessels, made):
+    rank = ranker(vessels, made).rank
+    assert rank(transform(PLACE), SURE).candidates
+    none = rank(transform(PLACE), np.diag([4e-4] * 3 + [1e-4] * 3))
+    assert not none.candidates
+    assert 'not surely clear' in none.describe()
+    # tilted, the grasp is as unsure as its lever is long
+    tilt = rank(transform(PLACE), np.diag([1e-6] * 3 + [0.3 ** 2] * 2 + [0]))
+    heights = {each.grasp.name for each in tilt.candidates}
+    assert len(heights) < len({each.grasp.name for each in
+                               rank(transform(PLACE), SURE).candidates} | {'none'})
+
+
+def test_what_is_out_of_reach_is_refused(vessels, made):
+    for place, nearest in (((2.0, 0, 0.7), 0.25), ((0.4, 0, 0.75), 0.75)):
+        ranking = ranker(vessels, made, support=False, nearest=nearest).rank(
+            transform(place), SURE)
+        assert not ranking.candidates
+        assert 'out of reach' in ranking.describe()
+
+
+def test_the_gripper_stays_above_what_the_object_stands_on(vessels, made):
+    pose = transform(PLACE)
+    free = ranker(vessels, made, support=False, most=1000).rank(pose, SURE)
+    standing = ranker(vessels, made, most=1000).rank(pose, SURE)
+    low = {each.grasp.name for each in free.candidates} - {
+        each.grasp.name for each in standing.candidates}
+    assert {'side_13mm', 'side_26mm'} <= low
+    for each in standing.candidates:
+        corners = FETCH.corners(each.grasp.opening).reshape(-1, 3)
+        assert (corners @ each.pose[2, :3]).min() + each.pose[2, 3] >= PLACE[2]
+
+
+def test_upside_down_the_other_end_is_grasped(vessels, made):
+    ranking = ranker(vessels, made, most=1000).rank(
+        transform((0.6, 0, 0.7), (np.pi, 0, 0)), SURE)
+    names = {each.grasp.name for each in ranking.candidates}
+    assert 'over_base' in names
+    assert not names & {'over_top', 'rim_top'}
+    assert all(each.pose[2, 2] > -1e-6 for each in ranking.candidates)  # the camera stays up
+
+
+def test_an_object_without_symmetry_is_taken_as_it_lies(vessels, made):
+    model = replace(vessels['cup'], axis=None)
+    pose = transform(PLACE, (0, 0, np.pi / 2))
+    ranking = Ranker(model, FETCH, made['cup'], GraspSettings(least_probability=0.0)).rank(
+        pose, SURE)
+    for each in ranking.candidates:
+        turn = Rotation.from_matrix(each.pose[:3, :3])
+        expected = (pose @ each.grasp.pose)[:3, :3]
+        assert min(Rotation.from_matrix(expected @ flip).inv().__mul__(turn).magnitude()
+                   for flip in (np.eye(3), np.diag([1.0, -1, -1]))) < 1e-9
+
+
+def test_a_grasp_that_touches_is_named(vessels, made):
+    narrow = replace(made['cup'][0], name='narrow', opening=0.05)
+    with pytest.raises(GraspError, match=r'touches cup.*narrow.*pmcl grasps'):
+        Ranker(vessels['cup'], FETCH, [narrow], SETTINGS)

@@ -1,0 +1,248 @@
+"""grasp_node as a process: poses in, grasps out; none for what is lost, unsure, or of no time."""
+
+import subprocess
+import sys
+import time
+from functools import cached_property
+
+import numpy as np
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
+from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, ROOT, UNCONFIGURED, Process
+from std_msgs.msg import Float32MultiArray
+from visualization_msgs.msg import Marker, MarkerArray
+
+from pmcl_ros import conversions as cv
+from pmcl_ros.grasps.frames import inverse, transform, turned_covariance
+from pmcl_ros.grasps.grasp_file import GraspFile
+from pmcl_ros.grasps.ranking import Ranker
+from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.header import Header
+from pmcl_ros.nodes.base import SMALL
+from pmcl_ros.nodes.grasp_messages import pose_to_message
+
+FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
+SETTINGS = GraspSettings(grasps=str(FILE), arm='topic')
+SECOND = 1_000_000_000
+STAMP = 1_700_000_000 * SECOND + 7
+GLASS = transform((0.75, 0.1, 0.8), (0.0, 0.05, 0.4))  # in the base
+ARM = transform((0.4, 0.05, 1.0), (0.0, 0.5, 0.1))
+CAMERA = ARM @ transform(SETTINGS.mount_position, SETTINGS.mount_rpy)
+SPREAD = np.diag([4e-6, 4e-6, 2.5e-5, 1e-4, 1e-4, 1e-4])
+
+
+def stamped(pose, stamp=STAMP, frame='base_link'):
+    return PoseStamped(header=cv.header_to_message(Header(stamp, frame)),
+                       pose=pose_to_message(pose))
+
+
+def with_covariance(pose, covariance=SPREAD, stamp=STAMP, frame='lytro_optical_frame'):
+    return PoseWithCovarianceStamped(
+        header=cv.header_to_message(Header(stamp, frame)),
+        pose=PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance.ravel()))
+
+
+class Planner:
+    """What a robot's side says and hears."""
+
+    def __init__(self, user):
+        self.user = user
+        self.pose = user.publisher(PoseStamped, 'pose', SMALL)
+        self.both = user.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
+        self.heard = {topic: user.listen(kind, topic, SMALL) for topic, kind in (
+            ('grasps', PoseArray), ('pre_grasps', PoseArray), ('grasp', PoseStamped),
+            ('grasps/details', Float32MultiArray), ('pre_grasp', PoseStamped),
+            ('grasp_markers', MarkerArray))}
+
+    @cached_property
+    def arm(self):
+        return self.user.publisher(PoseStamped, 'arm_pose', SMALL)
+
+    def grasps(self, stamp=STAMP):
+        """The next `grasps`, all topics heard; what came before is forgotten."""
+        wanted = ['grasps', 'pre_grasps', 'grasps/details', 'grasp_markers']
+        self.user.wait(lambda: all(self.heard[each] for each in wanted), 'grasps')
+        grasps = self.heard['grasps'][-1]
+        assert cv.header_from(grasps.header) == Header(stamp, 'base_link')
+        if grasps.poses:
+            self.user.wait(lambda: self.heard['grasp'] and self.heard['pre_grasp'], 'the best')
+        found = {topic: messages.pop() for topic, messages in self.heard.items() if messages}
+        for messages in self.heard.values():
+            messages.clear()
+        return found
+
+
+@pytest.fixture
+def node(tmp_path, user):
+    """A function settings -> (process, planner) of an active node."""
+    processes = []
+
+    def node(**changes):
+        params = {'grasps': str(FILE), 'arm': 'topic'} | changes
+        process = Process(tmp_path, 'pmcl_ros.nodes.grasp_node', params=params)
+        processes.append(process)
+        assert all(user.change('grasp_node', CONFIGURE, ACTIVATE)), process.log
+        return process, Planner(user)
+
+    yield node
+    for process in processes:
+        with process:
+            pass
+
+
+def warned(user, process, reason):
+    user.wait(lambda: reason in process.log or not process.alive(), f'{reason!r} to be told')
+    assert 'Traceback' not in process.log
+
+
+def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
+    process, planner = node()
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+    planner.arm.publish(stamped(ARM))
+    user.delivered(planner.arm)
+
+    # the same as the core makes of it, in the base, of the gripper's parent link
+    planner.both.publish(with_covariance(inverse(CAMERA) @ GLASS))
+    found = planner.grasps()
+    model, gripper, grasps = GraspFile.read(FILE)
+    expected = Ranker(model, gripper, grasps, SETTINGS).rank(
+        GLASS, turned_covariance(SPREAD, CAMERA[:3, :3])).candidates
+    poses = cv.particles_from(found['grasps'])[1]
+    assert len(poses) == len(expected) > 10
+    parent = np.stack([each.pose for each in expected]) @ gripper.parent_pose
+    details = np.reshape(found['grasps/details'].data, (-1, 4))
+    np.testing.assert_allclose(details[:, 0], [each.score for each in expected], atol=1e-5)
+    np.testing.assert_allclose(details[:, 2:], [[each.grasp.width, each.grasp.opening]
+                                                for each in expected], atol=1e-5)
+    rows, columns = found['grasps/details'].layout.dim
+    assert (rows.label, rows.size) == (f'grasps;stamp={STAMP}', len(poses))
+    assert columns.label == 'score,probability,width,opening'
+    np.testing.assert_allclose(poses[0], parent[0], atol=1e-6)
+    for each in poses:  # equals may have changed places
+        assert np.abs(parent - each).max(axis=(1, 2)).min() < 1e-6
+    assert found['grasp'].pose == found['grasps'].poses[0]
+    # the fingers are where they touch the glass: the axis passes between them
+    fingers = poses[0] @ transform(gripper.parent_to_grasp)
+    seen = inverse(fingers) @ GLASS
+    assert abs(seen[1, 3]) < 1e-6
+    before = cv.particles_from(found['pre_grasps'])[1]
+    np.testing.assert_allclose(poses[:, :3, 3] - before[:, :3, 3], 0.1 * poses[:, :3, 0],
+                               atol=1e-9)
+    assert found['pre_grasp'].pose == found['pre_grasps'].poses[0]
+    clear, first, *_, arrow = found['grasp_markers'].markers
+    assert (clear.action, first.type, arrow.type) == (Marker.DELETEALL, Marker.LINE_LIST,
+                                                      Marker.ARROW)
+    drawn = cv.pose_from(PoseStamped(header=first.header, pose=first.pose))[1]
+    np.testing.assert_allclose(drawn, fingers, atol=1e-6)
+    assert len(first.points) == 3 * 24
+    user.wait(lambda: any(each.status[0].name == 'grasp_node'
+                          and each.status[0].level == DiagnosticStatus.OK
+                          and 'best side' in each.status[0].message for each in states), 'health')
+
+    # lost: none, and it says so
+    now, lost = Header(STAMP + SECOND, 'base_link'), DiagnosticStatus(
+        level=DiagnosticStatus.WARN, name='pmcl_node', message='lost: no glass in capture 8')
+    told.publish(DiagnosticArray(header=cv.header_to_message(now), status=[lost]))
+    gone = planner.grasps(now.stamp_ns)
+    assert not gone['grasps'].poses
+    assert 'grasp' not in gone
+    assert [each.action for each in gone['grasp_markers'].markers] == [Marker.DELETEALL]
+    warned(user, process, 'no grasp: lost: no glass in capture 8')
+    user.wait(lambda: any(each.status[0].name == 'grasp_node'
+                          and each.status[0].level == DiagnosticStatus.WARN
+                          for each in states), 'the warning')
+
+    # unsure: none, and it says so
+    planner.both.publish(with_covariance(inverse(CAMERA) @ GLASS, 400 * SPREAD))
+    assert not planner.grasps()['grasps'].poses
+    warned(user, process, 'not surely clear of the object')
+
+    # no covariance: one is assumed
+    planner.pose.publish(stamped(inverse(CAMERA) @ GLASS, STAMP + 1, 'lytro_optical_frame'))
+    assert planner.grasps(STAMP + 1)['grasps'].poses
+    warned(user, process, 'poses come without pose_with_covariance: 0.005 m and 0.05 rad')
+
+
+def test_what_cannot_be_placed_is_refused(node, user):
+    process, planner = node()
+    seen = inverse(CAMERA) @ GLASS
+    for publish, reason in (
+            (lambda: None, 'no pose of the arm has come'),
+            (lambda: planner.arm.publish(stamped(ARM, STAMP - 2 * SECOND)),
+             '2.000 s older, at most 0.1 s are allowed (max_age)'),
+            (lambda: planner.arm.publish(stamped(ARM, STAMP, 'odom')),
+             "arm_pose is told in 'odom', expected base_frame 'base_link'")):
+        publish()
+        user.delivered(planner.arm)
+        planner.both.publish(with_covariance(seen))
+        assert not planner.grasps()['grasps'].poses
+        warned(user, process, reason)
+    planner.arm.publish(stamped(ARM))
+    user.delivered(planner.arm)
+    planner.both.publish(with_covariance(seen, frame='another_camera'))
+    assert not planner.grasps()['grasps'].poses
+    warned(user, process, "told in 'another_camera', expected camera_frame")
+    planner.both.publish(with_covariance(seen))
+    assert planner.grasps()['grasps'].poses
+
+
+def test_a_consumer_gets_what_moveit_wants(tmp_path, node, user):
+    process, planner = node(arm='fixed', mount_position=CAMERA[:3, 3].tolist(),
+                            mount_rpy=[-1.0, 0.5, -1.5])
+    mount = transform(CAMERA[:3, 3], (-1.0, 0.5, -1.5))
+    script = [sys.executable, str(ROOT / 'examples' / 'fetch_pick.py')]
+    with subprocess.Popen(script, stdout=subprocess.PIPE, text=True) as pick:
+        user.wait(lambda: 'fetch_pick' in user.node.get_node_names(), 'the example')
+        user.wait(lambda: user.node.count_subscribers('grasps/details') > 1, 'its subscriptions')
+        stamp = STAMP
+        while pick.poll() is None:  # DDS may tell the node of it later than this side
+            stamp += SECOND
+            planner.both.publish(with_covariance(inverse(mount) @ GLASS, stamp=stamp))
+            found = planner.grasps(stamp)
+            assert found['grasps'].poses
+            until = time.monotonic() + 1
+            user.wait(lambda until=until: pick.poll() is not None or time.monotonic() > until,
+                      'the example')
+        printed = next(yaml.safe_load_all(pick.stdout.read()))['grasps']
+    assert pick.returncode == 0
+    assert len(printed) == len(found['grasps'].poses)
+    best, expected = printed[0], found['grasps'].poses[0]
+    assert best['grasp_pose']['pose']['position'] == {
+        each: getattr(expected.position, each) for each in 'xyz'}
+    assert best['grasp_pose']['header']['frame_id'] == 'base_link'
+    assert best['pre_grasp_posture']['points'][0]['positions'] == pytest.approx([0.05, 0.05])
+    assert best['grasp_quality'] == pytest.approx(found['grasps/details'].data[0])
+    assert process.alive()
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ({}, "parameter 'grasps' is empty"),
+    ({'grasps': 'package://pmcl_ros/config/objects/no.yaml'}, 'no.yaml is in none of'),
+    ({'grasps': str(FILE), 'arm': 'tf'}, 'tf2_ros cannot be imported'),
+])
+def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user, changes, reason):
+    if changes.get('arm') == 'tf':
+        try:
+            import tf2_ros  # noqa: F401
+        except ImportError:
+            pass
+        else:
+            pytest.skip('tf2_ros is there')
+    with Process(tmp_path, 'pmcl_ros.nodes.grasp_node', params=changes or {'turns': 24}) as node:
+        assert not user.change('grasp_node', CONFIGURE)
+        assert reason in node.log
+        assert user.state('grasp_node') == UNCONFIGURED
+        assert user.set('grasp_node', grasps=str(FILE), arm='auto') == []
+        assert all(user.change('grasp_node', CONFIGURE, ACTIVATE, DEACTIVATE, CLEANUP, CONFIGURE))
+
+
+def test_bring_up_starts_it_with_a_grasp_file(tmp_path, user):
+    chain = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
+    without = [part for each in chain for part in ('--without', each)]
+    with Process(tmp_path, 'pmcl_ros.nodes.bringup', *without, '--grasps', FILE) as bringup:
+        user.wait(lambda: 'active: grasp_node' in bringup.log or not bringup.alive(), 'it')
+        assert 'active: grasp_node' in bringup.log
+        assert '6 grasps of wine_glass' in bringup.log

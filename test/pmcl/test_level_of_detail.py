@@ -1,0 +1,82 @@
+"""Simplified meshes: how far they are from the full ones, in space and in the image."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pmcl_scenes import bracket, cup, model_of, random_poses
+from scipy.ndimage import distance_transform_edt
+
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.level_of_detail import _Faces, simplified
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
+
+CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
+
+
+def subdivided(mesh, times):
+    for _ in range(times):
+        mesh = mesh.subdivide()
+    return mesh
+
+
+def dented_ball():
+    """20,000 faces, nowhere flat."""
+    mesh = trimesh.creation.icosphere(5, 0.04)
+    mesh.vertices *= 1 + 0.06 * np.sin(60 * mesh.vertices[:, [1]])
+    return mesh
+
+
+MESHES = {'ball': dented_ball(), 'bracket': subdivided(bracket(), 4), 'cup': subdivided(cup(), 3)}
+
+
+@pytest.mark.parametrize('name', MESHES)
+def test_silhouettes_move_by_less_than_a_third_of_a_pixel(name):
+    model = model_of(MESHES[name])
+    near = 0.35
+    small = simplified(model, 0.25 * (near - 0.06) / 945)
+    assert len(small.faces) < 0.5 * len(model.faces)
+    assert small.closed == model.closed
+    # Five times as fine as the image, so that a third of a pixel is several of these.
+    zoom = 5
+    camera = Pinhole(1400, 1400, zoom * 945, zoom * 945, 700, 700)
+    poses = random_poses(3, 1, depth=(near, near + 0.01), aside=0)
+    seen = [NumbaRenderer().depths(Scene(each, camera, Window(0, 0, (1400, 1400)), 0.1, 1),
+                                   poses) > 0 for each in (model, small)]
+    for full, few in zip(*seen, strict=True):
+        assert 0.05 < full.mean() < 1
+        for one, other in ((full, few), (few, full)):
+            # How far what one alone covers is from what the other does.
+            assert distance_transform_edt(~other)[one].max() / zoom < 0.3 + 1 / zoom
+
+
+def test_few_faces_are_left_as_they_are():
+    model = model_of(bracket())
+    assert simplified(model, 1e-3) is model
+
+
+def test_a_tolerance_that_allows_nothing_leaves_the_model():
+    model = model_of(dented_ball())
+    assert simplified(model, 1e-9) is model
+
+
+def test_it_is_done_once():
+    model = model_of(MESHES['bracket'])
+    assert simplified(model, 2e-4) is simplified(model, 2e-4)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 10_000))
+def test_distances_to_faces_are_those_of_trimesh(seed):
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.creation.icosphere(1, 0.05)
+    mesh.vertices += rng.normal(0, 0.01, mesh.vertices.shape)
+    points = rng.normal(0, 0.05, (40, 3))
+    expected = trimesh.proximity.closest_point_naive(mesh, points)[1]
+    found = _Faces.of(mesh, 0.1).distances(points)
+    assert (found >= expected - 1e-12).all()
+    # What is far from all faces may be given to one that is nearly as near.
+    close = expected < 0.005
+    np.testing.assert_allclose(found[close], expected[close], atol=1e-9)

@@ -1,0 +1,81 @@
+"""The sampler, on posteriors that are known."""
+
+import numpy as np
+import pytest
+from pmcl_scenes import random_poses
+
+from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
+from pmcl_ros.pmcl.summary import moved, same_mode, tangent, tangent_basis
+
+AXIS = np.array([0, 0, 1.0])
+SIGMA = np.array([0.001, 0.0005, 0.004, 0.02, 0.03, 0.01])
+
+
+def covariance_of(seed):
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    mixed = 0.5 * np.eye(6) + 0.5 * turn @ np.diag(rng.uniform(0.1, 2, 6)) @ turn.T
+    return SIGMA[:, None] * mixed * SIGMA
+
+
+def density(pose, covariance, axis, poses):
+    basis = tangent_basis(pose, axis)
+    deviations = tangent(poses, pose, axis) @ basis
+    inverse = np.linalg.inv(basis.T @ covariance @ basis)
+    return -0.5 * np.einsum('ni,ij,nj->n', deviations, inverse, deviations)
+
+
+@pytest.mark.parametrize('axis', [None, AXIS], ids=['whole', 'symmetric'])
+@pytest.mark.parametrize('seed', range(3))
+def test_a_gaussian_is_sampled_with_its_mean_and_covariance(axis, seed):
+    pose, target = random_poses(1, seed)[0], covariance_of(seed)
+    basis = tangent_basis(pose, axis)
+    # The start is off by a standard deviation, and three times as wide.
+    start = moved(pose, (basis @ basis.T @ SIGMA)[None])[0]
+    poses, values, own = sample_posterior(
+        lambda each: density(pose, target, axis, each), [Gaussian.of(start, 9 * target, axis)],
+        axis, 1500, 6, np.random.default_rng(seed), lambda _: True)
+    np.testing.assert_allclose(values, density(pose, target, axis, poses), atol=1e-6)
+    assert (own == 0).all()
+    deviations = tangent(poses, pose, axis) @ basis
+    expected = basis.T @ target @ basis
+    scale = np.sqrt(np.diag(expected))
+    assert (np.abs(deviations.mean(axis=0)) < 0.25 * scale).all()
+    found = np.cov(deviations.T) / np.outer(scale, scale)
+    np.testing.assert_allclose(found, expected / np.outer(scale, scale), atol=0.3)
+
+
+def test_modes_share_the_particles_as_the_posterior_does():
+    first, second = random_poses(2, 5)
+    assert not same_mode(second[None], first, None, 0.01, 0.1)[0]
+    target = covariance_of(0)
+
+    def two(poses):  # three to one
+        return np.logaddexp(np.log(3) + density(first, target, None, poses),
+                            density(second, target, None, poses))
+
+    shares = []
+    for seed in range(4):
+        _, _, own = sample_posterior(
+            two, [Gaussian.of(each, 4 * target, None) for each in (second, first)], None, 600, 3,
+            np.random.default_rng(seed), lambda _: True)
+        shares.append((own == 1).mean())
+    assert np.mean(shares) == pytest.approx(0.75, abs=0.06)
+
+
+def test_what_is_impossible_is_left_out_and_stopping_is_heard():
+    pose, target = random_poses(1, 0)[0], covariance_of(0)
+
+    def half(poses):
+        return np.where(poses[:, 0, 3] > pose[0, 3], density(pose, target, None, poses), -np.inf)
+
+    start = [Gaussian.of(pose, 4 * target, None)]
+    poses, values, _ = sample_posterior(half, start, None, 300, 3, np.random.default_rng(0),
+                                        lambda _: True)
+    assert np.isfinite(values).all()
+    assert (poses[:, 0, 3] > pose[0, 3]).all()
+    calls = []
+    stopped, _, _ = sample_posterior(half, start, None, 300, 3, np.random.default_rng(0),
+                                     lambda part: calls.append(part))
+    assert calls == [0]
+    assert len(stopped) == 300
