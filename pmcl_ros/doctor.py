@@ -13,12 +13,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from pmcl_ros.camera.lytro.discovery import find_camera
 from pmcl_ros.errors import PmclError, RenderError
 from pmcl_ros.gl import GlContext
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.kernels import cache_folder
 
 Verdict = Literal['ok', 'note', 'wrong']
 
@@ -79,14 +77,9 @@ def packages() -> Finding:
 
 
 def kernels() -> Finding:
-    """Whether loops are compiled, and their machine code kept."""
-    values = np.arange(4.0)
-    with LOCK:
-        _probe(values)
-    cache = getattr(_probe, '_cache', None)
-    folder = getattr(cache, 'cache_path', None)
+    """Whether the machine code of compiled loops can be kept."""
     cores = len(os.sched_getaffinity(0))
-    if folder is None:
+    if cache_folder() is None:
         return Finding('numba', 'note', f'{cores} cores; no folder to keep machine code in',
                        'set NUMBA_CACHE_DIR to a folder that may be written, or every process '
                        'compiles anew')
@@ -181,8 +174,3 @@ def _installed(requirement: str) -> bool:
 
 def _numbers(text: str) -> list[int]:
     return [int(each) for each in re.findall(r'\d+', text)[:3]]
-
-
-@compiled(parallel=True)
-def _probe(values):  # type: ignore[no-untyped-def]
-    return values.sum()
