@@ -68,7 +68,8 @@ def test_localize_prints_one_json_object_with_the_pose(captures, name, tmp_path)
     done = localize(capture, '--seed', 3, '--json', '--out', tmp_path)
     result = json.loads(done.stdout)
     assert set(result) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost',
-                           'timings_ms'}
+                           'modes', 'timings_ms'}
+    assert sum(each['weight'] for each in result['modes']) == pytest.approx(1)
     assert set(result['timings_ms']) == {'decode', 'dlv', 'pmcl'}
     assert result['lost'] is False
     assert np.linalg.norm(result['orientation_xyzw']) == pytest.approx(1)

@@ -38,11 +38,11 @@ def truncate(likelihood: NDArray[np.float32], maxima: int, neighbours: int) -> N
 @compiled()
 def _log1p(x):  # type: ignore[no-untyped-def]
     """log(1 + x) for x in [0, 1], 2 artanh(x / (2 + x)): a library's would not run on vectors."""
-    s = x / (np.float32(2) + x)
+    s = np.divide(x, np.float32(2) + x)  # the operator's check for 0 keeps loops from vectors
     q = s * s
     series = np.float32(1 / 13)
     for n in (11, 9, 7, 5, 3, 1):
-        series = series * q + np.float32(1) / np.float32(n)
+        series = series * q + np.float32(1 / n)
     return (s + s) * series
 
 
@@ -66,7 +66,8 @@ def row_likelihood(differences, base, likelihood):  # type: ignore[no-untyped-de
     count = np.float32(labels)
     for x in range(width):
         total[x] += count * base[x]
-        total[x] = np.float32(1) / total[x] if total[x] > _NOTHING else np.float32(0)
+        total[x] = (np.divide(np.float32(1), total[x]) if total[x] > _NOTHING
+                    else np.float32(0))
     rows = np.empty((labels, width), np.float32)
     for label in range(labels):
         row, out = differences[label], rows[label]

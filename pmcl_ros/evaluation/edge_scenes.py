@@ -2,12 +2,15 @@
 
 Cheap enough to ask hundreds of times whether a posterior is as sure as it should be: contours with
 gaps, displaced as `ModelError` says, walls behind them, clutter at all depths, and noise that is
-correlated between pixels and labels.
+correlated between pixels and labels; all in units of the contrast around, as an edge volume is.
+Strengths, widths and their scatter are such that the energies across contours are distributed as
+those of rendered scenes (`evaluation/scenes`; docs/method.md).
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -28,10 +31,15 @@ _CAMERA = Pinhole(190, 180, 540, 540, 96.5, 88.0)
 _ZOOM = 3  # samples of the contour per pixel
 _LABELS = 12
 _SIDE = 0.1  # m, of the region of interest
-_WIDTH = 0.9  # px: standard deviation of an edge's energy across it
-_GAPS = 14.0  # px: how fast the strength of a contour changes along it
-_BACKGROUND, _GRAIN = 0.3, 1.3  # energy of noise, and its correlation length [px]
+_WIDTH = 1.2  # px: standard deviation of an edge's energy across it
+_INWARDS = 0.15  # px: where the energy of a contour is centred, as the profile was learned
+_GAPS = (10.0, 35.0)  # px: how fast the strength of a contour changes along it
+_CONTOUR, _OF_SCENE, _OF_PLACE = 1.0, 0.6, 1.0  # its strength, and the scatter of its logarithm
+_WALL, _INSIDE = 0.35, (2.5, 8.0)  # an inner wall: strength relative to that, how far inside [px]
+_BACKGROUND, _GRAIN = 0.12, 1.3  # energy of noise, and its correlation length [px]
+_TEXTURE, _PATCHES = 0.7, 20.0  # scatter of the noise's logarithm, over patches of so many px
 _CLUTTER = 25  # other edges
+_NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 
 
 @dataclass(frozen=True)
@@ -63,7 +71,7 @@ def random_edge_scene(rng: np.random.Generator, draw: Draw, error: ModelError) -
     tensor = _noise(rng) + _clutter(rng)
     depth = np.asarray(draw(model, pose, camera), float)
     tensor += _contour(rng, depth, depths, 0.2 * model.radius, error)
-    edges = EdgeVolume(Header(), tensor.astype(np.float32), depths, _CAMERA)
+    edges = EdgeVolume(Header(), _normalised(tensor), depths, _CAMERA)
     likelihood = np.zeros((_CAMERA.height, _CAMERA.width, 2), np.float32)
     volume = DepthLikelihoodVolume(Header(), likelihood, depths[[0, -1]], _CAMERA, edges)
     x, y, z = (float(each) for each in centre)
@@ -98,6 +106,7 @@ def _noise(rng: np.random.Generator) -> NDArray[np.float64]:
     shape = (_CAMERA.height, _CAMERA.width, _LABELS, 2, 2)
     gradients = gaussian_filter(rng.normal(size=shape), (_GRAIN, _GRAIN, 2, 0, 0))
     gradients *= _BACKGROUND / 2 ** 0.5 / gradients.std()
+    gradients *= np.exp(_TEXTURE * _field(rng, _PATCHES))[..., None, None, None]
     gx, gy = gradients[..., 0, :], gradients[..., 1, :]
     return np.stack([(gx * gx).sum(-1), (gy * gy).sum(-1), (gx * gy).sum(-1)], axis=-1)
 
@@ -141,19 +150,34 @@ def _contour(rng: np.random.Generator, depth: NDArray[np.float64], depths: NDArr
     outwards = np.where(inside, -away, away) - 0.5 / _ZOOM
     at = row // _ZOOM, column // _ZOOM
     displaced = _displacements(rng, inside, error)[at]
-    strength = np.clip(1.3 + 0.6 * _field(rng, _GAPS), 0, 2.2)[at]
+    strength = _strength(rng)[at]
     silhouette = gaussian_filter(inside.astype(float), 1.5)
     ny, nx = np.gradient(silhouette)
     flat = np.hypot(nx, ny) < 1e-4
     nx, ny = np.where(flat, dx, nx), np.where(flat, dy, ny)
     size = np.maximum(np.hypot(nx, ny), 1e-9)
     nx, ny = nx / size, ny / size
-    energy = strength * np.exp(-0.5 * ((outwards - displaced) / _WIDTH) ** 2)
+    energy = strength * np.exp(-0.5 * ((outwards + _INWARDS - displaced) / _WIDTH) ** 2)
     tensor = _edges(energy, nx, ny, label, 3.0)
-    depth_of_wall = rng.uniform(2.5, 7)
-    wall = np.clip(0.5 + 0.6 * _field(rng, _GAPS), 0, 1.5)[at]
-    energy = wall * np.exp(-0.5 * ((outwards + depth_of_wall) / _WIDTH) ** 2)
+    # What is seen inside follows the contour, but neither at one distance nor as strong as it.
+    depth_of_wall = np.exp(rng.uniform(*np.log(_INSIDE)) + 0.3 * _field(rng, _GAPS[1])[at])
+    part = _WALL * np.exp(0.6 * _field(rng, _GAPS[0])[at])
+    energy = part * strength * np.exp(-0.5 * ((outwards + depth_of_wall) / _WIDTH) ** 2)
     return tensor + _edges(energy, nx, ny, label, 3.0)
+
+
+def _strength(rng: np.random.Generator) -> NDArray[np.float64]:
+    """(height, width) of a contour there: faint in places, and in some scenes."""
+    short, long = (_field(rng, length) for length in _GAPS)
+    scatter = _OF_PLACE * (short + long) / 2 ** 0.5
+    return np.asarray(_CONTOUR * np.exp(_OF_SCENE * rng.normal() + scatter))
+
+
+def _normalised(tensor: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Divided by its mean over a neighbourhood plus its median, as `dlv.edges` does."""
+    energy = tensor[..., 0] + tensor[..., 1]
+    around = cv2.GaussianBlur(energy, (0, 0), _NEIGHBOURHOOD) + np.median(energy)
+    return (tensor / around[..., None]).astype(np.float32)
 
 
 def _displacements(rng: np.random.Generator, inside: NDArray[np.bool_], error: ModelError

@@ -8,14 +8,16 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import expit
 
-from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.motion import perturb, uniform_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.pmcl.settings import PmclSettings
 
 OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
 KNOTS = np.array([0, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.5], np.float32)
@@ -23,6 +25,7 @@ _RIDGE = 3e-3  # of the squared coefficients, relative to the mean loss of a poi
 _NEAR = np.array([0.003, 0.003, 0.02]), 0.07  # m, rad: of poses that nearly fit
 _POSES = 12  # wrong ones for a scene: half of them near the true one
 _POINTS = 600  # of a contour, at most
+_OTHERS = 2  # objects looked for in a scene that are in others
 
 
 @dataclass(frozen=True)
@@ -92,6 +95,49 @@ def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
                     options={'maxiter': 500}).x
     tables = best[:-1].reshape(given.energies.shape[1], len(KNOTS))
     return ContourProfile(OFFSETS, KNOTS, tables.astype(np.float32), float(best[-1]))
+
+
+@dataclass(frozen=True)
+class Supports:
+    """Of the best pose found for objects (`pmcl.support`): there (n,), elsewhere (m,)."""
+
+    there: NDArray[np.float64]
+    elsewhere: NDArray[np.float64]
+
+    def threshold(self, false_alarms: float) -> float:
+        """The least support that only this share of the objects that are elsewhere has."""
+        return float(np.quantile(self.elsewhere, 1 - false_alarms))
+
+    def missed(self, least: float) -> float:
+        """Share of the objects there whose support is less."""
+        return float((self.there < least).mean())
+
+
+def supports(examples: Iterable[Example], profile: ContourProfile, seed: int) -> Supports:
+    """Look in each scene for its own object, and for those of the scenes before.
+
+    The edge volumes must reach as far as any of the objects does.
+    """
+    there, elsewhere = [], []
+    before: list[ObjectModel] = []
+    for each in examples:
+        there.append(_support(each, each.model, profile, seed))
+        elsewhere += [_support(each, other, profile, seed) for other in before]
+        before = [*before, each.model][-_OTHERS:]
+    if not elsewhere:
+        raise LocalizationError('it takes two scenes to look for an object that is not there')
+    return Supports(np.array(there), np.array(elsewhere))
+
+
+def _support(example: Example, model: ObjectModel, profile: ContourProfile, seed: int) -> float:
+    edges = example.edges
+    nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
+    volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
+                                   edges)
+    settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
+                            renderer='numba')
+    with Localizer(model, settings, profile) as localizer:
+        return localizer.localize(volume, np.random.default_rng(seed)).support
 
 
 def _hats(energies: NDArray[np.float64]) -> NDArray[np.float64]:

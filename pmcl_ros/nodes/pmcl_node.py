@@ -160,6 +160,10 @@ class PmclNode(StageNode):
                  latency: float) -> None:
         name, stamp = self._model.name, estimate.header.stamp_ns
         self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
+        if estimate.modes:
+            first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
+            self.health.extra |= {'support': estimate.support, 'weight': first,
+                                  'weight of the runner-up': second}
         if estimate.lost:
             self.health.warn(f'lost: no {name} in capture {stamp}')
             self.get_logger().warning(self.health.message)

@@ -21,6 +21,10 @@ _TABLES = (
 _BIAS = -1.28
 
 
+# A first guess: the best poses among noise have less.
+_LEAST_CONTRAST = 0.5
+
+
 @dataclass(frozen=True)
 class ContourProfile:
     """Evidence of one point of the contour: bias + sum over j of T_j(e(u + offsets[j] n)).
@@ -33,12 +37,14 @@ class ContourProfile:
     tables: (j, k) T_j at the knots, linear between them, constant beyond the last [nat / px of
         contour].
     bias: [nat / px of contour].
+    least: mean evidence of a contour that is rather there than not [nat / px].
     """
 
     offsets: NDArray[np.float32]
     knots: NDArray[np.float32]
     tables: NDArray[np.float32]
     bias: float = 0.0
+    least: float = 0.0
 
     def evidence(self, energies: NDArray[np.floating]) -> NDArray[np.float64]:
         """(n,) of points whose edge energies at the offsets are `energies` (n, j) [nat / px]."""
@@ -55,7 +61,8 @@ class ContourProfile:
         """
         slopes = np.array([1, -1 / 3, -1 / 3, -1 / 3], np.float32)
         knots = np.array([0, 2], np.float32)
-        return cls(np.array([0, 3, 4.5, 6], np.float32), knots, slopes[:, None] * knots)
+        return cls(np.array([0, 3, 4.5, 6], np.float32), knots, slopes[:, None] * knots,
+                   least=_LEAST_CONTRAST)
 
     @classmethod
     def learned(cls) -> 'ContourProfile':

@@ -1,5 +1,6 @@
 """The fourth of the four values: where the object is, and how sure that is."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,8 @@ class PoseEstimate:
     modes: what the search compared at its end, the weightiest first; the estimate is of the first.
         A rival that was tried and found not to be supported has weight 0. Empty where the mode
         compares none.
+    support: of the weakest part of the contour [nat / px] (`support.py`); NaN where the mode looks
+        for no contour.
     """
 
     header: Header
@@ -47,6 +50,7 @@ class PoseEstimate:
     lost: bool
     mode: str
     modes: tuple[PoseMode, ...] = ()
+    support: float = math.nan
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

@@ -30,9 +30,13 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
     both; the model itself where that takes about as many faces as it has.
     """
     wanted = _FEWEST
+    if wanted >= 0.7 * len(model.faces):
+        return model
+    own = trimesh.Trimesh(model.vertices, model.faces, process=False)
+    known = _Faces.of(own, model.diameter)
     while wanted < 0.7 * len(model.faces):
         mesh = _collapsed(model, wanted)
-        if len(mesh.faces) < 0.7 * len(model.faces) and _within(model, mesh, tolerance):
+        if len(mesh.faces) < 0.7 * len(model.faces) and _within(own, known, mesh, tolerance):
             return replace(model, vertices=np.asarray(mesh.vertices, np.float64),
                            faces=np.asarray(mesh.faces, np.int64),
                            closed=model.closed and bool(mesh.is_volume))
@@ -52,24 +56,37 @@ def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _within(model: ObjectModel, mesh: trimesh.Trimesh, tolerance: float) -> bool:
-    """Whether vertices and centres of faces of both are within `tolerance` [m] of the other."""
-    own = trimesh.Trimesh(model.vertices, model.faces, process=False)
-    pairs = ((own, _Faces.of(mesh, model.diameter)), (mesh, _Faces.of(own, model.diameter)))
-    return all(faces.distances(points[::step]).max() <= tolerance
-               for few in (True, False) for points, faces in
-               ((np.concatenate([one.vertices, one.triangles_center]), other)
-                for one, other in pairs)
-               for step in (max(1, len(points) // _FEW) if few else 1,))
+def _within(own: trimesh.Trimesh, faces: '_Faces', mesh: trimesh.Trimesh, tolerance: float
+            ) -> bool:
+    """Whether vertices and centres of faces of both are within `tolerance` [m] of the other.
+
+    faces: of `own`. What costs little is asked first.
+    """
+    few = max(1, (len(mesh.vertices) + len(mesh.faces)) // _FEW)
+    there, here = _points(mesh), _points(own)
+    if faces.distances(there[::few]).max() > tolerance or faces.distances(there).max() > tolerance:
+        return False
+    others = _Faces.of(mesh, faces.diameter)
+    few = max(1, len(here) // _FEW)
+    return (others.distances(here[::few]).max() <= tolerance
+            and others.distances(here).max() <= tolerance)
+
+
+def _points(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
+    return np.concatenate([mesh.vertices, mesh.triangles_center])
 
 
 @dataclass(frozen=True)
 class _Faces:
-    """Triangles (m, 3, 3) and a tree of their pieces' centres, `owner` (k,) their faces."""
+    """Triangles (m, 3, 3) and a tree of their pieces' centres, `owner` (k,) their faces.
+
+    diameter: of the model [m].
+    """
 
     triangles: NDArray[np.float64]
     tree: cKDTree
     owner: NDArray[np.int64]
+    diameter: float
 
     @classmethod
     def of(cls, mesh: trimesh.Trimesh, diameter: float) -> '_Faces':
@@ -77,7 +94,8 @@ class _Faces:
         vertices, faces, owner = subdivide(
             mesh.vertices, mesh.faces, diameter / _PIECES, max_iter=20, return_index=True)
         return cls(np.ascontiguousarray(mesh.triangles, np.float64),
-                   cKDTree(vertices[faces].mean(axis=1)), np.asarray(owner, np.int64))
+                   cKDTree(vertices[faces].mean(axis=1)), np.asarray(owner, np.int64),
+                   diameter)
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) upper bounds of the distance of points (n, 3), exact but for strange meshes [m]."""

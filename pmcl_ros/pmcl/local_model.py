@@ -14,7 +14,7 @@ from scipy.spatial.distance import cdist
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.contour_profile import ContourProfile
-from pmcl_ros.pmcl.energies import energies_across
+from pmcl_ros.pmcl.energies import evidence_across
 from pmcl_ros.pmcl.model_error import FACING, ModelError
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.summary import tangent_basis
@@ -23,6 +23,7 @@ _STEP = 1.0  # px: along the normals, for differences; about half the width of a
 # px: contributions this far apart on a contour share no noise. Contrast is measured against that
 # of a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
 _REACH = 20.0
+_STRETCH = 3.0  # px: of a contour that counts as one point where pairs of points are looked at
 _LEAST_CURVATURE = 0.02  # of the evidence [nat / px^3]: where there is no peak, little is known
 _LEAST_VARIANCE = 0.05  # of a contribution's slope along the normal: no capture is without noise
 _WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
@@ -62,10 +63,10 @@ class LocalModel:
         basis = tangent_basis(pose, axis)
         length = float(points.lengths.sum())
         motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
-        before, here, after = (_evidence(points, edges, profile, shift)
-                               for shift in (-_STEP, 0.0, _STEP))
-        slope = (_evidence(points, edges, profile, _STEP / 2)
-                 - _evidence(points, edges, profile, -_STEP / 2)) / _STEP
+        before, inside, here, outside, after = evidence_across(
+            edges, points.pixels, points.normals, points.depths, profile,
+            _STEP * np.array([-1, -0.5, 0, 0.5, 1])).T
+        slope = (outside - inside) / _STEP
         weight = points.lengths[:, None]
         bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
         # An edge's peak bends as it is high: where the contour shows none it tells nothing.
@@ -76,18 +77,27 @@ class LocalModel:
         least = basis.T @ np.diag(1 / _WIDEST ** 2) @ basis
         moments = motion.T @ (weight * motion) + least
         each = weight * slope[:, None] * motion
+        gradient = each.sum(axis=0)
         told = weight * curvature * motion
         information = motion.T @ told + _LEAST_CURVATURE * least
         variability, off = information, np.zeros_like(information)
-        if error is not None:
-            distance = cdist(points.pixels, points.pixels)
-            same_side = points.normals @ points.normals.T > FACING
+        if error is not None and length > 0:
+            stretches = _stretches(points)
+            pixels, normals, each, told = (np.add.reduceat(values, stretches) for values in (
+                weight * points.pixels, weight * points.normals, each, told))
+            pixels = pixels / np.add.reduceat(weight, stretches)
+            normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+            distance = cdist(pixels, pixels)
+            same_side = normals @ normals.T > FACING
             together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0)
-            variability = each.T @ together @ each + _LEAST_VARIANCE * moments
+            variability = each.T @ (together @ each) + _LEAST_VARIANCE * moments
             # What the model gets wrong moves the contour; the pose follows as by least squares.
             follow = np.linalg.solve(information, told.T)
-            off = follow @ error.covariance(distance, same_side) @ follow.T
-        return cls(float(points.lengths @ here), length, basis, each.sum(axis=0), information,
+            off = follow @ (error.covariance(distance, same_side) @ follow.T)
+            # Points of one side are so by a limit, not smoothly: what that makes negative is none.
+            values, vectors = np.linalg.eigh((off + off.T) / 2)
+            off = (vectors * np.maximum(values, 0)) @ vectors.T
+        return cls(float(points.lengths @ here), length, basis, gradient, information,
                    variability, off, moments / max(length, 1.0))
 
     @property
@@ -136,9 +146,8 @@ def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.fl
     return np.concatenate([shift, np.cross(place - origin, shift)], axis=1)
 
 
-def _evidence(points: ContourPoints, edges: EdgeVolume, profile: ContourProfile, shift: float
-              ) -> NDArray[np.float64]:
-    """(n,) evidence of the points moved outwards by `shift` [px], at their own depths."""
-    energies = energies_across(edges, points.pixels, points.normals, points.depths,
-                               profile.offsets + shift)
-    return profile.evidence(energies)
+def _stretches(points: ContourPoints) -> NDArray[np.int64]:
+    """(k,) where in the contour's points each stretch of about `_STRETCH` px begins."""
+    number = np.floor(points.along / _STRETCH)
+    new = (np.diff(number) != 0) | (np.diff(points.piece) != 0)
+    return np.flatnonzero(np.concatenate([[True], new]))

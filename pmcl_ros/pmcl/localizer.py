@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import LocalizationError, RenderError
-from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
@@ -21,16 +20,19 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, moved, same_mode
+from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
 _LOG = logging.getLogger(__name__)
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
-_SCALE = 2  # image px per pixel of the contour search's z-buffers
-_DETAIL = 0.25  # image px: what may be left out of the mesh in them
+_COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
+_DETAIL = 0.3  # image px: what may be left out of the mesh in them
 _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 
 Progress = Callable[[float], bool]
@@ -41,12 +43,15 @@ class Localizer:
     """Finds one object in volumes.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
+    profile: of the contour, in the mode default; by default the learned one.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
-    def __init__(self, model: ObjectModel, settings: PmclSettings) -> None:
+    def __init__(self, model: ObjectModel, settings: PmclSettings,
+                 profile: ContourProfile | None = None) -> None:
         self._model = model
         self._settings = settings
+        self._profile = profile or ContourProfile.learned()
         self._region = Region(settings.roi_center, settings.roi_size)
         self._renderer = make_renderer(settings.renderer)
         self.renderer = self._renderer.name
@@ -90,32 +95,38 @@ class Localizer:
 
     def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
                     progress: Progress, start: NDArray[np.float64] | None) -> PoseEstimate:
-        edges = volume.edges
+        edges, profile = volume.edges, self._profile
+        # The tables were learned on sharp edge volumes: other edges are judged by their contrast.
+        contrast = ContourProfile.contrast()
         if edges is None:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-            edges = edges_from_likelihood(volume)
+            edges, profile = edges_from_likelihood(volume), contrast
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
             start, _ = self._proposals.propose(edges, self._settings.proposals)
-        profile = ContourProfile.learned()
-        half, whole = self._scene(volume, window.coarser(_SCALE)), self._scene(volume, window)
-        # The table was learned on sharp edges: blurred ones are judged by their contrast.
-        contrast = ContourProfile.contrast()
-        with (self._renderer.contour_score(half, edges, contrast, _BLUR) as coarse,
+        quarter, half, whole = (self._scene(volume, window.coarser(scale))
+                                for scale in (_COARSE, _FINE, 1))
+        with (self._renderer.contour_score(quarter, edges, contrast, _BLUR) as coarse,
               self._renderer.contour_score(half, edges, profile) as fine,
               self._renderer.contour_score(whole, edges, profile) as exact):
             def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
                 return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
                                      CONTOUR_ERROR if sure else None)
 
+            def near(pose: NDArray[np.float64]) -> SlidingContour:
+                return SlidingContour.of(pose, exact.points(pose), edges, profile)
+
             search = ContourSearch(
                 self._model, self._settings, self._in_region(coarse, -np.inf),
-                self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about)
+                self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about, near,
+                lambda poses: self._region.contains(poses[:, :3, 3]))
             posterior = search.run(start, rng, progress)
-            return self._estimate(volume, posterior, about, rng)
+            return self._estimate(volume, posterior, profile, about, exact.points, rng)
 
     def _estimate(self, volume: DepthLikelihoodVolume, posterior: Posterior,
+                  profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
+                  contour: Callable[[NDArray[np.float64]], ContourPoints],
                   rng: np.random.Generator) -> PoseEstimate:
         axis, poses = self._model.axis, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
@@ -130,11 +141,14 @@ class Localizer:
         off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
         modes = tuple(PoseMode(canonical(posterior.modes[k].pose, axis), float(shares[k]),
                                posterior.modes[k].local.evidence) for k in order)
-        seen = _share_in_view(self._model, pose, volume.pinhole)
-        lost = local.evidence * seen < self._settings.least_evidence * max(local.length, 1.0)
+        seen = share_in_view(self._model, pose, volume.pinhole)
+        support = contour_support(contour(pose), seen)
+        # No part must be missing, and the whole must rather be there than not.
+        lost = support < self._settings.least_support or (
+            local.evidence <= profile.least * local.length)
         return PoseEstimate(volume.header, pose, spread, moved(poses, off),
-                            np.full(len(poses), -np.log(len(poses))), local.evidence, bool(lost),
-                            self._settings.mode, modes)
+                            np.full(len(poses), -np.log(len(poses))), local.evidence,
+                            lost, self._settings.mode, modes, support)
 
     def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
                        progress: Progress) -> PoseEstimate:
@@ -179,14 +193,3 @@ class Localizer:
                 f'the volume spans {near:.3f} to {far:.3f} m, the region of interest '
                 f'{self._region.near:.3f} to {self._region.far:.3f} m; set near and far of the '
                 'volume around the region')
-
-
-def _share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:
-    """Of a mesh's vertices, how many lie in the image's field: 0 to 1.
-
-    What is not seen speaks neither for a pose nor against it, but nobody should believe in an
-    object because of the little of it that may be seen.
-    """
-    pixels = pinhole.project(model.vertices @ pose[:3, :3].T + pose[:3, 3])
-    inside = (pixels > -0.5) & (pixels < np.array([pinhole.width, pinhole.height]) - 0.5)
-    return float(inside.all(axis=1).mean())

@@ -35,6 +35,6 @@ class ModelError:
         return self.common ** 2 + self.local ** 2 * near
 
 
-# Measured on 22 generated scenes of glass and opaque things: with it the truth was in the 90 %
-# region of 20, in the 50 % region of 16; without it in those of 1.
+# Chosen on 22 generated scenes of those that taught the contour profile. On 22 fresh ones the
+# truth was in the 90 % region of 20 with it, of 6 without; in the 50 % region of 16 and 2.
 CONTOUR_ERROR = ModelError(common=0.2, local=0.35, length=40.0)

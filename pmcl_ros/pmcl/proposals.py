@@ -6,6 +6,7 @@ size: so a template of each orientation is rendered once, scaled to each depth, 
 of the contour evidence by plain additions.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -28,6 +29,7 @@ _CELL = 4  # image px: the step of places
 _BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
 _DIRECTIONS = 32  # of contour normals
 _POINTS = 64  # of a template, a multiple of 4
+_ROUGH, _HOPEFUL = 2, 0.25  # every how many-th is tried first, and what share goes on with all
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
@@ -139,14 +141,20 @@ class Proposals:
         before = max(0, reach - rows[0]), max(0, reach - columns[0])
         after = (max(0, reach + rows[-1] + 1 - height), max(0, reach + columns[-1] + 1 - width))
         maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
+        where = rows[0] + before[0], columns[0] + before[1], len(rows), len(columns)
+        scores, place = np.zeros(len(cells)), np.zeros(len(cells), np.int64)
         with LOCK:
-            best, place = _slide(maps, cells, directions, rows[0] + before[0],
-                                 columns[0] + before[1], len(rows), len(columns))
+            # Few points tell which templates are worth trying with all.
+            rough, _ = _slide(maps, np.ascontiguousarray(cells[:, ::_ROUGH]),
+                              np.ascontiguousarray(directions[:, ::_ROUGH]), *where)
+            hopeful = np.argsort(-rough, kind='stable')[:math.ceil(_HOPEFUL * len(cells))]
+            scores[hopeful], place[hopeful] = _slide(maps, cells[hopeful], directions[hopeful],
+                                                     *where)
         focal = np.sqrt(pinhole.fx * pinhole.fy)
         lengths = np.repeat(self._templates.lengths, len(self._turns)) * focal * scale
         row, column = np.divmod(place, len(columns))
         pixels = np.stack([columns[column], rows[row]], axis=-1) * _CELL + (_CELL - 1) / 2
-        return _Places(depth, best / _UNIT * lengths / _POINTS, pixels)
+        return _Places(depth, scores / _UNIT * lengths / _POINTS, pixels)
 
 
 def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
@@ -214,8 +222,10 @@ def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
     part = np.float32(label - below)
     tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
     height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
-    tensor = cv2.GaussianBlur(tensor, (0, 0), _BLUR)[:height * _CELL, :width * _CELL]
-    tensor = cv2.resize(tensor, (width, height), interpolation=cv2.INTER_AREA)
+    tensor = cv2.resize(tensor[:height * _CELL, :width * _CELL], (width, height),
+                        interpolation=cv2.INTER_AREA)
+    # A cell's mean is a part of the blur.
+    tensor = cv2.GaussianBlur(tensor, (0, 0), (_BLUR ** 2 - (_CELL ** 2 - 1) / 12) ** 0.5 / _CELL)
     maps = np.zeros((_DIRECTIONS, height, width), np.int16)
     for k, angle in enumerate(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS):
         nx, ny = np.cos(angle), np.sin(angle)

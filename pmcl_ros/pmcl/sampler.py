@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from scipy.special import logsumexp
 from pmcl_ros.pmcl.summary import moved, tangent, tangent_basis
 from pmcl_ros.pmcl.weights import Weights
 
-LogPosterior = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Progress = Callable[[float], bool]
 
 _EFFECTIVE = 0.5  # of the particles that one step in temperature leaves effective
@@ -43,12 +44,17 @@ class Gaussian:
     def log_density(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
                     ) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4), but for a constant that all Gaussians of d dimensions share."""
+        return (-0.5 * self.square_distance(poses, axis)
+                - np.log(np.abs(np.diag(self.spread))).sum())
+
+    def square_distance(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
+                        ) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4) from the mean, squared, in standard deviations."""
         deviations = tangent(poses, self.pose, axis) @ self.basis
-        normal = np.linalg.solve(self.spread, deviations.T)
-        return -0.5 * (normal ** 2).sum(axis=0) - np.log(np.abs(np.diag(self.spread))).sum()
+        return np.asarray((np.linalg.solve(self.spread, deviations.T) ** 2).sum(axis=0))
 
 
-def sample_posterior(log_posterior: LogPosterior, start: Sequence[Gaussian],
+def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                      axis: NDArray[np.float64] | None, count: int, moves: int,
                      rng: np.random.Generator, progress: Progress
                      ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
@@ -56,38 +62,51 @@ def sample_posterior(log_posterior: LogPosterior, start: Sequence[Gaussian],
 
     n is `count`.
 
-    log_posterior: (n,) of poses (n, 4, 4), but for a constant; -inf where no pose can be.
+    densities: logarithms (n,) of poses (n, 4, 4), but for a constant; -inf where no pose can be.
+        The last is the posterior, those before are like it and cost less to ask.
     start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares.
-    Bridges from that mixture to the posterior by powers of their ratio, each so large that half of
-    the particles stay effective, with `moves` Metropolis moves after each (Del Moral, Doucet,
-    Jasra 2006). So the share of the particles about a mode is its share of the posterior.
+    Bridges from that mixture to the first density, and from each to the next, by powers of their
+    ratio, each so large that half of the particles stay effective, with `moves` Metropolis moves
+    after each (Del Moral, Doucet, Jasra 2006). So the share of the particles about a mode is its
+    share of the posterior. A move has to please the density that the bridge comes from, before
+    the one it leads to is asked: fewer of those that will be refused cost anything, and what is
+    sampled is the same (delayed acceptance; Christen and Fox 2005).
     Ends early, with what it has, when `progress` says so.
     """
     own = np.arange(count) % len(start)
-    dimensions = start[0].basis.shape[1]
-    poses = _displaced(start, np.stack([each.pose for each in start])[own], own,
-                       rng.normal(size=(count, dimensions)))
-    values, densities = log_posterior(poses), _mixture(start, poses, axis)
-    power, size = 0.0, 1.2 / dimensions ** 0.5
-    for step in range(_MOST_STEPS):
-        if power >= 1 or not progress(step / _MOST_STEPS):
-            break
-        gain = _ratio(values, densities)
-        possible = float(np.isfinite(gain).mean())  # the rest is out at any power
-        weights, taken = Weights.tempered(gain, 1 - power, _EFFECTIVE * possible)
-        power += taken
-        drawn = weights.resample(count, rng)
-        poses, values, densities, own = poses[drawn], values[drawn], densities[drawn], own[drawn]
-        for _ in range(moves):
-            tried = _displaced(start, poses, own, size * rng.normal(size=(count, dimensions)))
-            tried_values, tried_densities = log_posterior(tried), _mixture(start, tried, axis)
-            gain = (power * (tried_values - np.where(np.isfinite(values), values, -1e300))
-                    + (1 - power) * (tried_densities - densities))
-            better = np.log(rng.random(count)) < gain
-            poses = np.where(better[:, None, None], tried, poses)
-            values = np.where(better, tried_values, values)
-            densities = np.where(better, tried_densities, densities)
-            size *= np.exp(better.mean() - _ACCEPTED)
+    normal = rng.normal(size=(count, start[0].basis.shape[1]))
+    poses = _displaced(start, np.stack([each.pose for each in start])[own], own, normal)
+
+    def mixture(each: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _mixture(start, each, axis)
+
+    size = 1.2 / normal.shape[1] ** 0.5
+    bridges = list(pairwise([mixture, *densities]))
+    for k, (before, after) in enumerate(bridges):
+        power = 0.0
+        known, values = before(poses), after(poses)
+        for step in range(_MOST_STEPS):
+            if power >= 1 or not progress((k + step / _MOST_STEPS) / len(bridges)):
+                break
+            gain = _ratio(values, known)
+            possible = float(np.isfinite(gain).mean())  # the rest is out at any power
+            weights, taken = Weights.tempered(gain, 1 - power, _EFFECTIVE * possible)
+            power += taken
+            drawn = weights.resample(count, rng)
+            poses, values, known, own = poses[drawn], values[drawn], known[drawn], own[drawn]
+            for _ in range(moves):
+                tried = _displaced(start, poses, own, size * rng.normal(size=normal.shape))
+                chances = np.log(rng.random((2, count)))
+                tried_known, tried_values = before(tried), np.full(count, -np.inf)
+                hopeful = chances[0] < tried_known - known
+                tried_values[hopeful] = after(tried[hopeful])
+                held = np.maximum(_ratio(values, known), -1e300)
+                gain = _ratio(tried_values, tried_known) - held
+                better = hopeful & (chances[1] < power * gain)
+                poses = np.where(better[:, None, None], tried, poses)
+                values = np.where(better, tried_values, values)
+                known = np.where(better, tried_known, known)
+                size *= np.exp(better.mean() - _ACCEPTED)
     return poses, values, own
 
 
@@ -106,4 +125,5 @@ def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64],
 
 
 def _ratio(values: NDArray[np.float64], densities: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(np.isfinite(values), values - densities, -np.inf)
+    none = np.full(len(values), -np.inf)
+    return np.subtract(values, densities, out=none, where=np.isfinite(values))

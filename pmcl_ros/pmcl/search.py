@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import logsumexp
 
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.rivals import rivals
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import moved, same_mode
+from pmcl_ros.pmcl.sliding_contour import SlidingContour
+from pmcl_ros.pmcl.summary import moved, same_mode, tangent
 from pmcl_ros.pmcl.tournament import Progress, Score, tournament
 
 _COARSE_SURVIVORS, _SURVIVORS, _MODES = 12, 4, 3
@@ -24,6 +26,7 @@ _CONVERGED = 0.02  # px: rms along the contour
 # Standard deviations of a mode's Gaussian, relative to the local model's: wider than the mode, as
 # the sampler wants it, and wide enough for a neighbouring hump.
 _WIDEN = 2.5
+_OTHER = 8.0  # such standard deviations away a mode has no say
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ class ContourSearch:
 
     coarse, fine, exact: evidence of poses, -inf outside the region of interest: with blurred
     edges, with sharp ones, and at the image's own resolution. about: the local model about a pose
-    by the exact evidence; with True also how sure it is.
+    by the exact evidence; with True also how sure it is. near: the evidence near a pose.
+    inside: whether poses are in the region.
     """
 
     model: ObjectModel
@@ -62,6 +66,8 @@ class ContourSearch:
     fine: Score
     exact: Score
     about: Callable[[NDArray[np.float64], bool], LocalModel]
+    near: Callable[[NDArray[np.float64]], SlidingContour]
+    inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
     def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress
             ) -> Posterior:
@@ -83,8 +89,19 @@ class ContourSearch:
         scale = modes[0].local.scale
         start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, self.model.axis)
                     for mode in modes]
+        slides = [self.near(mode.pose) for mode in modes]
+
+        def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+            terms = np.full((len(slides), len(poses)), -np.inf)
+            for k, (each, slide) in enumerate(zip(start_of, slides, strict=True)):
+                off = each.square_distance(poses, self.model.axis)
+                near = off < _OTHER ** 2
+                deviations = tangent(poses[near], each.pose, self.model.axis)
+                terms[k, near] = scale * slide.evidence(deviations) - 0.5 * off[near]
+            return np.where(self.inside(poses), logsumexp(terms, axis=0), -np.inf)
+
         poses, values, own = sample_posterior(
-            lambda each: scale * self.exact(each), start_of, self.model.axis,
+            [rough, lambda each: scale * self.exact(each)], start_of, self.model.axis,
             self.settings.particles, self.settings.moves, rng, stages.part(0.8, 1))
         return Posterior(tuple(modes), poses, values, own)
 

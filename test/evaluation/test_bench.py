@@ -34,7 +34,8 @@ def test_the_decode_is_many_times_as_fast_as_its_plain_form():
     ('numba', ['sweep']), ('gl', ['upload', 'resident', 'read'])])
 def test_the_volume_is_faster_than_its_plain_form(back_end, stages):
     result = bench_dlv(repeats=1, wanted=back_end)
-    assert list(result.ms) == ['views', 'planes', *stages, 'total', 'edges', 'plain', 'bound']
+    assert list(result.ms) == ['views', 'planes', *stages, 'total', 'edges', 'layers', 'plain',
+                               'bound']
     assert min(result.ms.values()) > 0
     assert result.ratio_to_reference == result.ms['plain'] / result.ms['total'] > 1
     assert result.ratio_to_bound == result.ms['total'] / result.ms['bound']

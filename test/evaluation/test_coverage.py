@@ -1,25 +1,36 @@
-"""Is the posterior as sure as it should be? On random volumes, started beside the truth."""
+"""Is the posterior as sure as it should be? On random volumes."""
 
 import numpy as np
-from scipy.stats import binom
 
 from pmcl_ros.evaluation.coverage import run_coverage
 
-TRIALS = 20
+TRIALS = 30
 
 
 def test_the_truth_is_in_the_credible_regions_as_often_as_they_say():
+    # Started beside the truth, for time's sake: the posterior alone.
     found = list(run_coverage(TRIALS, whole=False))
     levels = np.array([each.level for each in found])
-    # In the 90 % region in 80 to 97 % of all volumes: as many of these as that allows.
-    inside = (levels <= 0.9).sum()
-    assert binom.ppf(0.005, TRIALS, 0.8) <= inside <= binom.ppf(0.995, TRIALS, 0.97)
+    # A posterior of 80 % has less in one of eight draws of these trials; they are always the same
+    # ones, but for the last digits of another processor.
+    assert (levels <= 0.9).sum() >= 0.73 * TRIALS
     # Neither always near the middle nor always at the edge.
-    assert binom.ppf(0.005, TRIALS, 0.35) <= (levels <= 0.5).sum() <= binom.ppf(0.995, TRIALS, 0.8)
+    assert 0.25 * TRIALS <= (levels <= 0.5).sum() <= 0.8 * TRIALS
     assert np.median([each.translation for each in found]) < 0.006
+    assert np.mean([each.lost for each in found]) < 0.3
+
+
+def test_the_whole_search_finds_what_is_there_and_is_not_too_sure_of_it():
+    found = [each for each in run_coverage(4, 20) if not each.lost]
+    assert len(found) >= 3
+    for each in found:
+        assert each.translation < 0.02
+        assert each.rotation < np.deg2rad(10)
+    assert np.median([each.level for each in found]) < 0.97
 
 
 def test_a_trial_is_its_seed():
-    first, second = next(run_coverage(1, 4, whole=False)), next(run_coverage(1, 4, whole=False))
+    seed = 4
+    first, second = (next(run_coverage(1, seed, whole=False)) for _ in range(2))
     assert first == second
-    assert next(run_coverage(1, 5, whole=False)) != first
+    assert next(run_coverage(1, seed + 1, whole=False)) != first

@@ -2,7 +2,7 @@
 
 import os
 import tempfile
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +55,11 @@ def test_two_processes_make_the_trials_of_one(captures):
     assert alone.keys() == together.keys()
     assert len(alone) == 3 + 1  # in each capture, and the glass where the thing is
     for key, trial in alone.items():
-        assert repr(trial) == repr(together[key])  # NaN is itself
+        # Not bit for bit: where nothing is in the cache each process compiles for itself.
+        for name, value in asdict(trial).items():
+            expected = (pytest.approx(value, rel=1e-2, abs=1e-2, nan_ok=True)
+                        if isinstance(value, float | tuple) else value)
+            assert getattr(together[key], name) == expected, name
     for (capture, _, sought, _), trial in alone.items():
         assert trial.wrong == (trial.empty is False and sought != capture)
         assert trial.present == (trial.translation_mm == trial.translation_mm)

@@ -130,6 +130,10 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
 
     user.wait(told, 'the result')
     assert told()[0] == DiagnosticStatus.WARN
+    values = {each.key: each.value for each in states[-1].status[0].values}
+    first, second = float(values['weight']), float(values['weight of the runner-up'])
+    assert 0 <= second <= first <= first + second <= 1 + 1e-9
+    assert float(values['support']) < 0
     assert 'lost: no wine_glass in capture 8' in process.log
     assert user.change('pmcl_node', DEACTIVATE)
     assert poses == []

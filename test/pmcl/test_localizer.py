@@ -224,10 +224,10 @@ def test_what_a_search_holds_is_given_back(cup_volume):
 
     textures = cup_volume.edges.tensor.nbytes / 2 ** 20  # one of two that a search holds
     with Localizer(CUP, SMALL) as localizer:
-        for _ in range(10):
+        for _ in range(4):
             search(localizer)
         before = memory()
-        for _ in range(20):
+        for _ in range(10):
             search(localizer)
         assert memory() - before < 6 * textures
     threads = threading.active_count()

@@ -33,7 +33,7 @@ def test_a_gaussian_is_sampled_with_its_mean_and_covariance(axis, seed):
     # The start is off by a standard deviation, and three times as wide.
     start = moved(pose, (basis @ basis.T @ SIGMA)[None])[0]
     poses, values, own = sample_posterior(
-        lambda each: density(pose, target, axis, each), [Gaussian.of(start, 9 * target, axis)],
+        [lambda each: density(pose, target, axis, each)], [Gaussian.of(start, 9 * target, axis)],
         axis, 1500, 6, np.random.default_rng(seed), lambda _: True)
     np.testing.assert_allclose(values, density(pose, target, axis, poses), atol=1e-6)
     assert (own == 0).all()
@@ -57,7 +57,7 @@ def test_modes_share_the_particles_as_the_posterior_does():
     shares = []
     for seed in range(4):
         _, _, own = sample_posterior(
-            two, [Gaussian.of(each, 4 * target, None) for each in (second, first)], None, 600, 3,
+            [two], [Gaussian.of(each, 4 * target, None) for each in (second, first)], None, 600, 3,
             np.random.default_rng(seed), lambda _: True)
         shares.append((own == 1).mean())
     assert np.mean(shares) == pytest.approx(0.75, abs=0.06)
@@ -70,12 +70,42 @@ def test_what_is_impossible_is_left_out_and_stopping_is_heard():
         return np.where(poses[:, 0, 3] > pose[0, 3], density(pose, target, None, poses), -np.inf)
 
     start = [Gaussian.of(pose, 4 * target, None)]
-    poses, values, _ = sample_posterior(half, start, None, 300, 3, np.random.default_rng(0),
+    poses, values, _ = sample_posterior([half], start, None, 300, 3, np.random.default_rng(0),
                                         lambda _: True)
     assert np.isfinite(values).all()
     assert (poses[:, 0, 3] > pose[0, 3]).all()
     calls = []
-    stopped, _, _ = sample_posterior(half, start, None, 300, 3, np.random.default_rng(0),
+    stopped, _, _ = sample_posterior([half], start, None, 300, 3, np.random.default_rng(0),
                                      lambda part: calls.append(part))
     assert calls == [0]
     assert len(stopped) == 300
+
+
+def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
+    pose, target = random_poses(1, 1)[0], covariance_of(1)
+    beside = moved(pose, 0.5 * SIGMA[None])[0]
+    asked = []
+
+    def exact(poses):
+        asked.append(len(poses))
+        return density(pose, target, AXIS, poses)
+
+    def rough(poses):
+        return density(beside, 1.5 * target, AXIS, poses)
+
+    basis = tangent_basis(pose, AXIS)
+    expected = basis.T @ target @ basis
+    scale = np.sqrt(np.diag(expected))
+    costs = []
+    for densities in ([exact], [rough, exact]):
+        asked.clear()
+        poses, values, _ = sample_posterior(
+            densities, [Gaussian.of(beside, 9 * target, AXIS)], AXIS, 1500, 6,
+            np.random.default_rng(0), lambda _: True)
+        costs.append(sum(asked))
+        np.testing.assert_allclose(values, density(pose, target, AXIS, poses), atol=1e-6)
+        deviations = tangent(poses, pose, AXIS) @ basis
+        assert (np.abs(deviations.mean(axis=0)) < 0.25 * scale).all()
+        np.testing.assert_allclose(np.cov(deviations.T) / np.outer(scale, scale),
+                                   expected / np.outer(scale, scale), atol=0.3)
+    assert costs[1] < 0.7 * costs[0]

@@ -11,6 +11,7 @@ from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings
+from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.bench import plain_dlv
 from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
@@ -29,7 +30,8 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
     Stages: `views`, from uint8 to a checked LightField; `planes`, what is matched (smoothed
     colours and gradients); then by numba `sweep`, from planes to likelihood, or by gl `upload`,
     `resident` (planes on the GPU to likelihood on the GPU) and `read`. `total` is all of it in one
-    go, by the product's own functions; `edges`, the edge volume, is apart. `plain` is `plain_dlv`
+    go, by the product's own functions; apart are `edges`, the edge volume, and `layers`, the joint
+    fit of two layers to every other pixel, across and down. `plain` is `plain_dlv`
     from the same uint8, on a few of the labels, scaled; ratios are those of `total`, to `plain`
     and to the `bound` of `least_work`. Raises RenderError when `wanted` is gl and there is none.
     """
@@ -51,6 +53,8 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
     ms['total'] = _best_after_first(total, repeats)
     ms['edges'] = _best_after_first(
         lambda: edge_volume(light_field, edge_depths, settings.views), repeats)
+    fewer = settings.model_copy(update={'stride': 2})
+    ms['layers'] = _best_after_first(lambda: fit_superposition(light_field, fewer), 1)
     ms['plain'] = _plain_ms(grid, counts, depths, settings)
     # The greatest speed counts: a busy machine makes the ratio too large rather than too small.
     speeds.append((multiply_adds(), copied_bytes()))

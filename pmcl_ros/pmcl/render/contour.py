@@ -26,8 +26,8 @@ _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 class Edges(NamedTuple):
     """An edge volume and a profile as kernels take them.
 
-    tensor: (labels, height, width, 3) float32 around the window. left, top, scale: of the
-        z-buffer in it [image px].
+    tensor: (height, width, labels, 3) float32, around the window at least. left, top, scale: of
+        the z-buffer in it [image px].
     farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
     keep: a pixel is beyond another if its 1/z is less than this times the other's.
     offsets: (j,) from the contour [image px]. knots, widths: (k,) where ramps begin and how long
@@ -52,11 +52,13 @@ class Edges(NamedTuple):
         """blur: of the edge energy [image px]; the profile is that much wider, if more than 1."""
         offsets = reach_of(blur) * profile.offsets
         window = scene.window
-        margin = math.ceil(float(np.abs(offsets).max()) + 4 * blur) + 2
-        left, top = max(window.left - margin, 0), max(window.top - margin, 0)
-        right, bottom = (first + window.scale * side + margin for first, side in
-                         zip((window.left, window.top), window.size, strict=True))
-        tensor = smoothed(edges.tensor[top:bottom, left:right], blur).transpose(2, 0, 1, 3)
+        tensor, left, top = edges.tensor, 0, 0
+        if blur > 0:
+            margin = math.ceil(float(np.abs(offsets).max()) + 4 * blur) + 2
+            left, top = max(window.left - margin, 0), max(window.top - margin, 0)
+            right, bottom = (first + window.scale * side + margin for first, side in
+                             zip((window.left, window.top), window.size, strict=True))
+            tensor = smoothed(tensor[top:bottom, left:right], blur)
         farthest, per_closeness = label_scale(edges.depths)
         widths = np.diff(profile.knots)
         return cls(np.ascontiguousarray(tensor, np.float32), window.left - left, window.top - top,
@@ -166,7 +168,7 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
 @compiled()
 def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     """Edge energy across a normal, between pixels and labels; beyond the volume its end's."""
-    labels, height, width, _ = tensor.shape
+    height, width, labels, _ = tensor.shape
     x = min(max(x, np.float32(0)), np.float32(width - 1))
     y = min(max(y, np.float32(0)), np.float32(height - 1))
     label = min(max(label, np.float32(0)), np.float32(labels - 1))
@@ -174,16 +176,17 @@ def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
     right, below = min(column + 1, width - 1), min(row + 1, height - 1)
     xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
-    for k in range(2):
-        plane = tensor[level + k]
-        beside = fl if k else np.float32(1) - fl
-        for j in range(2):
-            line = plane[below if j else row]
-            part = beside * (fy if j else np.float32(1) - fy)
-            here, there = part * (np.float32(1) - fx), part * fx
-            xx += here * line[column, 0] + there * line[right, 0]
-            yy += here * line[column, 1] + there * line[right, 1]
-            xy += here * line[column, 2] + there * line[right, 2]
+    for j in range(2):
+        line = tensor[below if j else row]
+        down = fy if j else np.float32(1) - fy
+        for i in range(2):
+            ray = line[right if i else column]
+            part = down * (fx if i else np.float32(1) - fx)
+            for k in range(2):
+                share = part * (fl if k else np.float32(1) - fl)
+                xx += share * ray[level + k, 0]
+                yy += share * ray[level + k, 1]
+                xy += share * ray[level + k, 2]
     square = xx * nx * nx + yy * ny * ny + np.float32(2) * xy * nx * ny
     return np.sqrt(max(square, np.float32(0)))
 

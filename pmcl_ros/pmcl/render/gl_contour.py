@@ -165,7 +165,8 @@ class GlContourScore:
         self._scene, self._profile = scene, profile
         self._edges = Edges.of(scene, edges, profile, blur)
         self.zbuffers = ZBuffers(context, scene, capacity)
-        self._tensor = _texture(context, self._edges.tensor)
+        self._tensor = _texture(
+            context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))
         self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
         each = self._edges

@@ -1,0 +1,47 @@
+"""How well the weakest part of an object's contour is supported: what tells it from another."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+
+# px of a contour that are judged together. Contributions farther apart share no noise.
+_ARC = 20.0
+_PART = 0.2  # of a contour: its weakest part
+# One in twenty objects has more that are looked for in generated scenes where they are not
+# (`evaluation.learning.Supports`, `pmcl learn`; docs/method.md).
+LEAST_SUPPORT = -1.2
+
+
+def contour_support(points: ContourPoints, seen: float) -> float:
+    """Mean evidence along the weakest fifth of a contour, less what is out of view [nat / px].
+
+    points: of the contour in the image. seen: share of the object in view; each pixel out of view
+    takes away one nat, shared by those in view. Minus infinity where there is no contour.
+
+    Another object's contour can fit most of one better than a true one ever does, so that the mean
+    over all of it tells little; but it leaves stretches where there is nothing at all.
+    """
+    if not len(points.lengths) or seen <= 0:
+        return -np.inf
+    arcs = np.stack([points.piece, (points.along / _ARC).astype(np.int64)], axis=1)
+    number = np.unique(arcs, axis=0, return_inverse=True)[1].ravel()
+    lengths = np.bincount(number, points.lengths)
+    evidence = np.bincount(number, points.lengths * points.evidence) / lengths
+    order = np.argsort(evidence, kind='stable')
+    lengths, evidence = lengths[order] / lengths.sum(), evidence[order]
+    weakest = np.clip(_PART - (np.cumsum(lengths) - lengths), 0, lengths)
+    return float(weakest @ evidence / weakest.sum() - (1 - seen) / seen)
+
+
+def share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:
+    """Of a mesh's vertices, how many lie in the image's field: 0 to 1.
+
+    What is not seen speaks neither for a pose nor against it, but nobody should believe in an
+    object because of the little of it that may be seen.
+    """
+    pixels = pinhole.project(model.vertices @ pose[:3, :3].T + pose[:3, 3])
+    inside = (pixels > -0.5) & (pixels < np.array([pinhole.width, pinhole.height]) - 0.5)
+    return float(inside.all(axis=1).mean())
