@@ -28,6 +28,8 @@ def compiled(parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
         numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
         try:
             return njit(nogil=True, cache=True, fastmath=_FASTMATH, parallel=parallel)(function)
+        except RuntimeError:  # a function without a file, as in a zip, has no place in the cache
+            return njit(nogil=True, fastmath=_FASTMATH, parallel=parallel)(function)
         finally:
             numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     return decorate

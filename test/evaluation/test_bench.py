@@ -30,14 +30,14 @@ def test_the_decode_is_many_times_as_fast_as_its_plain_form():
     assert 100 < result.mb['decode'] < 200  # the views alone are 105
 
 
-@pytest.mark.parametrize(('back_end', 'stages'), [
-    ('numba', ['sweep']), ('gl', ['upload', 'resident', 'read'])])
-def test_the_volume_is_faster_than_its_plain_form(back_end, stages):
+@pytest.mark.parametrize(('back_end', 'stages', 'least'), [
+    ('numba', ['sweep'], 20), ('gl', ['upload', 'resident', 'read'], 1)])
+def test_the_volume_is_faster_than_its_plain_form(back_end, stages, least):
     result = bench_dlv(repeats=1, wanted=back_end)
     assert list(result.ms) == ['views', 'planes', *stages, 'total', 'edges', 'layers', 'plain',
                                'bound']
     assert min(result.ms.values()) > 0
-    assert result.ratio_to_reference == result.ms['plain'] / result.ms['total'] > 1
+    assert result.ratio_to_reference == result.ms['plain'] / result.ms['total'] > least
     assert result.ratio_to_bound == result.ms['total'] / result.ms['bound']
     assert result.geometry.endswith(f'by {back_end}')
     assert result.lines()[-1].endswith('times the least time for this machine')

@@ -11,13 +11,11 @@ def test_the_truth_is_in_the_credible_regions_as_often_as_they_say():
     # Started beside the truth, for time's sake: the posterior alone.
     found = list(run_coverage(TRIALS, whole=False))
     levels = np.array([each.level for each in found])
-    # A posterior of 80 % has less in one of eight draws of these trials; they are always the same
-    # ones, but for the last digits of another processor.
-    assert (levels <= 0.9).sum() >= 0.73 * TRIALS
+    assert 0.8 * TRIALS <= (levels <= 0.9).sum() <= 0.97 * TRIALS
     # Neither always near the middle nor always at the edge.
-    assert 0.25 * TRIALS <= (levels <= 0.5).sum() <= 0.8 * TRIALS
+    assert 0.35 * TRIALS <= (levels <= 0.5).sum() <= 0.8 * TRIALS
     assert np.median([each.translation for each in found]) < 0.006
-    assert np.mean([each.lost for each in found]) < 0.3
+    assert np.mean([each.lost for each in found]) < 0.25
 
 
 def test_the_whole_search_finds_what_is_there_and_is_not_too_sure_of_it():

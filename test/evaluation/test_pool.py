@@ -55,9 +55,9 @@ def test_two_processes_make_the_trials_of_one(captures):
     assert alone.keys() == together.keys()
     assert len(alone) == 3 + 1  # in each capture, and the glass where the thing is
     for key, trial in alone.items():
-        # Not bit for bit: where nothing is in the cache each process compiles for itself.
+        # Not bit for bit: they once differed in the sixth digit, with nothing compiled before.
         for name, value in asdict(trial).items():
-            expected = (pytest.approx(value, rel=1e-2, abs=1e-2, nan_ok=True)
+            expected = (pytest.approx(value, rel=1e-4, abs=1e-4, nan_ok=True)
                         if isinstance(value, float | tuple) else value)
             assert getattr(together[key], name) == expected, name
     for (capture, _, sought, _), trial in alone.items():
