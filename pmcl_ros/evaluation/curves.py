@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evaluation.charts import Line, beside, chart
+from pmcl_ros.evaluation.charts import Chart, Line, draw
 from pmcl_ros.evaluation.recall import (
     cumulative,
     found,
@@ -33,17 +33,17 @@ def success_picture(trials: Trials) -> Picture:
     Dashed: upside down counts as right. One line of charts for each kind of scene.
     """
     bounds = np.linspace(1, 0, 201)
-    lines = []
+    rows_of_charts = []
     for film, scene in ((False, 'no film'), (True, 'behind a film')):
         kind = [each for each in present(trials) if each.film == film]
         if kind:
-            lines.append(beside([chart(
+            rows_of_charts.append([Chart(
                 f'{scene}: within {mm / 10:g} cm', 'dot product of the axes, at least', '%',
                 [Line(f'{mode}{", flips forgiven" * forgiving}', bounds, 100 * success(
                     rows, mm, bounds, forgiving), colour, forgiving)
                  for colour, (mode, rows) in enumerate(_by_row(kind))
-                 for forgiving in (False, True)], (1, 0), (0, 100)) for mm in (10, 20)]))
-    return np.concatenate(_alike(lines))
+                 for forgiving in (False, True)], (1, 0)) for mm in (10, 20)])
+    return draw(rows_of_charts)
 
 
 def errors_picture(trials: Trials) -> Picture:
@@ -51,10 +51,10 @@ def errors_picture(trials: Trials) -> Picture:
     names = (('translation_mm', 'error of the origin [mm]', 30),
              ('axis_deg', 'error of the axis [degrees]', 30),
              ('mssd_mm', 'MSSD [mm]', 30))
-    return beside([chart('trials with at most this error', x_name, '%', [
+    return draw([[Chart('trials with at most this error', x_name, '%', [
         Line(mode, _STEPS * most, 100 * cumulative(found(rows, name), _STEPS * most), colour)
         for colour, (mode, rows) in enumerate(_by_row(present(trials)))],
-        (0, most), (0, 100)) for name, x_name, most in names])
+        (0, most)) for name, x_name, most in names]])
 
 
 def coverage_picture(levels_by_row: Mapping[str, NDArray[np.float64]]) -> Picture:
@@ -73,19 +73,19 @@ def coverage_picture(levels_by_row: Mapping[str, NDArray[np.float64]]) -> Pictur
     top = max([40.0, *(float(np.max(each.y)) for each in shares)])
     held.append(Line('calibrated', [0, 1], [0, 100], -1, dashed=True))
     shares.append(Line('calibrated', [0, 1], [10, 10], -1, dashed=True))
-    return beside([
-        chart('truth inside', 'credible level', '%', held, (0, 1), (0, 100)),
-        chart('where the truth lies', 'credible level that reaches it', '% of trials', shares,
-              (0, 1), (0, top))])
+    return draw([[
+        Chart('truth inside', 'credible level', '%', held, (0, 1)),
+        Chart('where the truth lies', 'credible level that reaches it', '% of trials', shares,
+              (0, 1), (0, top))]])
 
 
 def time_picture(trials: Trials, variants: Sequence[Variant]) -> Picture:
     """What is found in how much time; where one value was swept, what more of it buys."""
     longest = float(np.max(values(present(trials), 'seconds'), initial=1e-3))
-    charts = [chart('found within 1 cm, 10 degrees', 'seconds from the volume', '%', [
+    charts = [Chart('found within 1 cm, 10 degrees', 'seconds from the volume', '%', [
         Line(mode, _STEPS * longest, 100 * in_time(rows, _STEPS * longest), colour)
         for colour, (mode, rows) in enumerate(_by_row(present(trials)))],
-        (0, longest), (0, 100))]
+        (0, longest))]
     by_name = dict(_by_row(present(trials)))
     for group in dict.fromkeys(each.group for each in variants if each.group):
         swept = [by_name[each.name] for each in variants
@@ -95,9 +95,9 @@ def time_picture(trials: Trials, variants: Sequence[Variant]) -> Picture:
             lines = [Line(f'{mm / 10:g} cm, {degrees:g} degrees', seconds,
                           [100 * within(rows, mm, degrees) for rows in swept], colour)
                      for colour, (mm, degrees) in enumerate(((20, 10), (10, 10), (5, 5)))]
-            charts.append(chart(f'with more {group}', 'median seconds from the volume', '%',
-                                lines, (0, max(seconds)), (0, 100)))
-    return beside(charts)
+            charts.append(Chart(f'with more {group}', 'median seconds from the volume', '%',
+                                lines, (0, max(seconds))))
+    return draw([charts])
 
 
 def pictures(trials: Trials, variants: Sequence[Variant]) -> dict[str, Picture]:
@@ -112,10 +112,3 @@ def pictures(trials: Trials, variants: Sequence[Variant]) -> dict[str, Picture]:
 
 def _by_row(trials: Trials) -> list[tuple[str, list[Trial]]]:
     return [(mode, [each for each in trials if each.mode == mode]) for mode in rows_of(trials)]
-
-
-def _alike(pictures: Sequence[Picture]) -> list[Picture]:
-    """Pictures as wide as the widest, white at the right."""
-    width = max(each.shape[1] for each in pictures)
-    return [np.pad(each, ((0, 0), (0, width - each.shape[1]), (0, 0)), constant_values=255)
-            for each in pictures]

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import LayersFrom
 from pmcl_ros.dlv.theory.lemma import counterexample, printed
 from pmcl_ros.dlv.theory.two_layers import BACK, FRONT
-from pmcl_ros.evaluation.charts import Line, chart
+from pmcl_ros.evaluation.charts import Chart, Line, draw
 from pmcl_ros.evaluation.two_layers import rates
 
 _SOURCES: tuple[LayersFrom, ...] = ('joint', 'volume')
@@ -23,8 +23,8 @@ def lemma() -> NDArray[np.uint8]:
              Line('behind it', alpha, assumed[:, BACK], 1),
              Line('patterned glass', alpha, free[:, FRONT], 0, dashed=True),
              Line('smooth wall behind it', alpha, free[:, BACK], 1, dashed=True)]
-    return chart('depth likelihood of two layers', 'alpha: share of the light that comes from '
-                 'the glass', 'L', lines, (0, 1), (0, 0.52))
+    return draw([[Chart('depth likelihood of two layers', 'alpha: share of the light that comes '
+                        'from the glass', 'L', lines, (0, 1), (0, 0.52))]])
 
 
 def layers() -> NDArray[np.uint8]:
@@ -34,8 +34,8 @@ def layers() -> NDArray[np.uint8]:
                   [100 * rates(each, 0.35, scale, layers=source).both for each in apart], colour,
                   source == 'volume')
              for colour, scale in enumerate((0.7, 1, 1.5)) for source in _SOURCES]
-    return chart('rays with both layers found, alpha 0.35',
-                 'separation of the layers [px per view step]', '%', lines, (0, 2.5), (0, 100))
+    return draw([[Chart('rays with both layers found, alpha 0.35',
+                        'separation of the layers [px per view step]', '%', lines, (0, 2.5))]])
 
 
 def layers_table() -> str:
