@@ -1,4 +1,4 @@
-"""The drawings of docs/method.md, made from the code they explain."""
+"""The drawings of README and docs/method.md, made from the code they explain."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import LayersFrom
 from pmcl_ros.dlv.theory.lemma import counterexample, printed
 from pmcl_ros.dlv.theory.two_layers import BACK, FRONT
-from pmcl_ros.evaluation.charts import Chart, Line, draw
+from pmcl_ros.evaluation.charts import Chart, Line, draw, picture
+from pmcl_ros.evaluation.frames_picture import frames_figure
 from pmcl_ros.evaluation.two_layers import rates
 
 _SOURCES: tuple[LayersFrom, ...] = ('joint', 'volume')
@@ -59,5 +60,10 @@ def layers_table() -> str:
     return '\n'.join(lines)
 
 
-FIGURES = {'lemma': lemma, 'layers': layers}
+def frames() -> NDArray[np.uint8]:
+    """Camera, region of interest and object."""
+    return picture(frames_figure())
+
+
+FIGURES = {'frames': frames, 'lemma': lemma, 'layers': layers}
 TABLES = {'layers': layers_table}

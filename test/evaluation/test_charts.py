@@ -1,10 +1,13 @@
 """Charts against where their lines must be, and the documentation's figures against the code."""
 
+from itertools import combinations
+
 import cv2
 import numpy as np
 
 from pmcl_ros.evaluation.charts import Chart, Line, draw, figure, picture
 from pmcl_ros.evaluation.figures import FIGURES
+from pmcl_ros.evaluation.frames_picture import frames_figure
 
 BLUE = (0, 114, 178)
 
@@ -70,3 +73,11 @@ def test_a_figure_is_a_picture_that_png_can_hold():
 def test_draw_is_the_picture_of_the_figure():
     chart = one([Line('a', [0, 1], [0, 1])])
     np.testing.assert_array_equal(draw([[chart]]), picture(figure([[chart]])))
+
+
+def test_names_in_the_figure_of_frames_can_be_read():
+    made = frames_figure()
+    picture(made)
+    boxes = [each.get_window_extent() for each in made.axes[0].texts if each.get_text()]
+    assert len(boxes) > 8
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
