@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Protocol
 
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
+from pmcl_ros.nodes.parameter_file import check_parameter_file
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.table import GRASPS, NODES, Entry
 
@@ -125,6 +127,8 @@ def main(args: Sequence[str] | None = None) -> int:
                         choices=[entry.name for entry in NODES], help='do not start this node')
     parser.add_argument('--grasps', metavar='FILE',
                         help='start grasp_node too, with these grasps, YAML (pmcl grasps)')
+    parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
+                        'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
     options = parser.parse_args(remove_ros_args(given)[1:])
@@ -133,10 +137,17 @@ def main(args: Sequence[str] | None = None) -> int:
             parser.error(f'there is no {options.params_file}')
         # first: what the command line says goes over what the file says
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
+    if options.pose:
+        ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     if options.grasps:
         ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
     try:
+        others = check_parameter_file(options.params_file) if options.params_file else []
         with ros([given[0], *ros_args]):
+            for each in others:
+                get_logger('pmcl_bringup').warning(
+                    f'{options.params_file} has parameters for {each!r}, which is none of this '
+                    "package's nodes")
             bring_up(options, ros_args)
     except PmclError as error:
         sys.stderr.write(f'pmcl_bringup: {error}\n')
