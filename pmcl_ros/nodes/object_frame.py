@@ -14,8 +14,9 @@ from pmcl_ros.pmcl.settings import PmclSettings
 class PmclNodeSettings(PmclSettings):
     """The search's, and what is said of its result on /tf."""
 
-    broadcast_tf: bool = Field(False, description='tell /tf the frame of the object, as a child of '
-                               "the camera's, for each pose; needs tf2_ros (full ROS)")
+    broadcast_tf: bool = Field(
+        False, description="tell /tf the frame of the object, as a child of the camera's, for "
+        'each pose; needs tf2_ros (full ROS)')
     object_frame: str = Field('', description='name of that frame; empty: that of the object')
 
 

@@ -13,7 +13,7 @@ _VALUES = 'ros__parameters'
 _WILD = ('*', '**')
 
 
-def check_parameter_file(path: Path) -> list[str]:
+def check_parameter_file(path: Path | str) -> list[str]:
     """The names of nodes in a file that are none of this package's: a file may serve others too.
 
     SettingsError for a name that is one of ours but for a slip, and for a file that holds no
@@ -30,8 +30,8 @@ def check_parameter_file(path: Path) -> list[str]:
                                 f'{name!r}; did you mean {close[0]!r}?')
         others.append(section)
     if not found:
-        raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: VALUE}}'
-                            f'}} with a NODE of {", ".join(known)}')
+        raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: '
+                            f'VALUE}}}} with a NODE of {", ".join(known)}')
     return others
 
 

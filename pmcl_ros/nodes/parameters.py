@@ -75,9 +75,9 @@ class Parameters:
         """SettingsError for a misspelt name; one that another node has may be for all nodes."""
         node, misspelt = self._node.get_name(), []
         for name in unknown_parameters(self._node):
-            owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
             if name.startswith(OVERRIDES):
                 continue  # declared with their publisher or subscription
+            owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
             if owners:
                 self._node.get_logger().warning(
                     f'parameter {name!r} is none of {node}, it is one of {" and ".join(owners)}: '
@@ -102,7 +102,8 @@ def unknown_parameters(node: Node) -> list[str]:
 def suggest(name: str, kind: type[Settings]) -> str:
     """The end of a sentence about a name that is no field of `kind`."""
     close = get_close_matches(name, kind.model_fields, 1)
-    return f'; did you mean {close[0]!r}?' if close else f' (known: {", ".join(kind.model_fields)})'
+    known = ', '.join(kind.model_fields)
+    return f'; did you mean {close[0]!r}?' if close else f' (known: {known})'
 
 
 def ros_type(field: FieldInfo) -> Parameter.Type:

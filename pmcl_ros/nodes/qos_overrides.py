@@ -53,7 +53,7 @@ def overridable(node: Node, topic: str, qos: QoSProfile, big: bool
 
 def warn_of_unknown(node: Node) -> None:
     """Once all publishers and subscriptions are there: tell of overrides that are for none."""
-    known = [name for name in node.get_parameters_by_prefix(OVERRIDES.rstrip('.'))]
+    known = list(node.get_parameters_by_prefix(OVERRIDES.rstrip('.')))
     for name in unknown_parameters(node):
         if name.startswith(OVERRIDES):
             close = get_close_matches(name.removeprefix(OVERRIDES), known, 1)

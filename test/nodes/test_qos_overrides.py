@@ -55,7 +55,7 @@ def test_what_is_given_is_used_whenever_the_node_is_configured(make):
         assert (out.depth, out.reliability) == (3, ReliabilityPolicy.BEST_EFFORT)
         assert (into.depth, into.reliability) == (2, ReliabilityPolicy.RELIABLE)
         assert node.trigger_deactivate() == node.trigger_cleanup() == Result.SUCCESS
-    assert (BIG, SMALL) == (big, small)  # the next node's are as they were
+    assert (big, small) == (BIG, SMALL)  # the next node's are as they were
 
 
 def test_without_overrides_all_is_as_the_node_wants_it(make):
