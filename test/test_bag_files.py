@@ -1,6 +1,7 @@
 """Recorded files are MCAP as rosbag2 and Foxglove take it, by the format's own library."""
 
 import random
+import re
 import tracemalloc
 
 import numpy as np
@@ -10,6 +11,7 @@ import yaml
 from pmcl_ros import bags
 from pmcl_ros.bags import BagWriter, Recorded, read, record
 from pmcl_ros.errors import BagError
+from pmcl_ros.nodes.topics import TOPICS
 
 reader = pytest.importorskip('mcap.reader')
 
@@ -60,6 +62,20 @@ def test_the_file_is_what_its_format_wants(tmp_path, messages, compress):
                  for _, channel, message in mcap.iter_messages()]
     assert found == sorted(((each.topic, each.time_ns, each.cdr) for each in messages),
                            key=lambda each: each[1])
+
+
+@pytest.mark.parametrize('kind', sorted({each.type for each in TOPICS}))
+def test_a_schema_defines_all_that_its_message_is_made_of(tmp_path, kind):
+    """As a reader that knows no ROS needs it: nested definitions after lines of =."""
+    record(tmp_path / 'bag', [Recorded('/a', kind, 1, CDR)])
+    with (tmp_path / 'bag' / 'bag.mcap').open('rb') as file:
+        schema, = reader.make_reader(file).get_summary().schemas.values()
+    first, *others = schema.data.decode().split('=' * 80 + '\n')
+    names = [each.splitlines()[0].removeprefix('MSG: ') for each in others]
+    used = {re.split(r'[\[<\s]', line)[0] for part in (first, *others)
+            for line in part.splitlines() if re.match(r'\w+/', line)}
+    assert used == set(names)
+    assert first.strip()
 
 
 def test_metadata_hold_what_jazzy_reads(tmp_path, messages):
