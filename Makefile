@@ -8,7 +8,7 @@ RUN := .venv/.installed-run
 TEST := .venv/.installed-test
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test lint venv eval clean
+.PHONY: demo test lint venv docs eval clean
 
 demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
@@ -21,6 +21,11 @@ lint: $(TEST)
 	$(BIN)/mypy
 
 venv: $(TEST)
+
+# What is written from the code: the lists of topics and parameters.
+docs: $(RUN)
+	$(BIN)/python -m pmcl_ros.nodes.reference > docs/reference.md
+	$(BIN)/python -m pmcl_ros.nodes.reference --parameters > config/pmcl.yaml
 
 # Errors over a folder of captures with truth, as README's table: make eval CAPTURES=DIR
 eval: $(RUN)

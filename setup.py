@@ -45,6 +45,7 @@ setup(
         'pmcl_node = pmcl_ros.nodes.pmcl_node:main',
         'grasp_node = pmcl_ros.nodes.grasp_node:main',
         'pmcl_bringup = pmcl_ros.nodes.bringup:main',
+        'pmcl_record = pmcl_ros.nodes.record:main',
         'pmcl_replay = pmcl_ros.nodes.replay:main',
         'pmcl = pmcl_ros.cli:main',
     ]},

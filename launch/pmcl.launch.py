@@ -1,7 +1,8 @@
 """Starts the chain as one process for each node and, unless told otherwise, takes it to active.
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
-grasps (a grasp file: grasp_node is started too).
+grasps (a grasp file: grasp_node is started too), pose (the topic on which the pose is published,
+and on which grasp_node and a grasp pipeline find it).
 """
 
 from itertools import pairwise
@@ -21,6 +22,14 @@ from pmcl_ros.nodes.table import GRASPS, NODES
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
 
+def node_of(entry, *parameters):
+    """The node of a table entry; all share the file, the namespace and the name of the pose."""
+    return LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
+                         namespace=LaunchConfiguration('namespace'), output='screen',
+                         parameters=[LaunchConfiguration('params_file'), *parameters],
+                         remappings=[('pose', LaunchConfiguration('pose'))])
+
+
 def change(node, transition):
     """Ask `node` for a transition."""
     return EmitEvent(event=ChangeState(lifecycle_node_matcher=matches_action(node),
@@ -37,16 +46,10 @@ def after(node, start_state, goal_state, action):
 def start(context):
     """The nodes and the events that take them to active, one after the other."""
     without = LaunchConfiguration('without').perform(context).split(',')
-    nodes = [LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
-                           namespace=LaunchConfiguration('namespace'), output='screen',
-                           parameters=[LaunchConfiguration('params_file')])
-             for entry in reversed(NODES) if entry.name not in without]  # consumers first
+    nodes = [node_of(entry) for entry in reversed(NODES) if entry.name not in without]
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
-        nodes.insert(0, LifecycleNode(
-            package='pmcl_ros', executable=GRASPS.name, name=GRASPS.name,
-            namespace=LaunchConfiguration('namespace'), output='screen',
-            parameters=[LaunchConfiguration('params_file'), {'grasps': grasps}]))
+        nodes.insert(0, node_of(GRASPS, {'grasps': grasps}))  # consumers first
     if LaunchConfiguration('autostart').perform(context).lower() != 'true' or not nodes:
         return nodes
     first, last = nodes[0], nodes[-1]
@@ -74,5 +77,7 @@ def generate_launch_description():
                               description='names of nodes not to start, by commas'),
         DeclareLaunchArgument('grasps', default_value='',
                               description='a grasp file, YAML: start grasp_node with it'),
+        DeclareLaunchArgument('pose', default_value='pose',
+                              description='topic of the pose, as a grasp pipeline expects it'),
         OpaqueFunction(function=start),
     ])

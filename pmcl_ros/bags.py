@@ -1,6 +1,7 @@
 """Bags: MCAP files of the chain's topics, written and read without ROS."""
 
-from collections.abc import Iterable, Iterator
+import shutil
+from collections.abc import Container, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -61,26 +62,55 @@ class Recorded(NamedTuple):
     qos: Qos = VOLATILE
 
 
-def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True) -> None:
-    """Write a new bag, a folder that `ros2 bag play` and `read` take; compressed with zstd.
+class BagWriter:
+    """A new bag, a folder that `ros2 bag play` and `read` take; chunks compressed with zstd.
 
-    Raises BagError when it is already there.
+    A context manager; whatever ends it, what was written until then can be read. A bag without a
+    message is taken away again. Raises BagError when it is already there or cannot be written.
     """
-    if Path(bag).exists():
-        raise BagError(f'{bag} is already there; remove it or choose another name')
-    writer = Writer(bag, version=_FORMAT, storage_plugin=StoragePlugin.MCAP)
-    if compress:
-        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    connections = {}
-    try:
-        with writer:
-            for each in messages:
-                if each.topic not in connections:
-                    connections[each.topic] = writer.add_connection(
-                        each.topic, each.type, typestore=_TYPES, offered_qos_profiles=[each.qos])
-                writer.write(connections[each.topic], each.time_ns, each.cdr)
-    except WriterError as error:
-        raise BagError(f'cannot write {bag}: {error}') from None
+
+    def __init__(self, bag: Path | str, compress: bool = True) -> None:
+        self._bag = Path(bag)
+        if self._bag.exists():
+            raise BagError(f'{bag} is already there; remove it or choose another name')
+        self._writer = Writer(self._bag, version=_FORMAT, storage_plugin=StoragePlugin.MCAP)
+        if compress:
+            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        self._connections: dict[str, Connection] = {}
+
+    def __enter__(self) -> 'BagWriter':
+        with self._explained():
+            self._writer.open()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        with self._explained():
+            self._writer.close()  # never abort, which writes no index
+        if not self._connections:
+            shutil.rmtree(self._bag)
+
+    def write(self, message: Recorded) -> None:
+        """Append a message."""
+        topic = message.topic
+        with self._explained():
+            if topic not in self._connections:
+                self._connections[topic] = self._writer.add_connection(
+                    topic, message.type, typestore=_TYPES, offered_qos_profiles=[message.qos])
+            self._writer.write(self._connections[topic], message.time_ns, message.cdr)
+
+    @contextmanager
+    def _explained(self) -> Iterator[None]:
+        try:
+            yield
+        except (WriterError, OSError) as error:
+            raise BagError(f'cannot write {self._bag}: {error}') from None
+
+
+def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True) -> None:
+    """Write a new bag of `messages`; as `BagWriter`."""
+    with BagWriter(bag, compress) as writer:
+        for each in messages:
+            writer.write(each)
 
 
 class Topic(NamedTuple):
@@ -99,10 +129,16 @@ def topics(bag: Path | str) -> list[Topic]:
                 for each in reader.connections]
 
 
-def read(bag: Path | str) -> Iterator[Recorded]:
-    """The messages of a bag in the order of their times."""
+def read(bag: Path | str, only: Container[str] | None = None) -> Iterator[Recorded]:
+    """The messages of a bag in the order of their times, a chunk of it in memory at a time.
+
+    only: the names of the topics that are wanted.
+    """
     with _open(bag) as reader:
-        for connection, time_ns, cdr in reader.messages():
+        wanted = [each for each in reader.connections if only is None or each.topic in only]
+        if not wanted:  # none means all there
+            return
+        for connection, time_ns, cdr in reader.messages(wanted):
             yield Recorded(connection.topic, connection.msgtype, time_ns, bytes(cdr),
                            _qos(connection))
 

@@ -24,6 +24,8 @@ from geometry_msgs.msg import (
     PoseWithCovariance,
     PoseWithCovarianceStamped,
     Quaternion,
+    Transform,
+    TransformStamped,
     Vector3,
 )
 from numpy.typing import NDArray
@@ -460,6 +462,15 @@ def estimate_to_messages(estimate: PoseEstimate) -> PoseMessages:
     return PoseMessages(PoseStamped(header=header, pose=pose),
                         PoseWithCovarianceStamped(header=header, pose=spread),
                         PoseArray(header=header, poses=particles))
+
+
+def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStamped:
+    """The pose as /tf tells it: the object's frame `child` in the camera's."""
+    pose = _poses(estimate.pose[None])[0]
+    p = pose.position
+    return TransformStamped(
+        header=header_to_message(estimate.header), child_frame_id=child,
+        transform=Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=pose.orientation))
 
 
 def mesh_to_marker(model: ObjectModel) -> Marker:

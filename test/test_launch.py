@@ -79,7 +79,7 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps']
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'pose']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -110,3 +110,9 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     assert first == [('grasp_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
+
+
+def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
+    remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
+    assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]

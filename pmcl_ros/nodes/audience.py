@@ -38,11 +38,15 @@ class Audience(Generic[T]):
         node.active.callback(self._forget)
         self._timer = node.every(_LOOK, self._look)
 
-    def tell(self, make: Callable[[], T]) -> None:
-        """Publish what `make` returns, which is called once, or never."""
+    def tell(self, make: Callable[[], T], capture: str = 'a capture') -> None:
+        """Publish what `make` returns, which is called once, or never.
+
+        capture: what it is called in the log.
+        """
         if self._left and not self._made:
             self._node.dropped('a capture: a newer one came before anybody listened')
         self._made, self._make, self._left = False, cache(make), list(self._outputs)
+        self._capture = capture
         self._came = time.monotonic()
         self._look()
 
@@ -57,7 +61,7 @@ class Audience(Generic[T]):
             self._forget()
             raise
         if self._made and not made:
-            self._node.health.done(time.monotonic() - self._came)
+            self._node.done(time.monotonic() - self._came, f'published {self._capture}')
         if over:
             self._timer.cancel()
             if self._left and not self._made:

@@ -25,6 +25,7 @@ from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.health import Health
 from pmcl_ros.nodes.parameters import Parameters
+from pmcl_ros.nodes.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.settings import Settings
 
 # Both ends of every big topic: best effort loses messages of this size; only the newest counts.
@@ -70,7 +71,9 @@ class StageNode(LifecycleNode):
 
     def publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
         """A publisher for as long as the node is configured; silent while it is inactive."""
-        publisher = self.create_lifecycle_publisher(kind, topic, qos)
+        with overridable(self, topic, qos, qos is BIG) as (profile, options):
+            publisher = self.create_lifecycle_publisher(kind, topic, profile,
+                                                        qos_overriding_options=options)
         self.configured.callback(self.destroy_lifecycle_publisher, publisher)
         return publisher
 
@@ -86,7 +89,9 @@ class StageNode(LifecycleNode):
             with self.watched(topic):
                 callback(message)
 
-        subscription = self.create_subscription(kind, topic, received, qos, raw=raw)
+        with overridable(self, topic, qos, qos is BIG) as (profile, options):
+            subscription = self.create_subscription(kind, topic, received, profile, raw=raw,
+                                                    qos_overriding_options=options)
         self.active.callback(self.destroy_subscription, subscription)
         return subscription
 
@@ -130,6 +135,11 @@ class StageNode(LifecycleNode):
         if problems:
             self.health.failed(f'{what}: {problems[0]}')
             self.tell_health()
+
+    def done(self, latency: float, message: str) -> None:
+        """Count and log a result that was published `latency` seconds after its input came."""
+        self.health.done(latency, message)
+        self.get_logger().info(f'{message}, in {1e3 * latency:.0f} ms')
 
     def dropped(self, what: str) -> None:
         """Count and log an input that is given up."""
@@ -191,6 +201,7 @@ class StageNode(LifecycleNode):
         self.active.callback(self._end_diagnostics)
         self.every(1.0, self.tell_health)
         self.start()
+        warn_of_unknown(self)
 
     def _end_diagnostics(self) -> None:
         with self._telling:
@@ -222,8 +233,8 @@ class StageNode(LifecycleNode):
         return result
 
     def _guard_transitions(self) -> None:
-        # rclpy 7.1 (issue 1209) lets an impossible request's RCLError end the process. These two
-        # private names are all that this package uses of rclpy's inside.
+        # rclpy 7.1 (issue 1209) lets an impossible request's RCLError end the process. Beside
+        # these two private names this package uses one of rclpy's inside: unknown_parameters.
         change, machine = self._service_change_state.callback, self._state_machine
 
         def guarded(request: ChangeState.Request,

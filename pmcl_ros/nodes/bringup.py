@@ -6,16 +6,18 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
+from pmcl_ros.nodes.parameter_file import check_parameter_file
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.table import GRASPS, NODES, Entry
 
@@ -101,21 +103,25 @@ def activate(names: Sequence[str], check: Callable[[str], None], timeout: float)
         node.destroy_node()
 
 
-def _ros_args(args: Sequence[str]) -> list[str]:
-    """The parts `--ros-args ... --` of a command line, which the nodes get too."""
-    parts, inside = [], False
+def _split(args: Sequence[str]) -> tuple[list[str], list[str]]:
+    """This program's own arguments, and the parts `--ros-args ... --`, which the nodes get too.
+
+    rclpy's remove_ros_args reads the parameter files, and fails with them.
+    """
+    own: list[str] = []
+    parts: list[str] = []
+    inside = False
     for each in args:
         inside = inside or each == '--ros-args'
-        if inside:
-            parts.append(each)
+        (parts if inside else own).append(each)
         inside = inside and each != '--'
-    return parts
+    return own, parts
 
 
 def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     given = list(sys.argv if args is None else args)
-    ros_args = _ros_args(given)
+    own, ros_args = _split(given[1:])
     parser = argparse.ArgumentParser(prog='pmcl_bringup', description=__doc__)
     parser.add_argument('--params-file', type=Path, help='parameters of the nodes, YAML')
     parser.add_argument('--processes', action='store_true', help='one process for each node')
@@ -125,18 +131,27 @@ def main(args: Sequence[str] | None = None) -> int:
                         choices=[entry.name for entry in NODES], help='do not start this node')
     parser.add_argument('--grasps', metavar='FILE',
                         help='start grasp_node too, with these grasps, YAML (pmcl grasps)')
+    parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
+                        'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
-    options = parser.parse_args(remove_ros_args(given)[1:])
+    options = parser.parse_args(own)
     if options.params_file is not None:
         if not options.params_file.is_file():
             parser.error(f'there is no {options.params_file}')
         # first: what the command line says goes over what the file says
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
+    if options.pose:
+        ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     if options.grasps:
         ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
     try:
+        files = [file for before, file in pairwise(ros_args) if before == '--params-file']
+        others = [(file, node) for file in files for node in check_parameter_file(file)]
         with ros([given[0], *ros_args]):
+            for file, node in others:
+                get_logger('pmcl_bringup').warning(
+                    f'{file} has parameters for {node!r}, which is none of this package')
             bring_up(options, ros_args)
     except PmclError as error:
         sys.stderr.write(f'pmcl_bringup: {error}\n')

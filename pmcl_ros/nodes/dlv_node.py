@@ -62,7 +62,7 @@ class DlvNode(StageNode):
         stamp = conversions.header_from(message.header).stamp_ns
         complete = self._matching.add(topic, stamp, message)
         if complete:
-            self._audience.tell(partial(self._build, *complete))
+            self._audience.tell(partial(self._build, *complete), f'capture {stamp}')
 
     def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> DepthLikelihoodVolume:
         return build_volume(conversions.light_field_from(camera_info, pupil, views),

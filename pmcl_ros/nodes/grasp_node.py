@@ -114,9 +114,8 @@ class GraspNode(StageNode):
         self.health.extra = {'object': self._model.name,
                              'best grasp': ranking.candidates[0].grasp.name,
                              'probability': f'{ranking.candidates[0].probability:.3f}'}
-        self.health.done(time.monotonic() - began, f'{ranking.describe()}, in capture '
-                         f'{header.stamp_ns}')
-        self.get_logger().info(self.health.message)
+        self.done(time.monotonic() - began,
+                  f'{ranking.describe()}, in capture {header.stamp_ns}')
         self.tell_health()
 
     def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]

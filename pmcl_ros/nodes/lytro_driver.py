@@ -195,7 +195,8 @@ class LytroDriver(StageNode):
                 publisher.publish(message)
             self._roll.done(picture)
             self.health.frames_in += 1
-            self.health.done(time.monotonic() - began)
+            self.done(time.monotonic() - began, f'published {picture.id} as capture '
+                      f'{picture.shutter_ns}')
         # The next may follow at once, and the histories of the topics have room for one.
         received = all(each.wait_for_all_acked(_ARRIVAL) for each in (self._metadata, self._image))
         if self._settings.delete:

@@ -1,6 +1,7 @@
 """ROS parameters declared from, and read back into, a Settings class."""
 
 import sys
+from difflib import get_close_matches
 from types import NoneType
 from typing import Any, Literal, get_args, get_origin
 
@@ -17,8 +18,10 @@ from rclpy.parameter import Parameter
 
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes.live import is_live
+from pmcl_ros.nodes.table import ALL
 from pmcl_ros.settings import Settings
 
+OVERRIDES = 'qos_overrides.'  # rclpy's own prefix
 _TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
 
 
@@ -26,7 +29,7 @@ class Parameters:
     """The parameters of a node: names, defaults, ranges and descriptions are those of `kind`.
 
     A value that ROS refuses when the node starts does not end the node: `read` tells about it,
-    until a good one has been set.
+    until a good one has been set. So it does about values given for parameters that nobody knows.
     """
 
     def __init__(self, node: Node, kind: type[Settings]) -> None:
@@ -38,6 +41,7 @@ class Parameters:
 
     def read(self) -> Settings:
         """The parameters as they are now; SettingsError names every impossible or missing one."""
+        self._refuse_unknown()
         if self._refused:
             raise SettingsError('; '.join(self._refused.values()))
         values = {}
@@ -67,9 +71,39 @@ class Parameters:
         if name in self._refused:
             self._node.declare_parameter(name, default, descriptor, ignore_override=True)
 
+    def _refuse_unknown(self) -> None:
+        """SettingsError for a misspelt name; one that another node has may be for all nodes."""
+        node, misspelt = self._node.get_name(), []
+        for name in unknown_parameters(self._node):
+            if name.startswith(OVERRIDES):
+                continue  # declared with their publisher or subscription
+            owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+            if owners:
+                self._node.get_logger().warning(
+                    f'parameter {name!r} is none of {node}, it is one of {" and ".join(owners)}: '
+                    'without effect here')
+            else:
+                misspelt.append(f'unknown parameter {name!r}{suggest(name, self._kind)}')
+        if misspelt:
+            raise SettingsError(f'{node}: {"; ".join(misspelt)}. Correct what the node is started '
+                                'with (parameter file, -p) and start it again')
+
     def _accepted(self, parameters: list[Parameter]) -> None:
         for parameter in parameters:
             self._refused.pop(parameter.name, None)
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """The parameters that the node was started with but does not have."""
+    # Private in rclpy 7.1, where nothing else tells of overrides that are not declared.
+    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
+
+
+def suggest(name: str, kind: type[Settings]) -> str:
+    """The end of a sentence about a name that is no field of `kind`."""
+    close = get_close_matches(name, kind.model_fields, 1)
+    known = ', '.join(kind.model_fields)
+    return f'; did you mean {close[0]!r}?' if close else f' (known: {known})'
 
 
 def ros_type(field: FieldInfo) -> Parameter.Type:

@@ -18,6 +18,7 @@ from pmcl_ros.evaluation.pictures import overlay
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
+from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 from pmcl_ros.nodes.values import subscribe_value
@@ -25,7 +26,6 @@ from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.settings import PmclSettings
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
@@ -43,12 +43,14 @@ class PmclNode(StageNode):
     """
 
     name = 'pmcl_node'
-    settings_class = PmclSettings
+    settings_class = PmclNodeSettings
 
-    def set_up(self, settings: PmclSettings) -> None:
+    def set_up(self, settings: PmclNodeSettings) -> None:
         """Load the object and get a GL context."""
         self._settings = settings
         self._model = ObjectModel.load(resolve(settings.object, 'object'))
+        self._frame = (ObjectFrame(self, settings.object_frame or self._model.name)
+                       if settings.broadcast_tf else None)
         self._worker = Worker(partial(Localizer, self._model, settings))
         self.configured.callback(self._worker.close)
         self.health.back_end = self._worker.owned.renderer
@@ -171,8 +173,10 @@ class PmclNode(StageNode):
             messages = conversions.estimate_to_messages(estimate)
             for publisher, message in zip(self._poses, messages, strict=True):
                 publisher.publish(message)
+            if self._frame is not None:
+                self._frame.tell(estimate)
             self._publish_overlay(estimate, volume)
-            self.health.done(latency, f'found {name} in capture {stamp}')
+            self.done(latency, f'found {name} in capture {stamp}')
         if self._markers.get_subscription_count():
             self._marker = self._marker or conversions.mesh_to_marker(self._model)
             self._markers.publish(conversions.place_marker(self._marker, estimate))

@@ -4,7 +4,6 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from importlib import import_module
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -14,8 +13,12 @@ from rosbags.interfaces import Qos
 
 from pmcl_ros.bags import Recorded, Topic, read, topics
 from pmcl_ros.errors import BagError, PmclError
+from pmcl_ros.nodes.message_types import message_type
+from pmcl_ros.nodes.progress import Progress
 from pmcl_ros.nodes.running import pause, ros
+from pmcl_ros.nodes.topics import PRESETS
 
+_ROUND = 1.0  # s: a bag of one capture would begin again as fast as DDS can take it
 _PATIENCE = 30.0  # s: for messages to arrive; DDS gives up who has been silent for 20
 
 
@@ -23,6 +26,8 @@ class Player:
     """Publishes recorded messages under their topics' names, relative to the node's namespace."""
 
     def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
+        topics = list(topics)
+        self._total = sum(each.messages for each in topics)
         self._lines = {each.name: _Line(node, each) for each in topics}
 
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
@@ -35,22 +40,29 @@ class Player:
                                f'{timeout:g} s; are the nodes active?')
             pause(0.05)
 
-    def play(self, messages: Iterable[Recorded], rate: float) -> None:
+    def play(self, messages: Iterable[Recorded], rate: float, progress: Progress) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
         The time counts from when the first has been published. What a subscriber keeps of
         messages that come faster than it takes them is its own choice: the newest, by its depth.
+        Messages are taken one by one, as they are due.
         """
-        start, first_ns = time.monotonic(), 0
+        start, first_ns, number, into = time.monotonic(), 0, 0, 0.0
+
+        def told() -> str:
+            return f'{number} of {self._total} messages, {into:.1f} s into the bag'
+
         for number, each in enumerate(messages, 1):
             if number > 1:
-                pause(start + (each.time_ns - first_ns) * 1e-9 / rate - time.monotonic())
+                into = (each.time_ns - first_ns) * 1e-9
+                pause(start + into / rate - time.monotonic())
             self._lines[each.topic].publish(each.cdr)
-            sys.stderr.write(f'{number} {each.topic} {len(each.cdr)} bytes\n')
             if number == 1:
                 start, first_ns = time.monotonic(), each.time_ns
+            progress.tell(told)
         for line in self._lines.values():
             line.wait_until_arrived()
+        progress.say(f'played {told()}')
 
 
 class _Line:
@@ -62,7 +74,7 @@ class _Line:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         profile = _profile(topic.qos)
-        self._publisher = node.create_publisher(_message_type(topic.type), topic.name.lstrip('/'),
+        self._publisher = node.create_publisher(message_type(topic.type), topic.name.lstrip('/'),
                                                 profile)
         self._room = profile.depth if profile.history == HistoryPolicy.KEEP_LAST else sys.maxsize
         self._kept = 0  # not known to have arrived
@@ -96,18 +108,18 @@ class _Line:
         self._kept = 0
 
 
-def _message_type(name: str) -> type:
-    package, _, kind = name.split('/')
-    try:
-        return getattr(import_module(f'{package}.msg'), kind)
-    except (ImportError, AttributeError):
-        raise BagError(f'message type {name} is not installed') from None
-
-
 def _profile(qos: Qos) -> QoSProfile:
     return QoSProfile(depth=max(qos.depth, 1), history=HistoryPolicy[qos.history.name],
                       reliability=ReliabilityPolicy[qos.reliability.name],
                       durability=DurabilityPolicy[qos.durability.name])
+
+
+def _wanted(topic: str, options: argparse.Namespace) -> bool:
+    if not options.topic and options.preset is None:
+        return True
+    stage = PRESETS[options.preset] if options.preset else ()
+    # in whatever namespace it was recorded
+    return topic in options.topic or any(topic.endswith(f'/{each.lstrip("/")}') for each in stage)
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -119,20 +131,30 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--subscribers', type=int, default=1,
                         help='subscribers to wait for, of each topic')
     parser.add_argument('--timeout', type=float, default=60.0, help='for them to come [s]')
-    parser.add_argument('--topic', action='append', metavar='T', help='play only this topic')
+    parser.add_argument('--topic', action='append', default=[], metavar='T',
+                        help='play only this topic')
+    parser.add_argument('--preset', choices=list(PRESETS),
+                        help='play only the topics of this stage, as of pmcl_record')
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
     options = parser.parse_args(remove_ros_args(given)[1:])
     if options.rate <= 0:
         parser.error(f'--rate must be positive, not {options.rate}')
     try:
         found = {each.name: each for each in topics(options.bag)}
-        chosen = {name: found[name] for name in options.topic or found if name in found}
+        chosen = {name: each for name, each in found.items() if _wanted(name, options)}
         if not chosen:
             raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
+        progress = Progress('pmcl_replay')
         with ros(given):
             player = Player(Node('pmcl_replay'), chosen.values())
             player.wait_for_subscribers(options.subscribers, options.timeout)
-            player.play((each for each in read(options.bag) if each.topic in chosen),
-                        options.rate)
+            again = True
+            while again:
+                began = time.monotonic()
+                player.play(read(options.bag, chosen), options.rate, progress)
+                again = options.loop
+                if again:
+                    pause(began + _ROUND - time.monotonic())
     except PmclError as error:
         sys.stderr.write(f'pmcl_replay: {error}\n')
         return 1

@@ -9,6 +9,7 @@ import logging
 import select
 import signal
 import socket
+import sys
 import threading
 import traceback
 from collections.abc import Iterator
@@ -18,6 +19,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
+from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes import shared_memory
 from pmcl_ros.nodes.base import StageNode
 
@@ -33,10 +35,14 @@ class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
 def ros(args: list[str] | None = None) -> Iterator[None]:
     """ROS while it lasts; an Interrupted from inside ends it without a trace.
 
+    SettingsError for arguments that ROS refuses, as a parameter file that it cannot read.
     The process is expected to end soon after it.
     """
     _note_signals()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # all of rclpy's about arguments and parameter files are such
+        raise SettingsError(f'ROS does not start with these arguments: {error}') from None
     core, handler = logging.getLogger('pmcl_ros'), RosLog()
     core.addHandler(handler)
     core.setLevel(logging.INFO)
@@ -103,13 +109,17 @@ class NodeThread:
 
 def run(node_class: type[StageNode]) -> int:
     """Main function of a node's executable."""
-    with ros():
-        node = NodeThread(node_class())
-        try:
-            while node.alive():
-                pause(0.5)
-        finally:
-            node.stop()
+    try:
+        with ros():
+            node = NodeThread(node_class())
+            try:
+                while node.alive():
+                    pause(0.5)
+            finally:
+                node.stop()
+            return 1
+    except SettingsError as error:
+        sys.stderr.write(f'{node_class.name}: {error}\n')
         return 1
     return 0
 

@@ -53,6 +53,7 @@ class SubapertureNode(StageNode):
         """Load calibration and white images."""
         self._metadata: CameraMetadata | None = None
         self._decoders = _load(settings)
+        self.health.back_end = 'numba'
         self.configured.enter_context(live_parameters(self, settings, self._renew))
         self._buffers = conversions.Buffer(), conversions.Buffer()
         # the small ones first, so that `views` completes its capture
@@ -98,18 +99,22 @@ class SubapertureNode(StageNode):
         self._metadata = conversions.metadata_from(message)
         image, self._waiting = self._waiting, None
         if image is not None:
-            self._audience.tell(partial(self._decode, image, self._metadata))
+            self._tell(image, self._metadata)
 
     def _on_image(self, image: Image) -> None:
         self.health.frames_in += 1
         conversions.counts_from(image)
         if self._metadata is not None:
-            self._audience.tell(partial(self._decode, image, self._metadata))
+            self._tell(image, self._metadata)
             return
         if self._waiting is not None:
             self.dropped('an image: a newer one came before any metadata')
         self._waiting = image
         self.health.warn('an image waits for metadata')
+
+    def _tell(self, image: Image, metadata: CameraMetadata) -> None:
+        stamp = conversions.header_from(image.header).stamp_ns
+        self._audience.tell(partial(self._decode, image, metadata), f'capture {stamp}')
 
     def _decode(self, image: Image, metadata: CameraMetadata) -> _Decoded:
         frame = conversions.raw_frame_from(image, metadata)

@@ -26,3 +26,4 @@ NODES = (
 )
 # After the chain, where it is wanted: bring-up and launch start it when they get a grasp file.
 GRASPS = Entry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
+ALL = (*NODES, GRASPS)

@@ -8,7 +8,8 @@ import pytest
 import viewer_layouts
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
-from harness import ACTIVE, CONFIGURE, PATIENCE, UNCONFIGURED, Process
+from geometry_msgs.msg import PoseStamped
+from harness import ACTIVE, CONFIGURE, PATIENCE, ROOT, UNCONFIGURED, Process
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -94,6 +95,29 @@ def test_nodes_live_in_a_namespace(tmp_path, user, write):
         states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
         user.wait(lambda: {each.status[0].name for each in states}
                   == {'left/lytro_driver', 'left/dlv_node'}, 'the state of both, by their names')
+
+
+@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'two'])
+def test_the_pose_is_where_a_grasp_pipeline_wants_it(tmp_path, user, write, how):
+    """And where grasp_node finds it too."""
+    grasps = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--without', 'lytro_driver',
+                 '--without', 'subaperture_node', '--without', 'dlv_node', '--grasps', grasps,
+                 '--pose', '/robot/target', *how) as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        assert 'active: grasp_node, pmcl_node' in chain.log
+        user.listen(PoseStamped, '/robot/target', SMALL)
+        takers = user.node.get_subscriptions_info_by_topic('/robot/target')
+        assert {'user', 'grasp_node'} <= {each.node_name for each in takers}
+        assert not user.node.get_publishers_info_by_topic('/pose')
+
+
+def test_a_parameter_file_for_a_misspelt_node_is_refused(tmp_path):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text('dlv_nod: {ros__parameters: {labels: 5}}')
+    chain = Process(tmp_path, BRINGUP, '--params-file', file)
+    ends(chain, 1)
+    assert "there is no node 'dlv_nod'; did you mean 'dlv_node'?" in chain.log
 
 
 @pytest.mark.parametrize(('arguments', 'reason'), [

@@ -105,3 +105,11 @@ def test_an_integer_for_a_double_is_explained(tmp_path, user, name):
         assert 'write 1.0, not 1' in process.log
         assert user.set(name, near=0.4) == []
         assert user.change(name, CONFIGURE)
+
+
+def test_a_misspelt_parameter_is_told_and_the_node_lives_on(tmp_path, user):
+    with Process(tmp_path, 'pmcl_ros.nodes.dlv_node', params={'lables': 16}) as process:
+        assert not user.change('dlv_node', CONFIGURE)
+        assert ("cannot configure: dlv_node: unknown parameter 'lables'; did you mean 'labels'?"
+                in process.log)
+        assert user.state('dlv_node') == UNCONFIGURED

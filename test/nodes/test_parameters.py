@@ -86,6 +86,25 @@ def test_a_refused_value_can_be_mended(make):
     assert parameters.read().length == 1.0
 
 
+@pytest.mark.parametrize(('name', 'hint'), [
+    ('cuont', "unknown parameter 'cuont'; did you mean 'count'?"),
+    ('zzz', "unknown parameter 'zzz' (known: flag, count, length, mode, point, path, limit)"),
+])
+def test_a_name_that_nobody_knows_is_refused_with_a_suggestion(make, name, hint):
+    _, parameters = make(path='x', **{name: 5})
+    with pytest.raises(SettingsError) as caught:
+        parameters.read()
+    assert str(caught.value).startswith(f'example: {hint}')
+
+
+def test_a_name_that_another_node_knows_may_be_for_all_of_them(make, capfd):
+    _, parameters = make(path='x', labels=5, use_sim_time=False)
+    assert parameters.read() == Example(path='x')
+    error = capfd.readouterr().err
+    assert "'labels' is none of example, it is one of dlv_node: without effect here" in error
+    assert 'use_sim_time' not in error
+
+
 @pytest.mark.parametrize('entry', [*NODES, GRASPS], ids=lambda entry: entry.name)
 def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())

@@ -1,6 +1,8 @@
 """The player publishes what was recorded, byte for byte, when somebody listens."""
 
 import re
+import signal
+from pathlib import Path
 
 import pytest
 from harness import PATIENCE, ROOT, Process
@@ -87,6 +89,41 @@ def test_a_topic_can_be_chosen(tmp_path, user, bag):
         user.wait(lambda: len(messages) == 2, 'the messages')
         user.wait(lambda: not player.alive(), 'the end')
     assert '/a' not in player.log
+
+
+def memory(process):
+    """What a process has in memory of its own [bytes]."""
+    status = Path(f'/proc/{process.popen.pid}/status').read_text()
+    return 1024 * int(re.search(r'RssAnon:\s+(\d+) kB', status)[1])
+
+
+def test_a_bag_is_played_again_and_again_in_the_same_memory(tmp_path, user):
+    size, count, rounds = 2_000_000, 20, 4
+    bag = write(tmp_path / 'bag', *(('/b', 0.01 * each, f'{each:0{size}}')
+                                    for each in range(count)))
+    messages = []
+    user.node.create_subscription(String, 'b', lambda cdr: messages.append(len(cdr)), ALL,
+                                  raw=True)
+    with Process(tmp_path, REPLAY, bag, '--loop') as player:
+        user.wait(lambda: len(messages) >= count, 'the first round')
+        before = memory(player)
+        user.wait(lambda: len(messages) >= rounds * count, 'more')
+        assert memory(player) - before < count * size / 2
+        player.popen.send_signal(signal.SIGINT)
+        assert player.popen.wait(PATIENCE) == 0
+    assert 'played 20 of 20 messages, 0.2 s into the bag' in player.log
+    # progress is told now and then, whatever there is to play
+    assert len(player.log.splitlines()) < len(messages)
+
+
+def test_a_stage_of_a_bag_can_be_chosen_in_any_namespace(tmp_path, user):
+    bag = write(tmp_path / 'bag', ('/left/dlv', 0, 'one'), ('/left/pose', 0, 'two'),
+                ('/left/other', 0, 'three'))
+    messages = listen(user, '/left/dlv', ALL)
+    with Process(tmp_path, REPLAY, bag, '--preset', 'dlv') as player:
+        user.wait(lambda: messages, 'the messages')
+        user.wait(lambda: not player.alive(), 'the end')
+    assert 'played 1 of 1 messages' in player.log
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [

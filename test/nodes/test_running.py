@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from harness import ROOT
+from harness import PATIENCE, ROOT, Process
 
 # The thread is as those that libraries start when they are imported: it blocks no signal.
 PROGRAM = """
@@ -25,6 +25,21 @@ with ros():
         say('closed')
 say('ended')
 """
+
+
+@pytest.mark.parametrize(('text', 'reason'), [
+    (None, 'Error opening YAML file'),
+    ('dlv_node: {ros__parameters: {crop: [0, 0.5, a, 1]}}', 'Sequence should be of same type'),
+])
+def test_a_file_that_ros_refuses_is_told_in_a_line(tmp_path, text, reason):
+    file = tmp_path / 'parameters.yaml'
+    if text is not None:
+        file.write_text(text)
+    node = Process(tmp_path, 'pmcl_ros.nodes.dlv_node', '--ros-args', '--params-file', file)
+    assert node.popen.wait(PATIENCE) == 1
+    assert 'dlv_node: ROS does not start with these arguments: ' in node.log
+    assert reason in node.log
+    assert 'Traceback' not in node.log
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['INT', 'TERM'])

@@ -1,0 +1,44 @@
+"""For whom the values of a ROS parameter file are."""
+
+from collections.abc import Iterator
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.nodes.table import ALL
+from pmcl_ros.settings import read_yaml
+
+_VALUES = 'ros__parameters'
+_WILD = ('*', '**')
+
+
+def check_parameter_file(path: Path | str) -> list[str]:
+    """The names of nodes in a file that are none of this package's: a file may serve others too.
+
+    SettingsError for a name that is one of ours but for a slip, and for a file that holds no
+    parameters: ROS would start every node with its defaults, without a word.
+    """
+    known, others, found = [each.name for each in ALL], [], False
+    for section in _sections(read_yaml(path), ''):
+        found = True
+        name = section.rpartition('/')[2]
+        if name in (*known, *_WILD):
+            continue
+        if close := get_close_matches(name, known, 1):
+            raise SettingsError(f'{path} has parameters for {section!r}, but there is no node '
+                                f'{name!r}; did you mean {close[0]!r}?')
+        others.append(section)
+    if not found:
+        raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: '
+                            f'VALUE}}}} with a NODE of {", ".join(known)}')
+    return others
+
+
+def _sections(values: dict[str, Any], above: str) -> Iterator[str]:
+    """The full names, namespaces may be nested, under which there are values."""
+    for key, inside in values.items():
+        if key == _VALUES:
+            yield above
+        elif isinstance(inside, dict):
+            yield from _sections(inside, f'{above}/{str(key).strip("/")}'.lstrip('/'))

@@ -1,0 +1,122 @@
+"""Records a bag of what the nodes publish, until a signal comes."""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.utilities import remove_ros_args
+from rosbags.interfaces import Qos
+
+from pmcl_ros import bags
+from pmcl_ros.bags import BagWriter, Recorded
+from pmcl_ros.errors import BagError, PmclError
+from pmcl_ros.nodes.message_types import message_type
+from pmcl_ros.nodes.progress import Progress
+from pmcl_ros.nodes.running import Interrupted, pause, ros
+from pmcl_ros.nodes.topics import BIG, PRESETS, TOPICS, Quality, TopicEntry
+
+_ROOM = 4  # big messages that may wait to be written: a capture's come at once
+
+
+class Recorder:
+    """Writes all that comes on some topics, as it came over the wire, in the order of arrival.
+
+    It is reliable: what is lost between a publisher and here is what the publisher's own history
+    has no room for.
+    """
+
+    def __init__(self, node: Node, topics: Sequence[TopicEntry], writer: BagWriter,
+                 progress: Progress) -> None:
+        self._node, self._writer, self._progress = node, writer, progress
+        self._messages = self._bytes = 0
+        for each in topics:
+            node.create_subscription(message_type(each.type), each.name,
+                                     partial(self._received, each), _profile(each.quality),
+                                     raw=True)
+
+    @property
+    def messages(self) -> int:
+        """How many were written."""
+        return self._messages
+
+    def _received(self, topic: TopicEntry, cdr: bytes, info: dict[str, Any]) -> None:
+        came = info['received_timestamp'] or self._node.get_clock().now().nanoseconds
+        self._writer.write(Recorded(self._node.resolve_topic_name(topic.name), topic.type, came,
+                                    cdr, _offered(topic.quality)))
+        self._messages += 1
+        self._bytes += len(cdr)
+        self._progress.tell(self.summary)
+
+    def summary(self) -> str:
+        """What has been recorded."""
+        return f'recorded {self._messages} messages, {self._bytes / 1e6:.1f} MB'
+
+
+def _profile(quality: Quality) -> QoSProfile:
+    return QoSProfile(
+        depth=_ROOM if quality == BIG else quality.depth, reliability=ReliabilityPolicy.RELIABLE,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if quality.latched
+                    else DurabilityPolicy.VOLATILE))
+
+
+def _offered(quality: Quality) -> Qos:
+    """What the publisher offers, for the player to offer it again."""
+    return (bags.LATCHED if quality.latched else bags.VOLATILE)._replace(depth=quality.depth)
+
+
+def record(options: argparse.Namespace) -> None:
+    """Record into a new bag until a signal or the end; BagError when nothing came."""
+    names = [*PRESETS[options.preset]] if options.preset else options.topic
+    chosen = [each for each in TOPICS if each.name in names]
+    progress = Progress('pmcl_record')
+    end = time.monotonic() + options.duration
+    node, executor = Node('pmcl_record'), SingleThreadedExecutor()
+    executor.add_node(node)
+    with BagWriter(options.output) as writer:
+        recorder = Recorder(node, chosen, writer, progress)
+        progress.say(f'listening to {", ".join(names)}')
+        try:
+            while time.monotonic() < end:
+                pause(0)
+                executor.spin_once(timeout_sec=min(0.2, max(end - time.monotonic(), 0)))
+        except Interrupted:
+            pass  # as every recording ends
+        finally:
+            executor.shutdown()
+            node.destroy_node()
+        if not recorder.messages:
+            raise BagError(f'nothing came on {", ".join(names)}: are the nodes active, and in '
+                           'this namespace (-r __ns:=...)?')
+    progress.say(f'{recorder.summary()} into {options.output}')
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Entry point."""
+    given = list(sys.argv if args is None else args)
+    parser = argparse.ArgumentParser(prog='pmcl_record', description=__doc__)
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument('--preset', choices=list(PRESETS), help='; '.join(
+        f'{name}: {", ".join(topics)}' for name, topics in PRESETS.items() if name != 'all'))
+    what.add_argument('--topic', action='append', metavar='T',
+                      choices=[each.name for each in TOPICS], help='record this topic')
+    parser.add_argument('-o', '--output', type=Path, required=True, help='folder of the new bag')
+    parser.add_argument('--duration', type=float, default=float('inf'), help='end by itself [s]')
+    options = parser.parse_args(remove_ros_args(given)[1:])
+    try:
+        with ros(given):
+            record(options)
+    except PmclError as error:
+        sys.stderr.write(f'pmcl_record: {error}\n')
+        return 1
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""The topics between the nodes, for everything that records or lists them; a test holds it to the
+nodes' own graph. Imports no ROS.
+"""
+
+from typing import NamedTuple
+
+
+class Quality(NamedTuple):
+    """What a topic's publisher offers; each is a profile in `base.py`. All are reliable."""
+
+    depth: int
+    latched: bool = False
+
+    def describe(self) -> str:
+        """In words."""
+        return f'reliable, last {self.depth}' + (', latched' if self.latched else '')
+
+
+BIG, LATCHED, SMALL = Quality(1), Quality(1, latched=True), Quality(10)
+
+
+class TopicEntry(NamedTuple):
+    """One topic: its name, relative to the namespace of the nodes, and who has to do with it.
+
+    publisher: a node, or in words who else. subscribers: nodes.
+    """
+
+    name: str
+    type: str
+    quality: Quality
+    publisher: str
+    subscribers: tuple[str, ...]
+    what: str
+
+
+_IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
+_ARRAY, _STRING = 'std_msgs/msg/Float32MultiArray', 'std_msgs/msg/String'
+_POSE, _POSES = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseArray'
+_MARKERS, _SPREAD = ('visualization_msgs/msg/MarkerArray',
+                     'geometry_msgs/msg/PoseWithCovarianceStamped')
+_DRIVER, _VIEWS, _DLV = 'lytro_driver', 'subaperture_node', 'dlv_node'
+_PMCL, _GRASP = 'pmcl_node', 'grasp_node'
+
+# In the order of the data, and of publication within a node.
+TOPICS = (
+    TopicEntry('metadata', _STRING, LATCHED, _DRIVER, (_VIEWS,), "the camera's JSON"),
+    TopicEntry('image_raw', _IMAGE, BIG, _DRIVER, (_VIEWS,),
+               'raw picture, bayer_bggr16, counts 0..4095'),
+    TopicEntry('center/camera_info', _INFO, SMALL, _VIEWS, (_PMCL,), 'pinhole of the centre view'),
+    TopicEntry('center/image', _IMAGE, SMALL, _VIEWS, (_PMCL,), 'centre view, rgb8, to look at'),
+    TopicEntry('views/camera_info', _INFO, SMALL, _VIEWS, (_DLV,),
+               'pinhole of every view, and the baseline B between neighbours: P[3] = -fx B'),
+    TopicEntry('views/pupil', _IMAGE, SMALL, _VIEWS, (_DLV,),
+               'a pixel for each view, 32FC3: weight, position x and y [view steps]'),
+    TopicEntry('views', _IMAGE, BIG, _VIEWS, (_DLV,),
+               'mosaic of all views, rgb16, linear, 32768 = sensor white'),
+    TopicEntry('dlv', _ARRAY, BIG, _DLV, (_PMCL,), 'likelihood, height x width x depth'),
+    TopicEntry('dlv/edges', _ARRAY, BIG, _DLV, (_PMCL,),
+               'edge energy, height x width x depth x tensor'),
+    TopicEntry('dlv/depth', _IMAGE, SMALL, _DLV, (), 'most likely depth, 32FC1 [m], NaN: unknown'),
+    TopicEntry('dlv/layers', _IMAGE, SMALL, _DLV, (),
+               'rgb8: the front surface, and what is behind it'),
+    TopicEntry('pose', _POSE, SMALL, _PMCL, (_GRASP,), 'the object in the camera frame [m]'),
+    TopicEntry('pose_with_covariance', _SPREAD, SMALL, _PMCL, (_GRASP,),
+               'the same, with its covariance [m^2, rad^2]'),
+    TopicEntry('particles', _POSES, SMALL, _PMCL, (), 'the last population'),
+    TopicEntry('markers', _MARKERS, SMALL, _PMCL, (), 'the mesh at its pose'),
+    TopicEntry('overlay', _IMAGE, SMALL, _PMCL, (), 'outline on the centre view, rgb8'),
+    TopicEntry('arm_pose', _POSE, SMALL, 'the robot', (_GRASP,),
+               'mount_parent in base_frame, where arm is topic'),
+    TopicEntry('grasps', _POSES, SMALL, _GRASP, (), 'gripper poses in base_frame, best first'),
+    TopicEntry('pre_grasps', _POSES, SMALL, _GRASP, (), 'where each approach begins'),
+    TopicEntry('grasps/details', _ARRAY, SMALL, _GRASP, (),
+               'of each: score, probability, width [m], opening [m]'),
+    TopicEntry('grasp', _POSE, SMALL, _GRASP, (), 'the best'),
+    TopicEntry('pre_grasp', _POSE, SMALL, _GRASP, (), 'where its approach begins'),
+    TopicEntry('grasp_markers', _MARKERS, SMALL, _GRASP, (), 'grippers at the best grasps'),
+    TopicEntry('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', SMALL, 'all nodes',
+               (_GRASP,), 'rates, latency, drops, errors, back end, once a second'),
+)
+
+_CENTRE = ('center/camera_info', 'center/image')
+# What is recorded together: all that the next node, and a person, wants of a stage.
+PRESETS = {
+    'raw': ('metadata', 'image_raw'),
+    'views': (*_CENTRE, 'views/camera_info', 'views/pupil', 'views'),
+    'dlv': (*_CENTRE, 'dlv', 'dlv/edges'),
+    'poses': ('pose', 'pose_with_covariance', 'particles', 'markers', 'overlay', 'grasps',
+              'pre_grasps', 'grasps/details', '/diagnostics'),
+    'all': tuple(each.name for each in TOPICS),
+}
+
+# node: its services (std_srvs/srv/Trigger), and what each does
+SERVICES = {
+    _DRIVER: (('~/capture', 'take a picture; answers when it has been published, or why not'),),
+    _PMCL: (('~/localize', 'search once more in the last volume'),
+            ('~/reset', 'forget all that has come; the next search is as the first')),
+}

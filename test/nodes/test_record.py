@@ -1,0 +1,121 @@
+"""What the recorder keeps of the nodes' topics is what came, and the next node takes it again."""
+
+import re
+import signal
+from array import array
+from itertools import count
+
+import numpy as np
+import pytest
+import yaml
+from geometry_msgs.msg import PoseStamped
+from harness import PATIENCE, ROOT, Process
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from pmcl_ros import bags
+from pmcl_ros import conversions as cv
+from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.nodes.topics import PRESETS
+
+RECORD, REPLAY, BRINGUP = (f'pmcl_ros.nodes.{each}' for each in ('record', 'replay', 'bringup'))
+WINE_GLASS = ROOT / 'bags' / 'wine_glass'
+COARSE = {'labels': 40, 'edge_labels': 12, 'stride': 2}
+
+
+def recording(tmp_path, bag, *arguments, **options):
+    return Process(tmp_path, RECORD, '-o', bag, *arguments, **options)
+
+
+def ended(process, status=0):
+    process.popen.send_signal(signal.SIGINT)
+    assert process.popen.wait(PATIENCE) == status, process.log
+
+
+def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, parameters):
+    """The pose is the same, whichever stage's messages it is made from."""
+    file, bag = tmp_path / 'parameters.yaml', tmp_path / 'all'
+    file.write_text(yaml.safe_dump({node: {'ros__parameters': values} for node, values in
+                                    (parameters | {'dlv_node': COARSE}).items()}))
+    nodes = BRINGUP, '--params-file', file, '--without', 'lytro_driver'
+    with (recording(tmp_path, bag, '--preset', 'all') as recorder,
+          Process(tmp_path, *nodes) as chain):
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the nodes')
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        # the node and the recorder
+        with Process(tmp_path, REPLAY, WINE_GLASS, '--subscribers', 2):
+            user.wait(lambda: poses, 'a pose')
+        ended(recorder)
+        for number, stage in enumerate(('raw', 'views', 'dlv'), 2):
+            user.call(Trigger, '/pmcl_node/reset', Trigger.Request())  # its random numbers too
+            with Process(tmp_path, REPLAY, bag, '--preset', stage):
+                user.wait(lambda count=number: len(poses) == count, f'a pose from {stage}')
+        log, stamp = chain.log, cv.pose_from(poses[0])[0].stamp_ns
+    # a line for each capture, of each node that had work with it
+    assert log.count(f'[subaperture_node]: published capture {stamp}, in ') == 2
+    assert log.count(f'[dlv_node]: published capture {stamp}, in ') == 3
+    assert log.count(f'[pmcl_node]: found wine_glass in capture {stamp}, in ') == 4
+    recorded = {each.topic: each for each in bags.read(bag)}
+    for each in bags.read(WINE_GLASS):
+        found = recorded[each.topic]
+        assert (found.type, found.qos) == (each.type, each.qos)
+        assert found.cdr.startswith(each.cdr)
+        assert len(found.cdr) - len(each.cdr) < 4  # DDS fills up to words
+    assert {f'/{topic}' for topic in (*PRESETS['views'], *PRESETS['dlv'])} <= {*recorded}
+    first, *others = map(cv.pose_from, poses)
+    for header, pose in others:
+        assert header == first[0]
+        np.testing.assert_allclose(pose, first[1], atol=1e-6)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['INT', 'TERM'])
+def test_a_signal_leaves_a_bag_of_all_that_came(tmp_path, user, number):
+    """In the middle of a stream, whatever chunk it hits."""
+    def image(second):
+        message = Image(height=600, width=500, step=1000, encoding='bayer_bggr16',
+                        data=array('B', bytes(600_000)))
+        message.header.stamp.sec = second
+        return message
+
+    metadata = user.node.create_publisher(String, 'metadata', LATCHED)
+    metadata.publish(String(data='{}'))
+    images = user.node.create_publisher(Image, 'image_raw', BIG)
+    seconds = count()
+    with recording(tmp_path, tmp_path / 'bag', '--preset', 'raw') as recorder:
+
+        def written():
+            images.publish(image(next(seconds)))
+            told = re.findall(r'recorded (\d+) messages', recorder.log)
+            return told and int(told[-1]) >= 5
+
+        user.wait(written, 'messages')
+        recorder.popen.send_signal(number)
+        user.wait(lambda: written() and not recorder.alive(), 'the end')
+    text, *found = sorted(bags.read(tmp_path / 'bag'), key=lambda each: each.topic, reverse=True)
+    assert (text.topic, text.qos) == ('/metadata', bags.LATCHED)
+    assert deserialize_message(text.cdr, String).data == '{}'
+    came = [deserialize_message(each.cdr, Image) for each in found]
+    stamps = [each.header.stamp.sec for each in came]
+    assert stamps == sorted(set(stamps))
+    assert all(each == image(stamp) for each, stamp in zip(came, stamps, strict=True))
+    assert f'recorded {1 + len(found)} messages' in recorder.log
+    assert {each.name: each.messages for each in bags.topics(tmp_path / 'bag')} == {
+        '/metadata': 1, '/image_raw': len(found)}
+
+
+@pytest.mark.parametrize(('arguments', 'status', 'reason'), [
+    (['-o', 'NEW', '--preset', 'raw', '--duration', 0.3], 1,
+     'nothing came on metadata, image_raw: are the nodes active'),
+    (['-o', 'OLD', '--preset', 'raw'], 1, 'is already there; remove it'),
+    (['-o', 'NEW', '--preset', 'cooked'], 2, "invalid choice: 'cooked'"),
+    (['-o', 'NEW'], 2, 'one of the arguments --preset --topic is required'),
+])
+def test_what_cannot_be_recorded_is_told(tmp_path, arguments, status, reason):
+    (tmp_path / 'old').mkdir()
+    places = {'NEW': tmp_path / 'new', 'OLD': tmp_path / 'old'}
+    recorder = Process(tmp_path, RECORD, *(places.get(each, each) for each in arguments))
+    assert recorder.popen.wait(PATIENCE) == status
+    assert reason in recorder.log
+    assert not (tmp_path / 'new').exists()

@@ -1,0 +1,79 @@
+"""docs/reference.md and config/pmcl.yaml are what the code says, and that what the nodes do."""
+
+import subprocess
+import sys
+
+import pytest
+import rclpy
+from harness import ROOT
+from rclpy.context import Context
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from std_srvs.srv import Trigger
+
+from pmcl_ros.nodes.table import ALL
+from pmcl_ros.nodes.topics import PRESETS, SERVICES, TOPICS
+
+MADE = {'docs/reference.md': [], 'config/pmcl.yaml': ['--parameters']}
+
+
+@pytest.mark.parametrize(('file', 'arguments'), MADE.items())
+def test_the_files_are_what_make_docs_writes(file, arguments):
+    made = subprocess.run([sys.executable, '-m', 'pmcl_ros.nodes.reference', *arguments],
+                          cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert (ROOT / file).read_text() == made, f'{file} is old: make docs'
+
+
+@pytest.fixture(params=ALL, ids=lambda entry: entry.name)
+def node(request, parameters):
+    """Each node, active."""
+    name = request.param.name
+    values = parameters.get(name) or {
+        'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml', 'arm': 'topic'}
+    context = Context()
+    rclpy.init(context=context)
+    node = request.param.load()(context=context, parameter_overrides=[
+        Parameter(each, value=value) for each, value in values.items()])
+    assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+    yield node
+    node.close()
+    rclpy.shutdown(context=context)
+
+
+def ends(node, endpoints):
+    """{topic: (type, depth, latched)} of what is not every node's."""
+    found = {}
+    for each in endpoints:
+        if each.topic_name in ('/parameter_events', '/rosout', '/clock'):
+            continue
+        qos, kind = each.qos_profile, each.msg_type
+        assert qos.reliability == ReliabilityPolicy.RELIABLE, each.topic_name
+        found[each.topic_name] = (
+            f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}', qos.depth,
+            qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+    return found
+
+
+def told(topics):
+    return {f'/{each.name.lstrip("/")}': (each.type, *each.quality) for each in topics}
+
+
+def test_topics_and_services_are_those_of_the_nodes(node):
+    name = node.get_name()
+    assert ends(node, node.publishers) == told(
+        each for each in TOPICS if each.publisher in (name, 'all nodes'))
+    assert ends(node, node.subscriptions) == told(
+        each for each in TOPICS if name in each.subscribers)
+    triggers = [each.srv_name for each in node.services if each.srv_type is Trigger]
+    assert triggers == [service for service, _ in SERVICES.get(name, ())]
+
+
+def test_presets_are_of_topics():
+    names = [each.name for each in TOPICS]
+    assert len(set(names)) == len(names)
+    for topics in PRESETS.values():
+        assert set(topics) <= {*names}
+    # what each stage's node takes is in the preset before it
+    for preset, name in (('raw', 'subaperture_node'), ('views', 'dlv_node'), ('dlv', 'pmcl_node')):
+        assert {each.name for each in TOPICS if name in each.subscribers} <= {*PRESETS[preset]}
