@@ -46,6 +46,7 @@ setup(
         'grasp_node = pmcl_ros.nodes.grasp_node:main',
         'pmcl_bringup = pmcl_ros.nodes.bringup:main',
         'pmcl_replay = pmcl_ros.nodes.replay:main',
+        'pmcl_soak = pmcl_ros.nodes.soak:main',
         'pmcl = pmcl_ros.cli:main',
     ]},
 )

@@ -1,12 +1,14 @@
 """Starts the chain as one process for each node and, unless told otherwise, takes it to active.
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
-grasps (a grasp file: grasp_node is started too).
+grasps (a grasp file: grasp_node is started too), respawn (true: a node that ends is started again
+and taken to active).
 """
 
 from itertools import pairwise
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessStart
 from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
@@ -34,21 +36,34 @@ def after(node, start_state, goal_state, action):
         entities=[action], handle_once=True))
 
 
+def keep(node):
+    """Take `node` to active whenever its process has been started, the first time too."""
+    return [RegisterEventHandler(OnProcessStart(target_action=node,
+                                                on_start=[change(node, CONFIGURE)])),
+            RegisterEventHandler(OnStateTransition(
+                target_lifecycle_node=node, start_state='configuring', goal_state='inactive',
+                entities=[change(node, ACTIVATE)]))]
+
+
 def start(context):
     """The nodes and the events that take them to active, one after the other."""
     without = LaunchConfiguration('without').perform(context).split(',')
+    respawn = LaunchConfiguration('respawn').perform(context).lower() == 'true'
+    again = {'respawn': respawn, 'respawn_delay': 2.0}
     nodes = [LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
                            namespace=LaunchConfiguration('namespace'), output='screen',
-                           parameters=[LaunchConfiguration('params_file')])
+                           parameters=[LaunchConfiguration('params_file')], **again)
              for entry in reversed(NODES) if entry.name not in without]  # consumers first
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, LifecycleNode(
             package='pmcl_ros', executable=GRASPS.name, name=GRASPS.name,
             namespace=LaunchConfiguration('namespace'), output='screen',
-            parameters=[LaunchConfiguration('params_file'), {'grasps': grasps}]))
+            parameters=[LaunchConfiguration('params_file'), {'grasps': grasps}], **again))
     if LaunchConfiguration('autostart').perform(context).lower() != 'true' or not nodes:
         return nodes
+    if respawn:
+        return [*(handler for node in nodes for handler in keep(node)), *nodes]
     first, last = nodes[0], nodes[-1]
     return [
         *(after(one, 'configuring', 'inactive', change(next_one, CONFIGURE))
@@ -74,5 +89,7 @@ def generate_launch_description():
                               description='names of nodes not to start, by commas'),
         DeclareLaunchArgument('grasps', default_value='',
                               description='a grasp file, YAML: start grasp_node with it'),
+        DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],
+                              description='start nodes that end again'),
         OpaqueFunction(function=start),
     ])

@@ -23,6 +23,7 @@ from pmcl_ros import conversions
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.base import SMALL
 from pmcl_ros.nodes.table import NODES
+from pmcl_ros.nodes.usage import cpu_seconds
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first
 _SHOWN = 2000  # characters of a log
@@ -86,6 +87,11 @@ class Graph:
         pid = self._process.pid
         children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
         return {'pmcl_bringup': pid} | {_module_of(int(each)): int(each) for each in children}
+
+    @property
+    def cpu_seconds(self) -> float:
+        """The processor's time that its processes have used."""
+        return sum(map(cpu_seconds, self.processes.values()))
 
     def capture(self) -> Any:
         """Press the shutter; the future of what the driver answers."""

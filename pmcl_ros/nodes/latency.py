@@ -78,21 +78,28 @@ def _listed(values: dict[str, object]) -> dict[str, object]:
 def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
              captures: int) -> dict[str, object]:
     through, without, equal = [], [], 0
+    used = {'graph': 0.0, 'offline': 0.0}
     for number in range(captures + 2):
+        before = graph.cpu_seconds
         answer = graph.capture()
         graph.wait(lambda: len(graph.poses) == number + 1 and answer.done(), 'a pose')  # noqa: B023
         stamp, arrived, pose = graph.poses[-1]
-        began = time.perf_counter()
+        after = graph.cpu_seconds
+        began, cpu = time.perf_counter(), time.process_time()
         expected = offline()
-        seconds = time.perf_counter() - began
+        seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
         if number >= 2:
+            used['graph'] += after - before
+            used['offline'] += cpu
             through.append(1e-6 * (arrived - stamp))
             without.append(1e3 * seconds)
             equal += np.allclose(pose, expected)
     pairs = np.divide(through, without)
-    return {'captures': captures, 'ms': {'graph': float(np.median(through)),
-                                         'offline': float(np.median(without))},
-            'ratio': float(np.median(pairs)), 'worst_ratio': float(pairs.max()), 'equal': equal}
+    return {'captures': captures, 'equal': equal,
+            'ms': {'graph': float(np.median(through)), 'offline': float(np.median(without))},
+            'cpu_ms': {name: 1e3 * each / captures for name, each in used.items()},
+            'ratio': float(np.median(pairs)), 'worst_ratio': float(pairs.max()),
+            'cpu_ratio': used['graph'] / used['offline']}
 
 
 def main() -> int:

@@ -117,6 +117,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
     """
     with ExitStack() as stack:
+        before = set(Path('/dev/shm').iterdir())  # what other programs share, or have left
         stack.enter_context(ros())
         folder = Path(stack.enter_context(TemporaryDirectory()))
         (folder / 'pictures').mkdir()
@@ -147,7 +148,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
     # Only now this process has let go of what it shared with the graph.
-    result.left = sorted(str(each) for each in shared if each.exists())
+    result.left = sorted(str(each) for each in shared - before if each.exists())
     return result
 
 
