@@ -162,7 +162,8 @@ def main(args: Sequence[str] | None = None) -> int:
         # first: what the command line says goes over what the file says
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
     if options.grasps:
-        ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
+        # no node's name: a rule with one holds in no namespace
+        ros_args += ['--ros-args', '-p', f'grasps:={options.grasps}', '--']
     try:
         with ros([given[0], *ros_args]):
             bring_up(options, ros_args)

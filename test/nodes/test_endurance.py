@@ -100,7 +100,7 @@ def two_graphs(tmp_path_factory, parameter_file):
     """Both on simulated time, before anybody publishes any."""
     graphs = [Process(tmp_path_factory.mktemp(name), BRINGUP, '--params-file', parameter_file,
                       '--ros-args', '-r', f'__ns:=/{name}', '-p', 'use_sim_time:=true',
-                      '-p', f'lytro_driver:frame_id:={name}') for name in ('left', 'right')]
+                      '-p', f'frame_id:={name}') for name in ('left', 'right')]
     with graphs[0], graphs[1]:
         yield graphs
 
