@@ -8,7 +8,7 @@ RUN := .venv/.installed-run
 TEST := .venv/.installed-test
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test lint venv docs eval clean
+.PHONY: demo test lint venv docs eval bench soak clean
 
 demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
@@ -30,6 +30,16 @@ docs: $(RUN)
 # Errors over a folder of captures with truth, as README's table: make eval CAPTURES=DIR
 eval: $(RUN)
 	$(BIN)/pmcl evaluate $(CAPTURES) --calibration config/cameras/demo.yaml --trials 5 --out out
+
+# Times of the stages beside their plain forms: make bench NAME=dlv
+NAME ?= decode
+bench: $(RUN)
+	$(BIN)/pmcl bench $(NAME)
+
+# Captures through the whole graph; fails when one is lost unnoticed, or something grows
+CAPTURES_SOAKED ?= 500
+soak: $(RUN)
+	$(BIN)/python -m pmcl_ros.nodes.soak --captures $(CAPTURES_SOAKED)
 
 # Debian packages, then ROS and the run-time wheels; says how long that took.
 $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg

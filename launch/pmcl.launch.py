@@ -2,12 +2,14 @@
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
 grasps (a grasp file: grasp_node is started too), pose (the topic on which the pose is published,
-and on which grasp_node and a grasp pipeline find it).
+and on which grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started
+again and taken to active).
 """
 
 from itertools import pairwise
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
+from launch.event_handlers import OnProcessStart
 from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import LifecycleNode
@@ -22,12 +24,13 @@ from pmcl_ros.nodes.table import GRASPS, NODES
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
 
-def node_of(entry, *parameters):
+def node_of(entry, respawn, *parameters):
     """The node of a table entry; all share the file, the namespace and the name of the pose."""
     return LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
                          namespace=LaunchConfiguration('namespace'), output='screen',
                          parameters=[LaunchConfiguration('params_file'), *parameters],
-                         remappings=[('pose', LaunchConfiguration('pose'))])
+                         remappings=[('pose', LaunchConfiguration('pose'))], respawn=respawn,
+                         respawn_delay=2.0)
 
 
 def change(node, transition):
@@ -43,15 +46,27 @@ def after(node, start_state, goal_state, action):
         entities=[action], handle_once=True))
 
 
+def keep(node):
+    """Take `node` to active whenever its process has been started, the first time too."""
+    return [RegisterEventHandler(OnProcessStart(target_action=node,
+                                                on_start=[change(node, CONFIGURE)])),
+            RegisterEventHandler(OnStateTransition(
+                target_lifecycle_node=node, start_state='configuring', goal_state='inactive',
+                entities=[change(node, ACTIVATE)]))]
+
+
 def start(context):
     """The nodes and the events that take them to active, one after the other."""
     without = LaunchConfiguration('without').perform(context).split(',')
-    nodes = [node_of(entry) for entry in reversed(NODES) if entry.name not in without]
+    respawn = LaunchConfiguration('respawn').perform(context).lower() == 'true'
+    nodes = [node_of(entry, respawn) for entry in reversed(NODES) if entry.name not in without]
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
-        nodes.insert(0, node_of(GRASPS, {'grasps': grasps}))  # consumers first
+        nodes.insert(0, node_of(GRASPS, respawn, {'grasps': grasps}))  # consumers first
     if LaunchConfiguration('autostart').perform(context).lower() != 'true' or not nodes:
         return nodes
+    if respawn:
+        return [*(handler for node in nodes for handler in keep(node)), *nodes]
     first, last = nodes[0], nodes[-1]
     return [
         *(after(one, 'configuring', 'inactive', change(next_one, CONFIGURE))
@@ -79,5 +94,7 @@ def generate_launch_description():
                               description='a grasp file, YAML: start grasp_node with it'),
         DeclareLaunchArgument('pose', default_value='pose',
                               description='topic of the pose, as a grasp pipeline expects it'),
+        DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],
+                              description='start nodes that end again'),
         OpaqueFunction(function=start),
     ])

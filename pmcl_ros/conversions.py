@@ -6,7 +6,7 @@ raise MessageError with what is wrong, the values and the remedy, and never copy
 """
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
@@ -91,6 +91,13 @@ class RawMessages(NamedTuple):
     image: Image
 
 
+class Part(NamedTuple):
+    """A message that becomes a value together with others of its capture."""
+
+    header: Header
+    message: Any
+
+
 class LightFieldMessages(NamedTuple):
     """`views/camera_info`, `views/pupil` and `views`, in the order in which they are published."""
 
@@ -117,6 +124,14 @@ def header_to_message(header: Header) -> HeaderMessage:
 def header_from(message: HeaderMessage) -> Header:
     """The inverse of `header_to_message`."""
     return Header(message.stamp.sec * 10**9 + message.stamp.nanosec, message.frame_id)
+
+
+def part_from(check: Callable[[Any], object]) -> Callable[[Any], Part]:
+    """What reads a message with a header that `check`, its reader, does not refuse."""
+    def read(message: Any) -> Part:
+        check(message)
+        return Part(header_from(message.header), message)
+    return read
 
 
 def time_to_message(stamp_ns: int) -> Time:
@@ -225,18 +240,30 @@ def light_field_to_messages(light_field: LightField,
     `gamma` stays behind: it is for looking, and the centre picture has it applied.
     """
     grid, header = light_field.grid, light_field.header
-    (rows, columns), pinhole = grid.shape, grid.pinhole
+    info = pinhole_to_message(header, grid.pinhole, grid.baseline)
+    return LightFieldMessages(info, pupil_to_message(light_field),
+                              views_to_message(light_field, buffer))
+
+
+def views_to_message(light_field: LightField, buffer: Buffer | None = None) -> Image:
+    """`views` alone of `light_field_to_messages`."""
+    (rows, columns), pinhole = light_field.grid.shape, light_field.grid.pinhole
     shape = (rows * pinhole.height, columns * pinhole.width)
-    views, mosaic = _image(header, 'rgb16', shape, buffer)
+    message, mosaic = _image(light_field.header, 'rgb16', shape, buffer)
     tiles = mosaic.reshape(rows, pinhole.height, columns, pinhole.width, 3)
     for row, column in np.ndindex(rows, columns):
         counts = light_field.views[row, column] * np.float32(VIEW_WHITE)
         counts += np.float32(0.5)
         tiles[row, :, column] = np.clip(counts, 0, 65535, out=counts)
-    pupil, light = _image(header, '32FC3', (rows, columns), None)
+    return message
+
+
+def pupil_to_message(light_field: LightField, buffer: Buffer | None = None) -> Image:
+    """`views/pupil` alone of `light_field_to_messages`."""
+    grid = light_field.grid
+    message, light = _image(light_field.header, '32FC3', grid.shape, buffer)
     light[..., 0], light[..., 1:] = grid.weights, grid.positions
-    info = pinhole_to_message(header, pinhole, grid.baseline)
-    return LightFieldMessages(info, pupil, views)
+    return message
 
 
 def light_field_from(camera_info: CameraInfo, pupil: Image, views: Image) -> LightField:
@@ -322,14 +349,20 @@ def volume_to_message(volume: DepthLikelihoodVolume,
 
 
 def multi_array_from(cdr: bytes) -> Float32MultiArray:
-    """A `dlv` or `dlv/edges` message as it was sent; its data are numpy.
+    """A `dlv` or `dlv/edges` message as it was sent: see `message_from`."""
+    return message_from(cdr, Float32MultiArray)
+
+
+def message_from(cdr: bytes, kind: type) -> Any:
+    """A message of type `kind` as it was sent; its arrays are numpy.
 
     They are copied once, to be writable as all others are: numba compiles for that. rclpy copies
     them three times, in ways that take longer than all of the transport.
     """
     # numpy's new memory comes in huge pages, which a bytearray's does not: 20 ms less of 40.
     copy = np.frombuffer(cdr, np.uint8).copy()
-    return _types().deserialize_cdr(memoryview(copy), 'std_msgs/msg/Float32MultiArray')
+    package = kind.__module__.partition('.')[0]
+    return _types().deserialize_cdr(memoryview(copy), f'{package}/msg/{kind.__name__}')
 
 
 @cache

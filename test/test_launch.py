@@ -19,6 +19,7 @@ MODULES = {
     'launch': ['LaunchDescription'],
     'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'OpaqueFunction',
                        'RegisterEventHandler'],
+    'launch.event_handlers': ['OnProcessStart'],
     'launch.events': ['matches_action'],
     'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
     'launch_ros': [],
@@ -56,7 +57,7 @@ def launch(monkeypatch):
 
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true', 'grasps': ''} | given
+    context = {'without': '', 'autostart': 'true', 'grasps': '', 'respawn': 'false'} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
@@ -79,7 +80,8 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'pose']
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'pose',
+                     'respawn']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -108,11 +110,30 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     nodes, first, _ = started(launch, grasps='glass.yaml')
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
+                               'respawn': 'false'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
 
 
 def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
+                               'respawn': 'false'})
     remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
     assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]
+
+
+def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
+    actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '',
+                               'respawn': 'true'})
+    nodes = [each for each in actions if each.call == 'LifecycleNode']
+    assert [each.respawn for each in nodes] == [True] * 4
+    handlers = [each.given[0] for each in actions if each.call == 'RegisterEventHandler']
+    for node in nodes:
+        started, = (each for each in handlers
+                    if each.call == 'OnProcessStart' and each.target_action is node)
+        configured, = (each for each in handlers if each.call == 'OnStateTransition'
+                       and each.target_lifecycle_node is node)
+        assert [each.event.transition_id for each in started.on_start] == [launch['CONFIGURE']]
+        assert [each.event.transition_id for each in configured.entities] == [launch['ACTIVATE']]
+        assert (configured.start_state, configured.goal_state) == ('configuring', 'inactive')
+        assert not hasattr(configured, 'handle_once')

@@ -10,19 +10,21 @@ from pmcl_ros.dlv.settings import BackEnd
 from pmcl_ros.evaluation.bench import (
     Bench,
     DriverBench,
+    GraphBench,
     PmclBench,
     TransportBench,
     bench_decode,
     bench_dlv,
     bench_driver,
+    bench_graph,
     bench_pmcl,
     bench_transport,
 )
 
-_BENCHES: dict[str, Callable[[], Bench | DriverBench | PmclBench | TransportBench]] = {
-    'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver,
-    'pmcl': bench_pmcl,
-    'transport': bench_transport}
+_BENCHES: dict[str, Callable[[], Bench | DriverBench | GraphBench | PmclBench
+                                | TransportBench]] = {
+    'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver, 'graph': bench_graph,
+    'pmcl': bench_pmcl, 'transport': bench_transport}
 
 
 @click.command()
@@ -35,6 +37,7 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
 
     dlv: from uint8 views to likelihoods, stage by stage; with gl the time on the GPU alone, too.
     driver: takes and downloads 200 pictures from a simulated camera, over a link that drops.
+    graph: from shutter to pose through the nodes, beside the same without ROS (needs ROS).
     pmcl: poses drawn and scored, on both back ends, and a whole localisation.
     transport: sends 200 volumes to another process (needs ROS), beside the copies that this takes.
     """

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.publisher import Publisher
@@ -22,6 +23,7 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from pmcl_ros.errors import PmclError
+from pmcl_ros.nodes.gaps import Gaps
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.health import Health
 from pmcl_ros.nodes.parameters import Parameters
@@ -80,13 +82,21 @@ class StageNode(LifecycleNode):
     # for start
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
-                  qos: QoSProfile, raw: bool = False) -> Subscription:
+                  qos: QoSProfile, raw: bool = False,
+                  missed: Callable[[int], None] = lambda _: None) -> Subscription:
         """A subscription while the node is active; errors of `callback` are logged and counted.
 
-        raw: the callback gets the serialised message.
+        raw: the callback gets the serialised message. missed: told how many messages came and were
+        overwritten before this one was taken, where there were some.
         """
-        def received(message: Any) -> None:
+        gaps = Gaps()
+
+        def received(message: Any, info: dict[str, int | None]) -> None:
             with self.watched(topic):
+                count = gaps.missed(info['publication_sequence_number'],
+                                    subscription.get_publisher_count())
+                if count:
+                    missed(count)
                 callback(message)
 
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
@@ -101,7 +111,8 @@ class StageNode(LifecycleNode):
             with self.watched('timer'):
                 callback()
 
-        timer = self.create_timer(period, due)
+        # Steady, not the node's: with use_sim_time that one stands still, or jumps.
+        timer = self.create_timer(period, due, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.active.callback(self.destroy_timer, timer)
         return timer
 
@@ -141,9 +152,9 @@ class StageNode(LifecycleNode):
         self.health.done(latency, message)
         self.get_logger().info(f'{message}, in {1e3 * latency:.0f} ms')
 
-    def dropped(self, what: str) -> None:
-        """Count and log an input that is given up."""
-        self.health.dropped += 1
+    def dropped(self, what: str, count: int = 1) -> None:
+        """Count and log an input, or several, that are given up."""
+        self.health.dropped += count
         self.get_logger().warning(f'dropped {what}')
 
     def tell_health(self) -> None:

@@ -19,6 +19,7 @@ from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.parameter_file import check_parameter_file
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
+from pmcl_ros.nodes.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
@@ -52,6 +53,11 @@ class NodeProcess:
         """Whether it still runs."""
         return self._process.poll() is None
 
+    def end(self) -> str:
+        """How it ended."""
+        status = self._process.returncode
+        return f'was ended by signal {-status}' if status < 0 else f'ended with status {status}'
+
     def stop(self) -> None:
         """Interrupt it; kill it when it does not end."""
         self._process.send_signal(signal.SIGINT)
@@ -78,13 +84,31 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
         for entry in reversed(entries):
             running[entry.name] = (NodeProcess(entry, ros_args) if options.processes
                                    else NodeThread(entry.load()(hand_over=hand_over)))
-            stack.callback(running[entry.name].stop)
+            # by its name: it may have been started again by then
+            stack.callback(lambda name: running[name].stop(), entry.name)
         if options.autostart:
             activate(list(running), check, options.timeout)
+        if options.respawn:
+            supervise(running, {entry.name: entry for entry in entries}, ros_args, check,
+                      options.timeout)
         while True:
             pause(0.5)
             for name in running:
                 check(name)
+
+
+def supervise(running: dict[str, Running], entries: dict[str, Entry], ros_args: Sequence[str],
+              check: Callable[[str], None], timeout: float) -> None:
+    """Stay until a signal comes; whatever ends meanwhile is started again."""
+    node = Node('pmcl_supervisor')
+    try:
+        supervisor = Supervisor(node, running, lambda name: NodeProcess(entries[name], ros_args),
+                                lambda name: activate([name], check, timeout))
+        while True:
+            supervisor.look()
+            pause(0.5)
+    finally:
+        node.destroy_node()
 
 
 def activate(names: Sequence[str], check: Callable[[str], None], timeout: float) -> None:
@@ -125,6 +149,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='pmcl_bringup', description=__doc__)
     parser.add_argument('--params-file', type=Path, help='parameters of the nodes, YAML')
     parser.add_argument('--processes', action='store_true', help='one process for each node')
+    parser.add_argument('--respawn', action='store_true', help='with --processes: start a node '
+                        'again that has ended, and take it to active')
     parser.add_argument('--no-autostart', dest='autostart', action='store_false',
                         help='leave configure and activate to somebody else')
     parser.add_argument('--without', action='append', default=[], metavar='NODE',
@@ -136,6 +162,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
     options = parser.parse_args(own)
+    if options.respawn and not (options.processes and options.autostart):
+        parser.error('--respawn needs --processes, and autostart')
     if options.params_file is not None:
         if not options.params_file.is_file():
             parser.error(f'there is no {options.params_file}')
@@ -144,7 +172,8 @@ def main(args: Sequence[str] | None = None) -> int:
     if options.pose:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     if options.grasps:
-        ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
+        # no node's name: a rule with one holds in no namespace
+        ros_args += ['--ros-args', '-p', f'grasps:={options.grasps}', '--']
     try:
         files = [file for before, file in pairwise(ros_args) if before == '--params-file']
         others = [(file, node) for file in files for node in check_parameter_file(file)]

@@ -12,11 +12,12 @@ from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.pictures import layers_picture
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.nodes.audience import Audience, Output
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.running import run
-from pmcl_ros.nodes.values import ValuePublisher
+from pmcl_ros.nodes.values import ValuePublisher, subscribe_value
 
 # topic: type, what reads (and so checks) a message as it comes, quality of service
 _INPUTS = {
@@ -50,19 +51,22 @@ class DlvNode(StageNode):
 
     def start(self) -> None:
         """Listen."""
-        self._matching = Matching(list(_INPUTS), 2, self.dropped)
+        self._matching = Matching(list(_INPUTS), 2, self.dropped, 'views')
         self._audience = Audience(self, self._outputs, 'views: nobody listens to dlv')
-        for topic, (kind, _, qos) in _INPUTS.items():
-            self.subscribe(kind, topic, partial(self._on_part, topic), qos)
+        for topic, (kind, check, qos) in _INPUTS.items():
+            subscribe_value(self, kind, topic, conversions.part_from(check),
+                            partial(self._on_part, topic), qos, each_a_capture=topic == 'views')
 
-    def _on_part(self, topic: str, message: CameraInfo | Image) -> None:
+    def _on_part(self, topic: str, part: LightField | conversions.Part) -> None:
         self.health.frames_in += topic == 'views'
-        _, check, _ = _INPUTS[topic]
-        check(message)
-        stamp = conversions.header_from(message.header).stamp_ns
-        complete = self._matching.add(topic, stamp, message)
+        if isinstance(part, LightField):  # handed over: the whole, on each of the three
+            if topic == 'views':
+                self._audience.tell(partial(build_volume, part, self._settings),
+                                    f'capture {part.header.stamp_ns}')
+            return
+        complete = self._matching.add(topic, part.header.stamp_ns, part.message)
         if complete:
-            self._audience.tell(partial(self._build, *complete), f'capture {stamp}')
+            self._audience.tell(partial(self._build, *complete), f'capture {part.header.stamp_ns}')
 
     def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> DepthLikelihoodVolume:
         return build_volume(conversions.light_field_from(camera_info, pupil, views),

@@ -17,21 +17,26 @@ class Taker:
         self._wake = wake
         self._lock = Lock()
         self._newest: list[Any] = []
+        self._replaced = 0
+        self.given = False  # whether anything ever was
         self._doubled: deque[int] = deque(maxlen=_REMEMBERED)
 
     def put(self, value: Any, stamp_ns: int, sent: bool) -> None:
         """Leave a value here; any thread may."""
         with self._lock:
+            self.given = True
+            self._replaced += len(self._newest)
             self._newest = [value]
             if sent:
                 self._doubled.append(stamp_ns)
         self._wake()
 
-    def take(self) -> list[Any]:
-        """What was left since the last time: one value or none."""
+    def take(self) -> tuple[list[Any], int]:
+        """What was left since the last time: one value or none; how many it took the place of."""
         with self._lock:
             newest, self._newest = self._newest, []
-        return newest
+            replaced, self._replaced = self._replaced, 0
+        return newest, replaced
 
     def had(self, stamp_ns: int) -> bool:
         """Whether a message is one that was handed over too; each is so once."""

@@ -24,18 +24,19 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.roll import Roll
 from pmcl_ros.camera.settings import CameraSettings
 from pmcl_ros.camera.sources import open_camera
-from pmcl_ros.conversions import Buffer, raw_frame_to_messages
+from pmcl_ros.conversions import Buffer, header_to_message, raw_frame_to_messages
 from pmcl_ros.errors import CameraError, LinkError, PmclError
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.audience import DISCOVERY
 from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.values import ValuePublisher
 
 _LOOK = 2.0  # s between two looks for pictures that nobody here asked for, or that got lost
 _LONGEST = 30.0  # s between two when the camera does not answer
 _STATUS = 30.0  # s between two questions for the battery
-_ARRIVAL = Duration(seconds=5)
+_ARRIVAL = 5.0  # s
 _ENDED = 'the node was deactivated meanwhile: the picture is published when it is active again'
 _INACTIVE = 'lytro_driver is not active: activate it first'
 _NOTHING: 'Job[None]' = Job()
@@ -70,8 +71,7 @@ class LytroDriver(StageNode):
         self._settings = settings
         # First, to go last: the thread has ended by then.
         self._metadata = self.publisher(String, 'metadata', LATCHED)
-        self._image = self.publisher(Image, 'image_raw', BIG)
-        self._buffer = Buffer()
+        self._image = ValuePublisher(self, Image, 'image_raw', BIG, _image_of)
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='camera')
         self.configured.callback(self._thread.shutdown, cancel_futures=True)
         self._camera = open_camera(settings.model_copy(update=paths))
@@ -178,8 +178,9 @@ class LytroDriver(StageNode):
             seconds = time.monotonic() - began
             metadata = CameraMetadata.parse(text)
             counts = unpack12(raw, metadata.image.width, metadata.image.height)
-            frame = RawFrame(Header(picture.shutter_ns, self._settings.frame_id), counts, metadata)
-            messages = raw_frame_to_messages(frame, self._buffer)
+            header = Header(picture.shutter_ns, self._settings.frame_id)
+            header_to_message(header)  # refuses a time that no message can hold
+            frame = RawFrame(header, counts, metadata)
         except LinkError:
             raise
         except PmclError as error:  # its own fault, or another client's that uses the camera too
@@ -191,21 +192,28 @@ class LytroDriver(StageNode):
         with self._publishing:
             if not self._streaming:
                 return _ENDED
-            for publisher, message in zip((self._metadata, self._image), messages, strict=True):
-                publisher.publish(message)
+            self._metadata.publish(String(data=metadata.text))
+            heard = self._image.wanted()
+            self._image.publish(frame)
             self._roll.done(picture)
             self.health.frames_in += 1
             self.done(time.monotonic() - began, f'published {picture.id} as capture '
                       f'{picture.shutter_ns}')
         # The next may follow at once, and the histories of the topics have room for one.
-        received = all(each.wait_for_all_acked(_ARRIVAL) for each in (self._metadata, self._image))
+        patience = Duration(seconds=_ARRIVAL)
+        received = self._metadata.wait_for_all_acked(patience) and self._image.arrived(patience)
+        if not (heard and received):
+            # In the first case another may have got it; one that was killed is a while in getting.
+            why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
+                   else 'nobody listens to image_raw')
+            self.dropped(f'capture {picture.shutter_ns}: {why}', int(not heard))
         if self._settings.delete:
-            self._delete(picture, received and self._image.get_subscription_count() > 0)
+            self._delete(picture, received and heard)
         return f'published {picture.id} with stamp {picture.shutter_ns}'
 
     def _await_listener(self) -> None:
         """Soon after activation it may not have been found yet, and would miss the picture."""
-        while (self._streaming and not self._image.get_subscription_count()
+        while (self._streaming and not self._image.wanted()
                and time.monotonic() < self._found_by):
             time.sleep(0.05)
 
@@ -224,6 +232,10 @@ class LytroDriver(StageNode):
         if status.battery is not None:
             self._told['battery [%]'] = f'{status.battery:.0f}'
         self._next_status = time.monotonic() + _STATUS
+
+
+def _image_of(frame: RawFrame, buffer: Buffer) -> Image:
+    return raw_frame_to_messages(frame, buffer).image
 
 
 def main() -> int:

@@ -9,9 +9,13 @@ class Matching:
 
     topics: what makes a capture complete. depth: incomplete captures that are kept. dropped: told,
     in words, about each capture given up because `depth` newer ones, or a complete one, came.
+    main: the topic whose subscription counts what it missed; where it did not come, that has been
+    counted, and `dropped` gets a count of 0 too.
     """
 
-    def __init__(self, topics: Sequence[str], depth: int, dropped: Callable[[str], None]) -> None:
+    def __init__(self, topics: Sequence[str], depth: int, dropped: Callable[..., None],
+                 main: str = '') -> None:
+        self._main = main
         self._topics, self._depth, self._dropped = tuple(topics), depth, dropped
         self._captures: dict[int, dict[str, Any]] = {}  # as they began
 
@@ -32,4 +36,8 @@ class Matching:
         for stamp in stamps:
             capture = self._captures.pop(stamp)
             missing = [each for each in self._topics if each not in capture]
-            self._dropped(f'capture {stamp}: no {" or ".join(missing)} came with it')
+            told = f'capture {stamp}: no {" or ".join(missing)} came with it'
+            if self._main in missing:
+                self._dropped(told, 0)
+            else:
+                self._dropped(told)

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions
@@ -16,6 +17,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.pictures import overlay
 from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.nodes.awaited import Awaited
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
@@ -30,6 +32,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
 _DISCOVERY = 4.0
+_ENDED = 'the node was reset or deactivated before it was searched'
 _PICTURES = 4  # centre pictures kept for the overlay
 
 T = TypeVar('T')
@@ -67,14 +70,16 @@ class PmclNode(StageNode):
         self._forget()
         self._worker.resume()
         self.active.callback(self._take_markers_away)
-        self.active.callback(self._worker.stop)
+        self.active.callback(self._stop)
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
-            self._edges = subscribe_value(self, 'dlv/edges', conversions.edges_from,
-                                          self._on_edges, BIG)
+            self._edges = subscribe_value(self, Float32MultiArray, 'dlv/edges',
+                                          conversions.edges_from, self._on_edges, BIG,
+                                          each_a_capture=False)
             self.every(0.25, self._wait_no_longer)
-        subscribe_value(self, 'dlv', conversions.volume_from, self._on_volume, BIG)
+        subscribe_value(self, Float32MultiArray, 'dlv', conversions.volume_from, self._on_volume,
+                        BIG)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
 
@@ -83,13 +88,18 @@ class PmclNode(StageNode):
         self._last: DepthLikelihoodVolume | None = None
         self._pictures: dict[int, Image] = {}
         self._cameras: dict[int, Pinhole] = {}
-        self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
+        self._awaited = Awaited()
+        self._wait_anew()
+
+    def _wait_anew(self) -> None:
+        self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped, 'dlv')
         self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
 
     # in
 
     def _on_camera(self, message: CameraInfo) -> None:
         _keep(self._cameras, message, conversions.pinhole_from(message))
+        self._awaited.announced(conversions.header_from(message.header).stamp_ns)
 
     def _on_picture(self, message: Image) -> None:
         conversions.picture_from(message)
@@ -97,6 +107,10 @@ class PmclNode(StageNode):
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
         self.health.frames_in += 1
+        for stamp in self._awaited.came(volume.header.stamp_ns):
+            self.health.count('captures without a volume')  # dropped before this node
+            self.get_logger().warning(f'no volume came of capture {stamp}: the nodes before this '
+                                      'one say why, unless one of them was killed')
         if self._settings.mode == 'faithful':
             self._search(volume)
         else:
@@ -119,8 +133,7 @@ class PmclNode(StageNode):
         # Topics of one publisher are found at different times: none found yet is no proof of none.
         published = self._edges.get_publisher_count() > 0
         if time.monotonic() - since > (_PATIENCE if published else _DISCOVERY):
-            self._held = None
-            self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped)
+            self._wait_anew()
             self._search_alone(volume, 'its dlv/edges do not come' if published
                                else 'nobody publishes dlv/edges')
 
@@ -134,8 +147,13 @@ class PmclNode(StageNode):
         self._search(self._last)
         return f'searching in capture {self._last.header.stamp_ns} again'
 
+    def _stop(self) -> None:
+        waited = self._worker.stop()
+        if waited is not None:
+            self.dropped(f'capture {waited.args[0].header.stamp_ns}: {_ENDED}')
+
     def _reset(self) -> str:
-        self._worker.stop()
+        self._stop()
         self._forget()
         self._worker.resume()
         return f'the next volume is searched as the first, with seed {self._settings.seed}'
@@ -153,7 +171,9 @@ class PmclNode(StageNode):
         with self.watched('search'):
             estimate = localizer.localize(volume, self._random,
                                           lambda _: not self._worker.stopping)
-            if not self._worker.stopping:
+            if self._worker.stopping:
+                self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
+            else:
                 self._publish(estimate, volume, time.monotonic() - began)
 
     # out
@@ -167,6 +187,7 @@ class PmclNode(StageNode):
             self.health.extra |= {'support': estimate.support, 'weight': first,
                                   'weight of the runner-up': second}
         if estimate.lost:
+            self.health.count('lost')
             self.health.warn(f'lost: no {name} in capture {stamp}')
             self.get_logger().warning(self.health.message)
         else:

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # Fast DDS 2.14, as in Jazzy, reads no other
 _MEMORY = '/dev/shm'
+_LEAST = 1_000_000  # bytes: a segment of 0.5 MB, ports and their locks
 
 
 def problem(profile: str, memory: str = _MEMORY) -> str:
@@ -31,7 +32,17 @@ def problem(profile: str, memory: str = _MEMORY) -> str:
     return ''
 
 
+def no_room(memory: str = _MEMORY) -> str:
+    """What there is too little shared memory for without a profile; '' if there is enough."""
+    free = shutil.disk_usage(memory).free if Path(memory).is_dir() else 0
+    if free >= _LEAST:
+        return ''
+    return (f'{memory} has {free / 1e6:.2f} MB free and Fast DDS needs {_LEAST / 1e6:.1f} MB for '
+            'each process: messages go by UDP, which takes longer. Remove what ended programs '
+            'left (fastdds shm clean), or make it larger (docker run --shm-size=1g)')
+
+
 def problem_here() -> str:
-    """The `problem` of the profile that is set here, if one is."""
+    """The `problem` of the profile that is set here, or what is wrong without one."""
     profile = os.environ.get(VARIABLE, '')
-    return problem(profile) if profile else ''
+    return problem(profile) if profile else no_room()

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
@@ -10,6 +10,7 @@ from std_msgs.msg import String
 
 from pmcl_ros import conversions
 from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
@@ -19,28 +20,7 @@ from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
 from pmcl_ros.nodes.live import live_parameters
 from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
-
-
-class _Decoded:
-    """A light field, and its messages when one of them is wanted."""
-
-    def __init__(self, light_field: LightField, views: conversions.Buffer,
-                 picture: conversions.Buffer) -> None:
-        self._light_field, self._views, self._picture = light_field, views, picture
-
-    @cached_property
-    def views(self) -> conversions.LightFieldMessages:
-        return conversions.light_field_to_messages(self._light_field, self._views)
-
-    @property
-    def centre_info(self) -> CameraInfo:
-        return conversions.pinhole_to_message(self._light_field.header,
-                                              self._light_field.grid.pinhole)
-
-    @property
-    def centre_image(self) -> Image:
-        return conversions.picture_to_message(self._light_field.header,
-                                              self._light_field.picture(), self._picture)
+from pmcl_ros.nodes.values import ValuePublisher, subscribe_value
 
 
 class SubapertureNode(StageNode):
@@ -55,29 +35,29 @@ class SubapertureNode(StageNode):
         self._decoders = _load(settings)
         self.health.back_end = 'numba'
         self.configured.enter_context(live_parameters(self, settings, self._renew))
-        self._buffers = conversions.Buffer(), conversions.Buffer()
         # the small ones first, so that `views` completes its capture
         self._outputs = [
-            self._output(CameraInfo, 'center/camera_info', lambda made: made.centre_info),
-            self._output(Image, 'center/image', lambda made: made.centre_image),
-            self._output(CameraInfo, 'views/camera_info', lambda made: made.views.camera_info),
-            self._output(Image, 'views/pupil', lambda made: made.views.pupil),
-            self._output(Image, 'views', lambda made: made.views.views, BIG)]
+            self._output(CameraInfo, 'center/camera_info', _centre_info),
+            self._output(Image, 'center/image', _centre_image),
+            self._output(CameraInfo, 'views/camera_info', _views_info),
+            self._output(Image, 'views/pupil', conversions.pupil_to_message),
+            self._output(Image, 'views', conversions.views_to_message, BIG)]
 
     def start(self) -> None:
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata: CameraMetadata | None = None
-        self._waiting: Image | None = None
+        self._waiting: conversions.Part | None = None
         self._audience = Audience(self, self._outputs,
                                   'an image: nobody listens to views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
-        self.subscribe(Image, 'image_raw', self._on_image, BIG)
+        subscribe_value(self, Image, 'image_raw', conversions.part_from(conversions.counts_from),
+                        self._on_image, BIG)
 
-    def _output(self, kind: type, topic: str, message: Callable[[_Decoded], Image | CameraInfo],
-                qos: QoSProfile = SMALL) -> Output[_Decoded]:
-        publisher = self.publisher(kind, topic, qos)
-        return Output(lambda: publisher.get_subscription_count() > 0,
-                      lambda made: publisher.publish(message(made)))
+    def _output(self, kind: type, topic: str,
+                write: Callable[[LightField, conversions.Buffer], Image | CameraInfo],
+                qos: QoSProfile = SMALL) -> Output[LightField]:
+        publisher = ValuePublisher(self, kind, topic, qos, write)
+        return Output(publisher.wanted, publisher.publish)
 
     def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
         """Load what changed parameters name; that the last picture can be decoded shows it fits.
@@ -101,9 +81,13 @@ class SubapertureNode(StageNode):
         if image is not None:
             self._tell(image, self._metadata)
 
-    def _on_image(self, image: Image) -> None:
+    def _on_image(self, image: RawFrame | conversions.Part) -> None:
         self.health.frames_in += 1
-        conversions.counts_from(image)
+        if isinstance(image, RawFrame):  # handed over, with its own
+            self._metadata = image.metadata
+            self._audience.tell(partial(self._decoders.decode, image),
+                                f'capture {image.header.stamp_ns}')
+            return
         if self._metadata is not None:
             self._tell(image, self._metadata)
             return
@@ -112,13 +96,25 @@ class SubapertureNode(StageNode):
         self._waiting = image
         self.health.warn('an image waits for metadata')
 
-    def _tell(self, image: Image, metadata: CameraMetadata) -> None:
-        stamp = conversions.header_from(image.header).stamp_ns
+    def _tell(self, image: conversions.Part, metadata: CameraMetadata) -> None:
+        stamp = conversions.header_from(image.message.header).stamp_ns
         self._audience.tell(partial(self._decode, image, metadata), f'capture {stamp}')
 
-    def _decode(self, image: Image, metadata: CameraMetadata) -> _Decoded:
-        frame = conversions.raw_frame_from(image, metadata)
-        return _Decoded(self._decoders.decode(frame), *self._buffers)
+    def _decode(self, image: conversions.Part, metadata: CameraMetadata) -> LightField:
+        return self._decoders.decode(conversions.raw_frame_from(image.message, metadata))
+
+
+def _centre_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
+    return conversions.pinhole_to_message(light_field.header, light_field.grid.pinhole)
+
+
+def _views_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
+    grid = light_field.grid
+    return conversions.pinhole_to_message(light_field.header, grid.pinhole, grid.baseline)
+
+
+def _centre_image(light_field: LightField, buffer: conversions.Buffer) -> Image:
+    return conversions.picture_to_message(light_field.header, light_field.picture(), buffer)
 
 
 def _load(settings: DecodeSettings) -> Decoders:

@@ -1,13 +1,13 @@
 """Publishers and subscriptions of values: by reference in the process, as messages elsewhere."""
 
 from collections.abc import Callable
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros.conversions import Buffer, multi_array_from
+from pmcl_ros.conversions import Buffer, message_from
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import StageNode
 
@@ -40,6 +40,10 @@ class ValuePublisher(Generic[T]):
         """Whether anybody listens, as far as is known."""
         return self._publisher.get_subscription_count() > 0
 
+    def arrived(self, patience: Duration) -> bool:
+        """Wait until all that was sent is in the histories of those who listen; whether it is."""
+        return bool(self._publisher.wait_for_all_acked(patience))
+
     def publish(self, value: T) -> None:
         """Hand over, then send where somebody listens who is not handed it."""
         sent = self._others() > 0
@@ -59,9 +63,14 @@ class ValuePublisher(Generic[T]):
         return len(names)
 
 
-def subscribe_value(node: StageNode, topic: str, read: Callable[[Float32MultiArray], T],
-                    callback: Callable[[T], None], qos: QoSProfile) -> Subscription:
-    """As `node.subscribe`, for `start` of a node, to values: `read` makes them of messages."""
+def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any], T],
+                    callback: Callable[[T], None], qos: QoSProfile,
+                    each_a_capture: bool = True) -> Subscription:
+    """As `node.subscribe`, for `start` of a node, to values: `read` makes them of messages.
+
+    each_a_capture: whether a value that is overwritten before it was taken is a capture lost,
+    which counts as dropped; false where that shows in another topic.
+    """
     ways: set[str] = set()
 
     def tell(way: str) -> None:
@@ -69,19 +78,27 @@ def subscribe_value(node: StageNode, topic: str, read: Callable[[Float32MultiArr
             ways.add(way)
             node.get_logger().info(f'{topic} comes {way}')
 
+    def missed(count: int) -> None:
+        if each_a_capture and count:
+            node.dropped(f'{count} of {topic}: newer came before they were taken', count)
+
     def received(cdr: bytes) -> None:
-        value = read(multi_array_from(cdr))
+        value = read(message_from(cdr, kind))
         if not taker.had(value.header.stamp_ns):
             tell('as messages')
             callback(value)
 
     def woken() -> None:
         with node.watched(topic):
-            for value in taker.take():
+            values, replaced = taker.take()
+            missed(replaced)
+            for value in values:
                 tell('by reference, from a node of this process')
                 callback(value)
 
-    subscription = node.subscribe(Float32MultiArray, topic, received, qos, raw=True)
+    # What is handed over may be sent to others too, and so come twice: one of the two counts.
+    subscription = node.subscribe(kind, topic, received, qos, raw=True,
+                                  missed=lambda count: missed(0 if taker.given else count))
     bell = node.create_guard_condition(woken)
     node.active.callback(node.destroy_guard_condition, bell)
     taker = node.active.enter_context(node.hand_over.taking(

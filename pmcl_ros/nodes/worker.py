@@ -47,13 +47,15 @@ class Worker(Generic[T]):
                 self._running = self._pool.submit(self._run)
         return replaced
 
-    def stop(self) -> None:
-        """Forget the job that waits, end the one that runs, and return when it has ended."""
+    def stop(self) -> Job | None:
+        """End the job that runs, and return when it has ended; the one that waited never runs."""
         with self._lock:
-            self.stopping, self._waiting = True, None
+            self.stopping = True
+            waited, self._waiting = self._waiting, None
             running = self._running
         if running is not None:
             wait([running])
+        return waited
 
     def close(self) -> None:
         """Stop, and close the thing on its own thread."""

@@ -45,7 +45,7 @@ class Taker(StageNode):
         self.volumes = []
 
     def start(self):
-        subscribe_value(self, 'dlv', cv.volume_from, self.keep, BIG)
+        subscribe_value(self, Float32MultiArray, 'dlv', cv.volume_from, self.keep, BIG)
 
     def keep(self, volume):
         self.volumes.append(volume)

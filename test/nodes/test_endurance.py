@@ -1,0 +1,186 @@
+"""The graph as it is left alone: captures without end, nodes killed, no memory, strange clocks."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from harness import PATIENCE, ROOT, Process
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from synthetic_camera import SIDE, SyntheticCamera, waves
+
+from pmcl_ros import conversions as cv
+from pmcl_ros.camera.files import write_raw_frame
+from pmcl_ros.nodes.awaited import Awaited
+from pmcl_ros.nodes.gaps import Gaps
+
+BRINGUP = 'pmcl_ros.nodes.bringup'
+NODES = ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
+MANY = QoSProfile(depth=1000)
+
+
+@pytest.fixture(scope='module')
+def parameter_file(tmp_path_factory, parameters, camera_text):
+    """Of a graph that takes two small pictures a second, for as long as it runs."""
+    folder = tmp_path_factory.mktemp('graph')
+    camera = SyntheticCamera(camera_text(SIDE, SIDE))
+    for name, frame in (('white', camera.white()), ('picture', camera.picture(waves))):
+        write_raw_frame(folder / f'{name}.RAW', frame)
+    camera.calibration.save(folder / 'calibration.yaml')
+    values = {
+        'lytro_driver': {'source': 'files', 'path': f'{folder}/picture.RAW', 'loop': True,
+                         'period': 0.5},
+        'subaperture_node': {'calibration': f'{folder}/calibration.yaml',
+                             'white': f'{folder}/white.RAW'},
+        'dlv_node': parameters['dlv_node'] | {'views': 3},
+        'pmcl_node': parameters['pmcl_node'] | {
+            'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
+    file = folder / 'parameters.yaml'
+    file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': each}
+                                    for name, each in values.items()}))
+    return file
+
+
+def stamps(poses):
+    return [cv.header_from(each.header).stamp_ns for each in poses]
+
+
+def told(states, node, key):
+    """What a node said of itself last."""
+    return next((each.value for message in reversed(states) if message.status[0].name == node
+                 for each in message.status[0].values if each.key == key), None)
+
+
+def process_of(chain, name):
+    children = Path(f'/proc/{chain.popen.pid}/task/{chain.popen.pid}/children').read_text()
+    pid, = (int(each) for each in children.split()
+            if f'.{name}\0' in Path(f'/proc/{each}/cmdline').read_text())
+    return pid
+
+
+def test_a_node_that_is_killed_comes_back_and_poses_with_it(tmp_path, user, parameter_file):
+    poses, states = [], []
+    user.node.create_subscription(PoseStamped, 'pose', poses.append, MANY)
+    user.node.create_subscription(DiagnosticArray, '/diagnostics', states.append, MANY)
+    with Process(tmp_path, BRINGUP, '--params-file', parameter_file, '--processes',
+                 '--respawn') as chain:
+        user.wait(lambda: poses or not chain.alive(), 'a pose')
+        for name in NODES:
+            os.kill(process_of(chain, name), signal.SIGKILL)
+            user.wait(lambda name=name: f'{name} is active again' in chain.log
+                      or not chain.alive(), f'{name} to be active again')
+            again = time.time_ns()
+            user.wait(lambda again=again: (poses and stamps(poses)[-1] > again)
+                      or not chain.alive(), f'a new pose after {name} was killed')
+            assert f'{name} was ended by signal 9: captures that were on their way' in chain.log
+        user.wait(lambda: all(told(states, 'pmcl_supervisor', f'{name} started again') == '1'
+                              for name in NODES), 'diagnostics')
+    assert stamps(poses) == sorted(set(stamps(poses)))  # each once, none late
+    # The next node notices what a dead one swallowed.
+    assert 'no volume came of capture' in chain.log
+
+
+def test_respawn_needs_processes(tmp_path):
+    chain = Process(tmp_path, BRINGUP, '--respawn')
+    assert chain.popen.wait(PATIENCE) == 2
+    assert '--respawn needs --processes' in chain.log
+
+
+@pytest.fixture(scope='module')
+def two_graphs(tmp_path_factory, parameter_file):
+    """Both on simulated time, before anybody publishes any."""
+    graphs = [Process(tmp_path_factory.mktemp(name), BRINGUP, '--params-file', parameter_file,
+                      '--ros-args', '-r', f'__ns:=/{name}', '-p', 'use_sim_time:=true',
+                      '-p', f'frame_id:={name}') for name in ('left', 'right')]
+    with graphs[0], graphs[1]:
+        yield graphs
+
+
+def test_two_graphs_keep_to_themselves(two_graphs, user):
+    poses = {name: user.listen(PoseStamped, f'/{name}/pose', MANY) for name in ('left', 'right')}
+    user.wait(lambda: all(len(each) >= 3 for each in poses.values()), 'poses of both')
+    for name, each in poses.items():
+        assert {pose.header.frame_id for pose in each} == {name}
+        assert stamps(each) == sorted(set(stamps(each)))
+    assert not set(stamps(poses['left'])) & set(stamps(poses['right']))
+
+
+def test_time_may_stand_still_or_jump(two_graphs, user):
+    """Timers, patience and stamps do not follow /clock; only the headers of diagnostics do."""
+    poses = user.listen(PoseStamped, '/left/pose', MANY)
+    states = user.listen(DiagnosticArray, '/diagnostics', MANY)
+    clock = user.publisher(Clock, '/clock', QoSProfile(depth=10))
+    for now in (1_000, 5, 1_000_000, 0):  # seconds: there, back, far ahead, back
+        message = Clock(clock=cv.time_to_message(now * 10**9))
+        since, began = time.time_ns(), time.monotonic()
+        states.clear()
+
+        def follows(message=message):
+            clock.publish(message)
+            return [each for each in states if each.status[0].name == 'left/dlv_node'
+                    and each.header.stamp == message.clock]
+
+        user.wait(lambda: len(follows()) >= 2, f'diagnostics at {now} s')
+        user.wait(lambda since=since: stamps(poses)[-2:-1] > [since], f'poses at {now} s')
+        count = sum(each.status[0].name == 'left/dlv_node' for each in states)
+        assert count <= time.monotonic() - began + 3  # at 1 Hz, and no storm after a jump
+    assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
+
+
+@pytest.mark.parametrize('arguments', [[], ['--flood', '--processes']], ids=['in turn', 'flood'])
+def test_soak(tmp_path, arguments):
+    done = subprocess.run(
+        [sys.executable, '-m', 'pmcl_ros.nodes.soak', '--captures', '12', '--quick', '--out',
+         tmp_path, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE,
+        check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads((tmp_path / 'soak.json').read_text())
+    dropped = sum(found['dropped'].values())
+    assert found['captures'] == 12 == found['poses'] + found['lost'] + dropped
+    assert (found['twice'], found['strange'], found['unreported'], found['left']) == (0, 0, 0, [])
+    assert dropped == 0 or arguments
+    assert '| captures, poses, lost | 12, ' in done.stdout
+
+
+@pytest.mark.parametrize('size', ['16k', '1m'])
+def test_messages_come_without_room_in_shared_memory(size):
+    """16k: no process gets any; 1m: the first one does."""
+    if subprocess.run(['unshare', '-m', 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('no mount namespace of its own: not root')
+    script = (f'mount -t tmpfs -o size={size} none /dev/shm && exec "$0" -m '
+              'pmcl_ros.nodes.transport --messages 5 --side 164 --copies 1')
+    done = subprocess.run(['unshare', '-m', 'sh', '-c', script, sys.executable], cwd=ROOT,
+                          capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)
+    assert re.search(r'/dev/shm has .* by UDP', done.stderr)
+
+
+def test_gaps_in_the_numbers_of_one_publisher():
+    gaps = Gaps()
+    assert [gaps.missed(number, 1) for number in (7, 8, 11, 12)] == [0, 0, 2, 0]
+    assert [gaps.missed(number, 1) for number in (1, 4)] == [0, 2]  # it was started again
+    assert [gaps.missed(number, 2) for number in (9, 30, 10)] == [0, 0, 0]  # whose?
+    assert [gaps.missed(number, 1) for number in (40, 42, None)] == [0, 1, 0]
+
+
+def test_captures_that_were_announced_only():
+    awaited = Awaited()
+    for stamp in (1, 2, 3):
+        awaited.announced(stamp)
+    assert awaited.came(3) == [1, 2]
+    assert awaited.came(4) == []  # came before it was announced
+    awaited.announced(4)
+    awaited.announced(6)
+    assert awaited.came(5) == []
+    assert awaited.came(6) == []
