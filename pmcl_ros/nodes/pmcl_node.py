@@ -18,7 +18,6 @@ from pmcl_ros.evaluation.pictures import overlay
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 from pmcl_ros.nodes.values import subscribe_value
 from pmcl_ros.nodes.worker import Worker
@@ -26,6 +25,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.resources import resolve
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
