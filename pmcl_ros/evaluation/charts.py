@@ -44,7 +44,7 @@ def chart(title: str, x_name: str, y_name: str, lines: Sequence[Line],
         return corner + (np.stack([x, y], axis=-1) - low) / (high - low) * extent
 
     for axis, (start, end) in enumerate((x_range, y_range)):
-        for value in _round_numbers(min(start, end), max(start, end)):
+        for value in round_numbers(min(start, end), max(start, end)):
             ends = [(value, y_range[0]), (value, y_range[1])] if axis == 0 else [
                 (x_range[0], value), (x_range[1], value)]
             _draw(canvas, np.array([place(*each) for each in ends]), _GREY, 1)
@@ -68,7 +68,7 @@ def beside(pictures: Sequence[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     return np.concatenate(pictures, axis=1)
 
 
-def _round_numbers(low: float, high: float) -> NDArray[np.float64]:
+def round_numbers(low: float, high: float) -> NDArray[np.float64]:
     """Multiples of 1, 2 or 5 times a power of ten, about five of them."""
     rough = (high - low) / 5
     power = 10.0 ** np.floor(np.log10(rough))
