@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tiny_capture
 from click.testing import CliRunner
+from pmcl_scenes import bracket
 
 from pmcl_ros.bag_captures import read_bag
 from pmcl_ros.bags import capture_messages, record, record_light_field
@@ -63,13 +64,26 @@ def test_a_light_field_and_a_bag_of_its_views_have_the_same_pose(capture, tmp_pa
         out = tmp_path / f'{len(pages)}.html'
         assert invoke('report', source, *more, '-o', out).exit_code == 0
         pages.append(out.read_text(encoding='utf-8'))
-    found = json.loads(invoke(
+        assert 'id="error"' in pages[-1]  # the truth of the same object
+    done = invoke(
         'localize', capture, '--object', capture / 'model.obj', '--roi', '0.005', '-0.005', '0.4',
-        '0.05', '0.05', '0.06', '--json').stdout)
+        '0.05', '0.05', '0.06', '--json')
+    found = json.loads(next(line for line in done.output.splitlines() if line[:1] == '{'))
     for k, name in enumerate('xyz'):
         ours = [float(text_of(page, name).removesuffix(' mm')) for page in pages]
         assert ours[0] == pytest.approx(1e3 * found['position'][k], abs=0.051)
         assert ours[1] == pytest.approx(ours[0], abs=0.5)  # views of 16 bits
+
+
+def test_the_truth_of_what_is_there_is_not_that_of_another_object(capture, tmp_path):
+    bracket().export(tmp_path / 'bracket.obj')
+    out = tmp_path / 'page.html'
+    assert invoke('report', capture, '--object', tmp_path / 'bracket.obj', '-o', out
+                  ).exit_code == 0
+    page = out.read_text(encoding='utf-8')
+    assert 'bracket' in page
+    assert 'id="verdict"' in page
+    assert 'id="error"' not in page
 
 
 def test_what_is_not_known_is_asked_for(capture, tmp_path):
@@ -78,11 +92,11 @@ def test_what_is_not_known_is_asked_for(capture, tmp_path):
     shutil.copy(capture / 'views.npz', alone)
     done = invoke('report', alone)
     assert done.exit_code == 2
-    assert 'give --roi' in done.stderr
+    assert 'give --roi' in done.output
     shutil.copy(capture / 'truth.json', alone)
     done = invoke('report', alone)
     assert done.exit_code == 2
-    assert 'give --object' in done.stderr
+    assert 'give --object' in done.output
 
 
 def test_a_bag_of_something_else_is_refused_in_one_line(capture, tmp_path):
@@ -91,4 +105,4 @@ def test_a_bag_of_something_else_is_refused_in_one_line(capture, tmp_path):
     done = invoke('report', tmp_path / 'text', '--object', capture / 'model.obj', '--truth',
                   capture / 'truth.json')
     assert done.exit_code == 1
-    assert 'text holds neither /image_raw with /metadata nor' in done.stderr
+    assert 'text holds neither /image_raw with /metadata nor' in done.output

@@ -36,7 +36,7 @@ _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
 @click.option('--truth', 'truth_path', type=FILE, help='A truth.json to compare with; default: '
-              'the one beside SOURCE, if there is one.')
+              'the one beside SOURCE, if there is one and no other --object is looked for.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               default=Path('report.html'), show_default=True, help='The page, one HTML file.')
 def report(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
@@ -48,10 +48,12 @@ def report(source: Path, calibration: Path | None, white: Path | None, every: in
     For a bag, --calibration and --white are by default those of config/pmcl.yaml.
     """
     folder = source if source.is_dir() else source.parent
-    if truth_path is None and (folder / 'truth.json').is_file():
-        truth_path = folder / 'truth.json'
-    truth = Truth.load(truth_path) if truth_path is not None else None
+    beside = folder / 'truth.json' if (folder / 'truth.json').is_file() else None
+    known = truth_path or beside
+    truth = Truth.load(known) if known else None
     center, size = _region(roi, truth)
+    if object_path is not None and truth_path is None:
+        truth = None  # it tells where the object is that was there, which may be another
     object_path = object_path or _object(source, folder)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
                                   'roi_center': center, 'roi_size': size}, '--roi, --mode, --seed')

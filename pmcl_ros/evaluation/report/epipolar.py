@@ -14,7 +14,7 @@ from pmcl_ros.lightfield.geometry import ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 
 _MARGIN = 0.25  # of the object's width that is shown on each side of it
-_WIDTH = 690.0  # of the drawing
+_SIZE = 460.0, 160.0  # of the drawing
 
 
 class EpipolarSlice(NamedTuple):
@@ -86,7 +86,7 @@ def _figure(run: Localization, along: Along, line: float, centre: float) -> Elem
     first, last = float(epi.positions[0]), float(epi.positions[-1])
     half = (last - first) / max(len(epi.positions) - 1, 1) / 2
     plot = Plot((low - 0.5, high - 0.5), (last + half, first - half), f'{along} [px]',
-                'view', size=(_WIDTH, 200.0), picture=epi.pixels[:, low:high],
+                'view', size=_SIZE, picture=epi.pixels[:, low:high],
                 title=f'epipolar slice along {along}')
     depths = depths_at(pieces, centre)
     shown = [(run.estimate.pose[2, 3], 'estimate')]

@@ -61,13 +61,13 @@ def about(run: Localization) -> Element:
 
 def _pose(run: Localization) -> list[Fact]:
     estimate, found = run.estimate, coordinates(run)
-    facts = [Fact(name, name, f'{1e3 * value:.1f} mm', f'± {_short(sigma)} mm')
+    facts = [Fact(name, name, f'{1e3 * value:.1f} mm', f'±\u00a0{_short(sigma)}\u00a0mm')
              for name, value, sigma in zip('xyz', estimate.pose[:3, 3], found.sigma[:3],
                                            strict=True)]
     if run.model.axis is not None:
         along = estimate.pose[:3, :3] @ run.model.axis
         facts.append(Fact('axis', 'axis', ', '.join(f'{each:+.3f}' for each in along),
-                          f'± {_short(np.sqrt((found.sigma[3:] ** 2).mean()))}°'))
+                          f'±\u00a0{_short(np.sqrt((found.sigma[3:] ** 2).mean()))}°'))
     else:
         facts.append(Fact('orientation', 'orientation', ', '.join(
             f'{each:+.4f}' for each in estimate.quaternion), 'x, y, z, w; ± '
@@ -112,12 +112,13 @@ def times_section(run: Localization) -> Element:
     """Wall time of each stage, drawn to scale."""
     names = {'views': 'views, from the picture', 'volume': 'volume and edges',
              'estimate': 'summary of the posterior', **NAMES}
-    total = max(sum(run.seconds.values()), 1e-9)
+    longest = max(*run.seconds.values(), 1e-9)
     rows: list[list[Node]] = [
         [names.get(name, name), f'{1e3 * each:.0f}',
-         element('i', class_='bar', style=f'width: {max(100 * each / total, 0.5):.1f}%')]
+         element('i', class_='bar', style=f'width: {max(100 * each / longest, 0.5):.1f}%')]
         for name, each in run.seconds.items()]
-    return section('Time', 'time', table(['stage', 'ms', ''], rows),
+    return section('Time', 'time', f'{sum(run.seconds.values()):.2f} s in all.',
+                   table(['stage', 'ms', ''], rows),
                    'Wall time of this run, the first in its process. Poses were scored by '
                    f'{run.renderer}.')
 
