@@ -40,8 +40,6 @@ class Plot:
         self._down = height - (_TOP + _BOTTOM if frame else 0)
         self.svg = element('svg', element('title', title), viewBox=f'0 0 {width:g} {height:g}',
                            class_='plot', role='img')
-        self.svg.set('data-x', f'{x[0]!r} {x[1]!r}')
-        self.svg.set('data-y', f'{self._y[0]!r} {self._y[1]!r}')
         if picture is not None:
             self.svg.append(element(
                 'image', href=data_uri(picture), x=self._left, y=self._top, width=self._across,
