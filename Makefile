@@ -14,6 +14,7 @@ demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
+	@tools/system.sh test
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: $(TEST)

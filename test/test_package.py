@@ -108,6 +108,8 @@ def test_colcon_installs_every_node_and_file(workspace):
     for each in ('package.xml', 'config/pmcl.yaml', 'config/fastdds_shm.xml',
                  'launch/pmcl.launch.py', 'config/cameras/demo.yaml', 'models/wine_glass.obj'):
         assert (share / 'pmcl_ros' / each).is_file(), each
+    for each in ('page.html', 'page.css'):  # beside the modules that read them
+        assert list(install.rglob(f'pmcl_ros/evaluation/report/{each}')), each
     # the installed node's own Python finds it
     script = install / 'lib' / 'pmcl_ros' / 'dlv_node'
     assert sys.executable in script.read_text().splitlines()[0]

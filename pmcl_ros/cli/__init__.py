@@ -20,6 +20,7 @@ from pmcl_ros.cli.grasps import grasps
 from pmcl_ros.cli.lattice import lattice
 from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
+from pmcl_ros.cli.report import report
 from pmcl_ros.cli.scenes import scenes
 
 
@@ -33,5 +34,5 @@ def main(verbose: bool) -> None:
 
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
-                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn):
+                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn, report):
     main.add_command(_command)

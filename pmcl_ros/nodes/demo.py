@@ -30,8 +30,8 @@ from pmcl_ros.evaluation.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.nodes.base import SMALL
 from pmcl_ros.nodes.lifecycle import Lifecycle
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.resources import resolve
 
 _ROOT = Path(__file__).parents[2]
 _PATIENCE = 180.0  # s: for the pose; the first run compiles its kernels

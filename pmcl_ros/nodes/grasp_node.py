@@ -20,8 +20,8 @@ from pmcl_ros.header import Header
 from pmcl_ros.nodes.arms import arm_of
 from pmcl_ros.nodes.base import SMALL, StageNode
 from pmcl_ros.nodes.grasp_messages import first_of, grasps_to_messages, grippers_to_markers
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
+from pmcl_ros.resources import resolve
 
 _PATIENCE = 0.5  # s: how much later than its pose a covariance may come
 

@@ -29,9 +29,9 @@ from pmcl_ros.errors import CameraError, LinkError, PmclError
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.audience import DISCOVERY
 from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 from pmcl_ros.nodes.values import ValuePublisher
+from pmcl_ros.resources import resolve
 
 _LOOK = 2.0  # s between two looks for pictures that nobody here asked for, or that got lost
 _LONGEST = 30.0  # s between two when the camera does not answer

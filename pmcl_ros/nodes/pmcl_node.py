@@ -21,13 +21,13 @@ from pmcl_ros.nodes.awaited import Awaited
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 from pmcl_ros.nodes.values import subscribe_value
 from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.resources import resolve
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.

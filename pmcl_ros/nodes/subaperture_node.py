@@ -18,9 +18,9 @@ from pmcl_ros.lightfield.settings import DecodeSettings
 from pmcl_ros.nodes.audience import Audience, Output
 from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
 from pmcl_ros.nodes.live import live_parameters
-from pmcl_ros.nodes.resources import resolve
 from pmcl_ros.nodes.running import run
 from pmcl_ros.nodes.values import ValuePublisher, subscribe_value
+from pmcl_ros.resources import resolve
 
 
 class SubapertureNode(StageNode):

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.edges import edges_from_likelihood
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
+from pmcl_ros.pmcl.history import Generation, Watch, recorder
 from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
@@ -73,13 +74,15 @@ class Localizer:
 
     def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
-                 start: NDArray[np.float64] | None = None) -> PoseEstimate:
+                 start: NDArray[np.float64] | None = None,
+                 watch: Watch | None = None) -> PoseEstimate:
         """The object's pose in one volume.
 
         start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
             given.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
+        watch: told every generation of particles; the pose is the same with it and without.
         Raises LocalizationError when the volume does not reach the region of interest, and with
         the renderer gl RenderError in another thread, after `close`, or when the GL refuses its
         work.
@@ -88,22 +91,40 @@ class Localizer:
         self._check_range(volume)
         try:
             if self._settings.mode == 'faithful':
-                return self._by_likelihood(volume, rng, progress or (lambda _: True))
-            return self._by_contour(volume, rng, progress or (lambda _: True), start)
+                return self._by_likelihood(volume, rng, progress or (lambda _: True), watch)
+            return self._by_contour(volume, rng, progress or (lambda _: True), start, watch)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
-                    progress: Progress, start: NDArray[np.float64] | None) -> PoseEstimate:
-        edges, profile = volume.edges, self._profile
+    def contour(self, volume: DepthLikelihoodVolume, pose: NDArray[np.float64]) -> ContourPoints:
+        """The contour of a pose (4, 4) and its evidence, as the mode default judges it.
+
+        Raises as `localize` does.
+        """
+        self._renderer.use()
+        edges, profile = self._edges(volume)
+        window = self._region.window(volume.pinhole, self._model.radius)
+        with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
+            return exact.points(pose)
+
+    def _edges(self, volume: DepthLikelihoodVolume) -> tuple[EdgeVolume, ContourProfile]:
+        """Where contours are looked for, and what edge energies there say."""
+        if volume.edges is not None:
+            return volume.edges, self._profile
+        _LOG.info('no edge volume was given: contours are looked for in the likelihood')
         # The tables were learned on sharp edge volumes: other edges are judged by their contrast.
+        return edges_from_likelihood(volume), ContourProfile.contrast()
+
+    def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+                    progress: Progress, start: NDArray[np.float64] | None,
+                    watch: Watch | None) -> PoseEstimate:
+        edges, profile = self._edges(volume)
         contrast = ContourProfile.contrast()
-        if edges is None:
-            _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-            edges, profile = edges_from_likelihood(volume), contrast
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
-            start, _ = self._proposals.propose(edges, self._settings.proposals)
+            start, scores = self._proposals.propose(edges, self._settings.proposals)
+            if watch is not None:
+                watch(Generation('proposals', start, scores, len(start)))
         quarter, half, whole = (self._scene(volume, window.coarser(scale))
                                 for scale in (_COARSE, _FINE, 1))
         with (self._renderer.contour_score(quarter, edges, contrast, _BLUR) as coarse,
@@ -120,7 +141,7 @@ class Localizer:
                 self._model, self._settings, self._in_region(coarse, -np.inf),
                 self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about, near,
                 lambda poses: self._region.contains(poses[:, :3, 3]))
-            posterior = search.run(start, rng, progress)
+            posterior = search.run(start, rng, progress, watch)
             return self._estimate(volume, posterior, profile, about, exact.points, rng)
 
     def _estimate(self, volume: DepthLikelihoodVolume, posterior: Posterior,
@@ -151,11 +172,12 @@ class Localizer:
                             lost, self._settings.mode, modes, support)
 
     def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
-                       progress: Progress) -> PoseEstimate:
+                       progress: Progress, watch: Watch | None) -> PoseEstimate:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.likelihood_score(self._scene(volume, window), volume) as score:
             poses, scores = faithful_filter(self._in_region(score, 0.0), self._region,
-                                            self._settings, rng, progress)
+                                            self._settings, rng, progress,
+                                            recorder(watch, 'filter'))
             weights = Weights.of(scores)
             pose, spread = self._summary(poses, weights)
             likelihood = float(score(pose[None])[0])

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.summary import moved, tangent, tangent_basis
 from pmcl_ros.pmcl.weights import Weights
 
@@ -56,7 +57,8 @@ class Gaussian:
 
 def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                      axis: NDArray[np.float64] | None, count: int, moves: int,
-                     rng: np.random.Generator, progress: Progress
+                     rng: np.random.Generator, progress: Progress,
+                     records: Sequence[Record | None] = ()
                      ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Poses (n, 4, 4), equally weighted, their log posterior (n,), whose they are (n,).
 
@@ -72,6 +74,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     the one it leads to is asked: fewer of those that will be refused cost anything, and what is
     sampled is the same (delayed acceptance; Christen and Fox 2005).
     Ends early, with what it has, when `progress` says so.
+    records: for each density, what is told the particles and their values, first and after each
+        step towards it.
     """
     own = np.arange(count) % len(start)
     normal = rng.normal(size=(count, start[0].basis.shape[1]))
@@ -85,6 +89,9 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     for k, (before, after) in enumerate(bridges):
         power = 0.0
         known, values = before(poses), after(poses)
+        record = records[k] if records else None
+        if record is not None:
+            record(poses, values)
         for step in range(_MOST_STEPS):
             if power >= 1 or not progress((k + step / _MOST_STEPS) / len(bridges)):
                 break
@@ -107,6 +114,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                 values = np.where(better, tried_values, values)
                 known = np.where(better, tried_known, known)
                 size *= np.exp(better.mean() - _ACCEPTED)
+            if record is not None:
+                record(poses, values)
     return poses, values, own
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from pmcl_ros.pmcl.history import Generation, Record, Watch, recorder
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.rivals import rivals
@@ -69,23 +70,28 @@ class ContourSearch:
     near: Callable[[NDArray[np.float64]], SlidingContour]
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
-    def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress
-            ) -> Posterior:
+    def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+            watch: Watch | None = None) -> Posterior:
         """The posterior, from proposals (k, 4, 4).
 
         progress: called with 0..1; once it returns False what was found so far is summed up.
+        watch: told every generation of particles.
         """
         stages = _Stages(progress)
         found = self._tournament(self.coarse, start, _COARSE_SURVIVORS, _COARSE_STEPS, rng,
-                                 stages.part(0, 0.3))
+                                 stages.part(0, 0.3), recorder(watch, 'coarse'))
         found = self._tournament(self.fine, found, _SURVIVORS, _FINE_STEPS, rng,
-                                 stages.part(0.3, 0.6))
+                                 stages.part(0.3, 0.6), recorder(watch, 'fine'))
         found = self._distinct(found)
         if not stages.stopped:
             others = [rivals(self.model, each) for each in found[:_CHALLENGED]]
             found = self._tournament(self.fine, np.concatenate([found, *others]), _MODES,
-                                     _RIVAL_STEPS, rng, stages.part(0.6, 0.8))
+                                     _RIVAL_STEPS, rng, stages.part(0.6, 0.8),
+                                     recorder(watch, 'rivals'))
         modes = self._modes(self._distinct(found)[:_MODES])
+        if watch is not None:
+            watch(Generation('modes', np.stack([mode.pose for mode in modes]),
+                             np.array([mode.local.evidence for mode in modes])))
         scale = modes[0].local.scale
         start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, self.model.axis)
                     for mode in modes]
@@ -102,7 +108,8 @@ class ContourSearch:
 
         poses, values, own = sample_posterior(
             [rough, lambda each: scale * self.exact(each)], start_of, self.model.axis,
-            self.settings.particles, self.settings.moves, rng, stages.part(0.8, 1))
+            self.settings.particles, self.settings.moves, rng, stages.part(0.8, 1),
+            [recorder(watch, 'approximate'), recorder(watch, 'posterior')])
         return Posterior(tuple(modes), poses, values, own)
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
@@ -130,10 +137,10 @@ class ContourSearch:
         return Mode(best.pose, self.about(best.pose, True))
 
     def _tournament(self, score: Score, start: NDArray[np.float64], survivors: int,
-                    steps: tuple[float, float], rng: np.random.Generator, progress: Progress
-                    ) -> NDArray[np.float64]:
+                    steps: tuple[float, float], rng: np.random.Generator, progress: Progress,
+                    record: Record | None) -> NDArray[np.float64]:
         return tournament(score, start, survivors, self.model.radius, self.settings.particles,
-                          self.settings.moves, steps, rng, progress)[0]
+                          self.settings.moves, steps, rng, progress, record)[0]
 
     def _distinct(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         return poses[self._different(poses)]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.motion import perturb
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -16,7 +17,8 @@ _ALONG = 3.0
 
 def tournament(score: Score, start: NDArray[np.float64], survivors: int, radius: float,
                particles: int, moves: int, steps: tuple[float, float], rng: np.random.Generator,
-               progress: Progress) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+               progress: Progress, record: Record | None = None
+               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The best pose of each surviving group, (n, 4, 4) and (n,) scores, best first.
 
     start: (k, 4, 4). Each gets an equal share of the particles, which compete among themselves
@@ -25,7 +27,7 @@ def tournament(score: Score, start: NDArray[np.float64], survivors: int, radius:
         `survivors` (or fewer) are left.
     steps: across the line of sight, how far particles move first and last [m]; shrinks
         geometrically. All groups draw the same moves, so that luck does not decide between them.
-    radius: of the object [m].
+    radius: of the object [m]. record: told the groups after each move.
     Ends early, with what was found so far, when `progress` says so.
     """
     groups = start[:, None]
@@ -46,6 +48,8 @@ def tournament(score: Score, start: NDArray[np.float64], survivors: int, radius:
             kept = np.argsort(-both_scores, axis=1, kind='stable')[:, :size]
             groups = np.take_along_axis(both, kept[..., None, None], axis=1)
             scores = np.take_along_axis(both_scores, kept, axis=1)
+            if record is not None:
+                record(groups, scores)
         order = np.argsort(-scores.max(axis=1), kind='stable')
         left = order[:max(min(survivors, len(order)), (len(order) + 1) // 2)]
         groups, scores = groups[left], scores[left]

@@ -1,11 +1,14 @@
 """Parameters name files by paths or package://pmcl_ros/..., in the source tree or installed."""
 
+from pathlib import Path
+
 import pytest
-from harness import ROOT
 
 import pmcl_ros
 from pmcl_ros.errors import SettingsError
-from pmcl_ros.nodes.resources import resolve
+from pmcl_ros.resources import resolve
+
+ROOT = Path(__file__).parents[1]
 
 
 def test_a_path_is_itself(tmp_path):

@@ -1,0 +1,114 @@
+"""A localisation with everything that it went through: what a report tells."""
+
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+import numpy as np
+
+import pmcl_ros
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.evaluation.variants import volume_settings
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.history import Generation
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.settings import PmclSettings
+
+_LIBRARIES = ('numpy', 'scipy', 'opencv-python-headless', 'numba', 'moderngl', 'trimesh')
+Progress = Callable[[str, float], None]
+
+
+@dataclass(frozen=True)
+class Localization:
+    """One object looked for in one light field.
+
+    history: the search's generations. contour: of the estimate; None in the mode faithful.
+    seconds: wall time of each stage, in their order; those of the search by their names [s].
+    renderer: what scored poses.
+    source: whence the picture is, in words. serial: of the camera, empty if unknown.
+    truth: where the object is, if that is known.
+    """
+
+    light_field: LightField
+    model: ObjectModel
+    volume_settings: DlvSettings
+    settings: PmclSettings
+    volume: DepthLikelihoodVolume
+    estimate: PoseEstimate
+    history: tuple[Generation, ...]
+    contour: ContourPoints | None
+    seconds: dict[str, float]
+    renderer: str
+    source: str = ''
+    serial: str = ''
+    truth: Truth | None = None
+
+    @property
+    def region(self) -> Region:
+        """Where the object was looked for."""
+        return Region(self.settings.roi_center, self.settings.roi_size)
+
+
+def localize(read: Callable[[], LightField], model: ObjectModel, settings: PmclSettings,
+             progress: Progress, source: str = '', serial: str = '', truth: Truth | None = None
+             ) -> Localization:
+    """Find the object in the light field that `read` makes, and keep what was seen on the way.
+
+    The pose is that of `pmcl localize` with the same settings. progress: called with the stage and
+    how much of it is done, 0 to 1. Raises what the stages raise.
+    """
+    near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
+    history: list[Generation] = []
+    with Localizer(model, settings) as localizer:
+        times = [time.perf_counter()]
+        progress('views', 0.0)
+        light_field = read()
+        times.append(time.perf_counter())
+        progress('volume', 0.0)
+        of_volume = volume_settings(settings.mode, near, far, light_field.grid)
+        volume = build_volume(light_field, of_volume)
+        times.append(time.perf_counter())
+
+        def show(part: float) -> bool:
+            progress('pose', part)
+            return True
+
+        rng = np.random.default_rng(settings.seed)
+        estimate = localizer.localize(volume, rng, show, watch=history.append)
+        times.append(time.perf_counter())
+        contour = (localizer.contour(volume, estimate.pose) if settings.mode == 'default'
+                   else None)
+        seconds = {'views': times[1] - times[0], 'volume': times[2] - times[1],
+                   **_stages(times[2], history, times[3])}
+        return Localization(light_field, model, of_volume, settings, volume, estimate,
+                            tuple(history), contour, seconds, localizer.renderer, source, serial,
+                            truth)
+
+
+def _stages(begin: float, history: list[Generation], end: float) -> dict[str, float]:
+    """How long each stage of the search took, and what came after them ('estimate'), [s]."""
+    seconds: dict[str, float] = {}
+    for each in history:
+        seconds[each.stage] = seconds.get(each.stage, 0.0) + each.time - begin
+        begin = each.time
+    return seconds | {'estimate': end - begin}
+
+
+def versions() -> dict[str, str]:
+    """Of what a localisation was made with."""
+    found = {'pmcl_ros': pmcl_ros.__version__, 'Python': platform.python_version()}
+    for name in _LIBRARIES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = 'not told'
+    return found

@@ -1,0 +1,70 @@
+"""Where an object's surface is cut: by the sky, as an outline, and by a plane of light rays."""
+
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from pmcl_ros.evaluation.pictures import silhouette
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+Along = Literal['x', 'y']  # an axis of the image: a row of pixels, or a column
+_ZOOM = 4  # of the mask: outlines of a quarter of a pixel
+_EMPTY = np.zeros((0, 2, 2))
+
+
+def outlines(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating]
+             ) -> list[NDArray[np.float64]]:
+    """Closed polylines (n, 2) about what a model covers at a pose (4, 4) [px]."""
+    mask = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+    found, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
+    return [(each[:, 0] + 0.5) / _ZOOM - 0.5 for each in found]
+
+
+def middle(model: ObjectModel, pose: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(3,) the middle of the mesh's bounding box, in the camera's frame [m].
+
+    An object's origin may lie anywhere, on its foot for example.
+    """
+    centre = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
+    return np.asarray(pose[:3, :3] @ centre + pose[:3, 3])
+
+
+def cut(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating], along: Along,
+        pixel: float) -> NDArray[np.float64]:
+    """(k, 2, 2) pieces of the surface under one row of pixels, or one column.
+
+    Each has two ends: where along the row or the column [px], and how deep [m].
+    """
+    across = 1 if along == 'x' else 0
+    focal, centre = (pinhole.fx, pinhole.cx) if across == 0 else (pinhole.fy, pinhole.cy)
+    normal = np.zeros(3)
+    normal[across], normal[2] = 1, -(pixel - centre) / focal
+    vertices = model.vertices @ pose[:3, :3].T + pose[:3, 3]
+    mesh = trimesh.Trimesh(vertices, model.faces, process=False)
+    intersections: Any = trimesh.intersections
+    pieces = np.asarray(intersections.mesh_plane(mesh, normal, np.zeros(3)))
+    if not len(pieces):
+        return _EMPTY
+    ahead = pieces[(pieces[..., 2] > 0).all(axis=1)]
+    return np.stack([pinhole.project(ahead)[..., 1 - across], ahead[..., 2]], axis=-1)
+
+
+def depths_at(pieces: NDArray[np.float64], pixel: float) -> NDArray[np.float64]:
+    """(n,) depths [m], ascending, at which the ray of a pixel meets pieces (k, 2, 2) of `cut`."""
+    first, last = pieces[:, 0], pieces[:, 1]
+    met = (first[:, 0] <= pixel) != (last[:, 0] <= pixel)
+    first, last = first[met], last[met]
+    part = (pixel - first[:, 0]) / (last[:, 0] - first[:, 0])
+    # Along a straight piece 1/z is linear in the image.
+    return np.sort(1 / ((1 - part) / first[:, 1] + part / last[:, 1]))
+
+
+def label_at(depths: NDArray[np.float64], metres: ArrayLike) -> NDArray[np.float64]:
+    """Where depths [m] lie among a volume's labels `depths` (labels,), from 0; also beyond."""
+    inverse = 1 / np.asarray(depths, float)
+    step = (inverse[-1] - inverse[0]) / (len(inverse) - 1)
+    return np.asarray((1 / np.asarray(metres, float) - inverse[0]) / step)

@@ -1,0 +1,214 @@
+"""The page of a small localisation, read as text and shown by a real browser."""
+
+import math
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from browser import WIDTHS, browser, look
+from pmcl_scenes import bracket, model_of
+from runs import MODEL, field, run, settings, truth_of
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.report.evidence import classes
+from pmcl_ros.evaluation.report.outlines import outlines
+from pmcl_ros.evaluation.report.page import page
+from pmcl_ros.evaluation.report.posterior import coordinates, tilts
+from pmcl_ros.evaluation.report.search import spread
+from pmcl_ros.pmcl.localizer import Localizer
+
+
+class Reader(HTMLParser):
+    """What a page would load, and the text of every element that has a name."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.sources, self.texts, self.tags, self._name = [], {}, [], None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        self.tags.append(tag)
+        self.sources += [values[name] for name in ('src', 'href', 'srcset', 'xlink:href', 'data')
+                         if values.get(name)]
+        self._name = values.get('id')
+
+    def handle_data(self, data):
+        if self._name:
+            self.texts.setdefault(self._name, data)
+
+
+@pytest.fixture(scope='module')
+def found():
+    return run()
+
+
+@pytest.fixture(scope='module')
+def lost():
+    return run(empty=True, source='<script>alert("no cup & no saucer")</script>', truth=False)
+
+
+def numbers(text):
+    return [float(each) for each in re.findall(r'[-+]?\d+\.?\d*', text)]
+
+
+def check_texts(texts, run):
+    """The verdict's numbers against the estimate's."""
+    estimate = run.estimate
+    assert texts['verdict'] == ('Lost' if estimate.lost else 'Found')
+    for k, name in enumerate('xyz'):
+        assert numbers(texts[name]) == pytest.approx([1e3 * estimate.pose[k, 3]], abs=0.051)
+    assert numbers(texts['axis']) == pytest.approx(estimate.pose[:3, 2], abs=6e-4)
+    assert numbers(texts['support']) == pytest.approx([estimate.support], abs=6e-3)
+    assert numbers(texts['score']) == pytest.approx([estimate.score], abs=0.51)
+    assert numbers(texts['weight']) == pytest.approx([100 * estimate.modes[0].weight], abs=0.51)
+    if run.truth is not None:
+        error = pose_error(estimate.pose, run.truth.pose, run.model.axis)
+        assert numbers(texts['error']) == pytest.approx(
+            [1e3 * error.translation, math.degrees(error.rotation)], abs=0.051)
+
+
+def test_a_page_stands_alone_and_says_what_the_estimate_says(found):
+    text = page(found)
+    reader = Reader(text)
+    assert len([each for each in reader.sources if each.startswith('data:image/png')]) > 8
+    for each in reader.sources:
+        assert each.startswith(('data:', '#'))
+    assert 'url(' not in text
+    assert '@import' not in text
+    assert 'script' not in reader.tags
+    assert not found.estimate.lost
+    check_texts(reader.texts, found)
+    # Links lead to the sections that are there.
+    assert {each[1:] for each in reader.sources if each.startswith('#')} <= set(reader.texts) | {
+        *re.findall('<section id="(.*?)"', text)}
+
+
+def test_a_lost_object_is_told_and_names_are_only_names(lost):
+    text = page(lost)
+    assert lost.estimate.lost
+    reader = Reader(text)
+    check_texts(reader.texts, lost)
+    assert 'script' not in reader.tags
+    assert 'error' not in reader.texts
+    assert '&lt;script&gt;alert(' in text
+
+
+def test_every_mode_of_the_search_and_kind_of_object_has_a_page():
+    faithful = run(mode='faithful', faithful_particles=8, faithful_iterations=3)
+    assert {each.stage for each in faithful.history} == {'filter'}
+    assert 'looks at no contour' in page(faithful)
+    odd = run(model=model_of(bracket()))
+    reader = Reader(page(odd))
+    assert numbers(reader.texts['orientation']) == pytest.approx(odd.estimate.quaternion, abs=1e-4)
+
+
+def test_the_pose_is_the_same_with_a_history_and_without(found):
+    with Localizer(MODEL, settings()) as localizer:
+        volume = build_volume(field(), found.volume_settings)
+        plain = localizer.localize(volume, np.random.default_rng(0))
+    np.testing.assert_array_equal(plain.pose, found.estimate.pose)
+    np.testing.assert_array_equal(plain.particles, found.estimate.particles)
+
+
+def test_a_history_tells_the_stages_in_their_order(found):
+    stages = [each.stage for each in found.history]
+    order = ['proposals', 'coarse', 'fine', 'rivals', 'modes', 'approximate', 'posterior']
+    assert list(dict.fromkeys(stages)) == [each for each in order if each in stages]
+    assert {'proposals', 'coarse', 'modes', 'posterior'} <= set(stages)
+    times = [each.time for each in found.history]
+    assert times == sorted(times)
+    assert set(found.seconds) == {'views', 'volume', 'estimate', *stages}
+    for each in found.history:
+        assert each.poses.shape == (len(each.scores), 4, 4)
+    last = found.history[-1]
+    assert len(last.poses) == settings().particles
+    # Around the estimate, and closer together than the proposals are.
+    off = np.linalg.norm(last.poses[:, :3, 3] - found.estimate.pose[:3, 3], axis=1)
+    assert np.median(off) < 0.01
+    assert spread(last.poses).across < spread(found.history[0].poses).across
+
+
+def test_spread_tells_the_line_of_sight_from_across():
+    rng = np.random.default_rng(0)
+    poses = np.tile(np.eye(4), (4000, 1, 1))
+    ray = np.array([0.3, -0.2, 0.9]) / np.linalg.norm([0.3, -0.2, 0.9])
+    poses[:, :3, 3] = ray * (0.5 + 0.02 * rng.standard_normal((4000, 1)))
+    poses[:, :3, 3] += np.cross(ray, rng.standard_normal((4000, 3))) * 0.003
+    assert spread(poses) == pytest.approx((0.003, 0.02), rel=0.06)
+
+
+def test_the_outline_at_the_truth_lies_on_the_pictures_silhouette(found):
+    picture = found.light_field.picture().astype(float).mean(axis=-1)
+    (line,) = outlines(found.light_field.grid.pinhole, MODEL, truth_of().pose)
+    # The cup is brighter than the wall: two pixels outwards it is dark, two inwards bright.
+    middle = line.mean(axis=0)
+    levels = []
+    for off in (2, -2):
+        towards = line - middle
+        x, y = np.rint(line + off * towards / np.linalg.norm(towards, axis=1, keepdims=True)).T
+        levels.append(picture[y.astype(int), x.astype(int)])
+    assert levels[0].max() + 20 < levels[1].min()
+
+
+def test_the_contours_evidence_adds_up_to_the_estimates(found):
+    points = found.contour
+    assert points.lengths @ points.evidence == pytest.approx(found.estimate.score, rel=0.02)
+    kinds = classes(points)
+    for kind, evidence in zip(kinds, points.evidence, strict=True):
+        assert kind.endswith('for') == (evidence >= 0)
+        assert kind.startswith('rather') == (-1 <= evidence < 1)
+
+
+def test_coordinates_are_the_covariances_and_the_truths(found):
+    values = coordinates(found)
+    assert len(values.names) == 5
+    np.testing.assert_allclose(values.sigma[:3],
+                               1e3 * np.sqrt(np.diag(found.estimate.covariance)[:3]))
+    np.testing.assert_allclose(
+        values.truth[:3], 1e3 * (found.truth.pose - found.estimate.pose)[:3, 3], atol=1e-9)
+    turned = np.linalg.norm(values.truth[3:])
+    error = pose_error(found.estimate.pose, found.truth.pose, MODEL.axis)
+    assert turned == pytest.approx(np.rad2deg(error.rotation), abs=1e-6)
+    # Leaning in the image keeps the axis' depth, leaning to the camera changes it most.
+    pose = found.estimate.pose
+    spindle = pose[:3, :3] @ MODEL.axis
+    ray = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
+    inside, towards = np.cross(tilts(pose, MODEL.axis), spindle)
+    assert abs(inside @ ray) < 1e-9
+    assert abs(towards @ ray) == pytest.approx(np.sqrt(1 - (spindle @ ray) ** 2))
+
+
+@pytest.mark.parametrize('dark', [False, True])
+def test_a_browser_shows_it_all_on_a_phone_and_on_a_desk(found, tmp_path, dark):
+    file = tmp_path / 'page.html'
+    text = page(found)
+    file.write_text(text, encoding='utf-8')
+    seen = look(file, tmp_path, dark)
+    assert not seen.console
+    assert [each['viewport'] for each in seen.measured] == list(WIDTHS)
+    for each in seen.measured:
+        assert each['width'] <= each['viewport']
+        assert len(each['pictures']) == text.count('<img ')
+        assert len(each['drawn']) == text.count('<image ')
+        assert min(each['pictures'] + each['drawn']) > 0
+        assert not each['loaded']
+        assert each['dark'] == dark
+        assert (sum(numbers(each['background'])) < 3 * 128) == dark
+        check_texts(each['texts'], found)
+
+
+def test_what_the_browser_would_complain_of_is_noticed(tmp_path):
+    browser()
+    file = tmp_path / 'page.html'
+    file.write_text('<!DOCTYPE html><p style="width: 1300px">wide</p>'
+                    '<img src="http://example.org/picture.png"><img src="data:image/png,none">'
+                    '<script>console.error("not well")</script>')
+    seen = look(file, tmp_path)
+    assert any('not well' in line for line in seen.console)
+    for each in seen.measured:
+        assert each['width'] > each['viewport']
+        assert each['pictures'] == [0, 0]
+        assert each['loaded'] == ['http://example.org/picture.png']
