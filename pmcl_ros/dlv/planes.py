@@ -71,15 +71,14 @@ def _curve(gamma: float) -> NDArray[np.float32]:
 
 
 @compiled()
-def _encode(bits, curve, line, out):  # type: ignore[no-untyped-def]
-    """A row of `_bits` encoded into out (3, width). line: (3 width,) to work in."""
+def _encode(bits, curve, line, red, green, blue):  # type: ignore[no-untyped-def]
+    """A row of `_bits` encoded into three of (width,). line: (3 width,) to work in."""
     part = np.float32(0.5 ** _STEP)
     for i in range(len(bits)):
         place = min(max(bits[i], 0), _ONE)  # from 0 up, floats sort as their bits
         knot = place >> _STEP
         low, high = curve[knot], curve[knot + 1]
         line[i] = low + (high - low) * (np.float32(place & ((1 << _STEP) - 1)) * part)
-    red, green, blue = out[0], out[1], out[2]
     for x in range(len(red)):
         red[x], green[x], blue[x] = line[3 * x], line[3 * x + 1], line[3 * x + 2]
 
@@ -99,7 +98,9 @@ def _fill_colours(bits, chosen, curve, pad, planes, means):  # type: ignore[no-u
         line = np.empty(3 * width, np.float32)
         total = 0.0
         for y in range(height):
-            _encode(source[y], curve, line, inside[:, y])
+            row = pad + y
+            _encode(source[y], curve, line, planes[view, 0, row, pad:pad + width],
+                    planes[view, 1, row, pad:pad + width], planes[view, 2, row, pad:pad + width])
             part = np.float32(0)
             for channel in range(3):
                 for x in range(width):
@@ -143,65 +144,66 @@ def _fill_view(bits, curve, window, pad, taps, planes):  # type: ignore[no-untyp
     colours = np.empty((3, width + 4), np.float32)
     across = np.empty((5, 3, width), np.float32)  # the last rows, smoothed along x
     luminance = np.empty((3, width), np.float32)  # the last rows
-    last = height - 1
+    last, end = height - 1, pad + width
     for y in range(height + 3):
         if y < height:
+            # Rows are cut out one by one: of a slice of several the compiler would not know that
+            # pixels lie side by side.
             _encode(bits[top + y, 3 * left:3 * (left + width)], curve, line,
-                    colours[:, 2:width + 2])
-            _smooth_across(colours, taps, across[y % 5])
+                    colours[0, 2:width + 2], colours[1, 2:width + 2], colours[2, 2:width + 2])
+            for channel in range(3):
+                _smooth_across(colours[channel], taps, across[y % 5, channel])
         row = y - 2
         if 0 <= row < height:
-            _smooth_down(across[max(row - 2, 0) % 5], across[max(row - 1, 0) % 5],
-                         across[row % 5], across[min(row + 1, last) % 5],
-                         across[min(row + 2, last) % 5], taps,
-                         planes[pad + row, :3, pad:pad + width], luminance[row % 3])
+            out = planes[pad + row]
+            for channel in range(3):
+                _smooth_down(across[max(row - 2, 0) % 5, channel],
+                             across[max(row - 1, 0) % 5, channel], across[row % 5, channel],
+                             across[min(row + 1, last) % 5, channel],
+                             across[min(row + 2, last) % 5, channel], taps, out[channel, pad:end])
+            _mix(out[0, pad:end], out[1, pad:end], out[2, pad:end], luminance[row % 3])
         row = y - 3
         if row >= 0:
+            out = planes[pad + row]
             _gradients(luminance[max(row - 1, 0) % 3], luminance[row % 3],
-                       luminance[min(row + 1, last) % 3],
-                       planes[pad + row, 3:, pad:pad + width])
-            for channel in planes[pad + row]:
-                channel[:pad] = channel[pad]
-                channel[pad + width:] = channel[pad + width - 1]
+                       luminance[min(row + 1, last) % 3], out[3, pad:end], out[4, pad:end])
+            for channel in range(5):
+                out[channel, :pad] = out[channel, pad]
+                out[channel, end:] = out[channel, end - 1]
     planes[:pad] = planes[pad]
     planes[pad + height:] = planes[pad + last]
 
 
 @compiled()
-def _smooth_across(colours, taps, out):  # type: ignore[no-untyped-def]
-    """colours: (3, width + 4), their outer two columns to be filled here."""
+def _smooth_across(row, taps, out):  # type: ignore[no-untyped-def]
+    """row: (width + 4,), its outer two columns to be filled here. out: (width,)."""
     outer, inner, middle = taps[0], taps[1], taps[2]
-    for channel in range(3):
-        row, smoothed = colours[channel], out[channel]
-        width = len(smoothed)
-        row[:2] = row[2]
-        row[width + 2:] = row[width + 1]
-        for x in range(width):
-            smoothed[x] = (outer * (row[x] + row[x + 4]) + inner * (row[x + 1] + row[x + 3])
-                           + middle * row[x + 2])
+    width = len(out)
+    row[:2] = row[2]
+    row[width + 2:] = row[width + 1]
+    for x in range(width):
+        out[x] = (outer * (row[x] + row[x + 4]) + inner * (row[x + 1] + row[x + 3])
+                  + middle * row[x + 2])
 
 
 @compiled()
-def _smooth_down(first, second, third, fourth, fifth, taps,  # type: ignore[no-untyped-def]
-                 out, luminance):
-    """(3, width) each, the row's colours and, of these, (width,) the luminance."""
+def _smooth_down(a, b, c, d, e, taps, out):  # type: ignore[no-untyped-def]
+    """Five rows to one, (width,) each."""
     outer, inner, middle = taps[0], taps[1], taps[2]
-    for channel in range(3):
-        a, b, c, d, e = (first[channel], second[channel], third[channel], fourth[channel],
-                         fifth[channel])
-        row = out[channel]
-        for x in range(len(row)):
-            row[x] = outer * (a[x] + e[x]) + inner * (b[x] + d[x]) + middle * c[x]
-    red, green, blue = out[0], out[1], out[2]
+    for x in range(len(out)):
+        out[x] = outer * (a[x] + e[x]) + inner * (b[x] + d[x]) + middle * c[x]
+
+
+@compiled()
+def _mix(red, green, blue, luminance):  # type: ignore[no-untyped-def]
     for x in range(len(luminance)):
         luminance[x] = LUMINANCE[0] * red[x] + LUMINANCE[1] * green[x] + LUMINANCE[2] * blue[x]
 
 
 @compiled()
-def _gradients(above, row, below, out):  # type: ignore[no-untyped-def]
+def _gradients(above, row, below, across, along):  # type: ignore[no-untyped-def]
     """Central differences along x and y; x goes on at the border."""
     half, last = np.float32(0.5), len(row) - 1
-    across, along = out[0], out[1]
     for x in range(1, last):
         across[x] = half * (row[x + 1] - row[x - 1])
     across[0] = half * (row[min(1, last)] - row[0])
