@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.likelihood import row_likelihood
 from pmcl_ros.dlv.matching import Matching
-from pmcl_ros.dlv.row_costs import row_costs
+from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, room_of_coefficients, row_costs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
@@ -57,32 +57,36 @@ def _run(task: Matching, settings: DlvSettings, cost: NDArray[np.float32],
          likelihood: NDArray[np.float32]) -> None:
     lattice, runs = task.lattice, task.runs
     rows, columns = task.wanted.within(lattice)
+    labels, _, width = task.shape
+    bands, margin = get_num_threads(), -(-task.half // LANES) * LANES
+    # A row's costs for each thread, with zeros around for the windows to reach into.
+    single = aligned_zeros(bands, labels + 1, -(-width // LANES) * LANES + 2 * margin)
+    quadratics = aligned_zeros(bands, room_of_coefficients(width))
     with LOCK:
         _sweep(task.planes, runs.where, runs.cells, runs.taps, runs.time, task.weights,
                task.limits, task.inside, *task.corner, lattice.stride,
                settings.color_cost == 'l2', task.half, task.shape[1:], (rows.start, rows.stop),
-               (columns.start, columns.stop), get_num_threads(), cost, likelihood)
+               (columns.start, columns.stop), quadratics, margin, single, cost, likelihood)
 
 
 @compiled(parallel=True)
 def _sweep(planes, where, cells, taps, time, weights,  # type: ignore[no-untyped-def]
-           limits, inside, left, top, stride, l2, half, size, rows, columns, bands, cost,
-           likelihood):
+           limits, inside, left, top, stride, l2, half, size, rows, columns, quadratics,
+           margin, single, cost, likelihood):
     """Fill `cost` or `likelihood`, of which the other is empty, a band of rows for each thread."""
     labels, (height, width) = time.shape[1], size
     reach = 2 * half + 1
-    count = rows[1] - rows[0]
+    count, bands = rows[1] - rows[0], len(single)
     for band in prange(bands):
         first, end = rows[0] + count * band // bands, rows[0] + count * (band + 1) // bands
-        single = np.zeros((labels + 1, width + 2 * half), np.float32)
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)
         for row in range(first - half, end + half if first < end else first - half):
             sums = across[(row + reach) % reach]
             if 0 <= row < height:
                 row_costs(planes, where, cells, taps, time, weights, limits, inside, left, top,
-                          stride, l2, row, single[:, half:half + width])
-                _sum_across(single, columns[0], reach, sums)
+                          stride, l2, row, width, quadratics[band], margin, single[band])
+                _sum_across(single[band], margin - half + columns[0], reach, sums)
             else:
                 sums[:] = 0
             done = row - half

@@ -22,7 +22,7 @@ struct Pair { vec4 weights; vec4 limits; ivec4 inside; };  // colour, x, y; colu
 struct Node { vec4 across; vec4 down; ivec4 cell; };
 struct Channels { vec3 colour; vec2 gradient; };
 struct Quadratics { vec3 c0; vec3 c1; vec3 c2; vec2 g0; vec2 g1; vec2 g2; };
-layout(std430, binding = 0) readonly buffer Planes { float planes[]; };  // view, channel, y, x
+layout(std430, binding = 0) readonly buffer Planes { float planes[]; };  // view, y, channel, x
 layout(std430, binding = 1) writeonly buffer Costs { float costs[]; };   // labels + 1, row, column
 layout(std430, binding = 2) readonly buffer Runs { ivec4 runs[]; };      // pair, labels, node
 layout(std430, binding = 3) readonly buffer Nodes { Node nodes[]; };
@@ -30,7 +30,7 @@ layout(std430, binding = 4) readonly buffer Times { float times[]; };    // pair
 layout(std430, binding = 5) readonly buffer Pairs { Pair pairs[]; };
 uniform ivec3 size;     // columns, rows, labels
 uniform ivec3 lattice;  // left, top [px of a plane], stride
-uniform ivec2 plane;    // width, height [px]
+uniform ivec2 plane;    // columns, rows of a view's channel [px]
 uniform bool l2;
 shared float totals[MOST][LANES];
 
@@ -41,27 +41,26 @@ float mixed(vec4 v, vec4 taps) {
 
 float read(int at, Node node) {
     vec4 between;
+    int line = 5 * plane.x;
     for (int k = 0; k < 4; ++k) {
         int i = at + k - 1;
-        between[k] = mixed(vec4(planes[i - plane.x], planes[i], planes[i + plane.x],
-                                planes[i + 2 * plane.x]), node.down);
+        between[k] = mixed(vec4(planes[i - line], planes[i], planes[i + line],
+                                planes[i + 2 * line]), node.down);
     }
     return mixed(between, node.across);
 }
 
 Channels seen(int view, ivec2 pixel, Node node) {
-    int area = plane.x * plane.y;
     ivec2 cell = pixel + node.cell.xy;
-    int at = view * 5 * area + cell.y * plane.x + cell.x;
-    return Channels(vec3(read(at, node), read(at + area, node), read(at + 2 * area, node)),
-                    vec2(read(at + 3 * area, node), read(at + 4 * area, node)));
+    int at = 5 * (view * plane.y + cell.y) * plane.x + cell.x;
+    return Channels(vec3(read(at, node), read(at + plane.x, node), read(at + 2 * plane.x, node)),
+                    vec2(read(at + 3 * plane.x, node), read(at + 4 * plane.x, node)));
 }
 
 Channels pixel_of_centre(ivec2 pixel) {
-    int area = plane.x * plane.y;
-    int at = pixel.y * plane.x + pixel.x;
-    return Channels(vec3(planes[at], planes[at + area], planes[at + 2 * area]),
-                    vec2(planes[at + 3 * area], planes[at + 4 * area]));
+    int at = 5 * pixel.y * plane.x + pixel.x;
+    return Channels(vec3(planes[at], planes[at + plane.x], planes[at + 2 * plane.x]),
+                    vec2(planes[at + 3 * plane.x], planes[at + 4 * plane.x]));
 }
 
 float cost(Quadratics q, float t, vec4 limits) {

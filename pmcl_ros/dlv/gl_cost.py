@@ -155,7 +155,7 @@ class GlCost:
         labels, height, width = task.shape
         program['size'] = (width, height, labels)
         program['lattice'] = (*task.corner, task.lattice.stride)
-        program['plane'] = task.planes.shape[:-3:-1]
+        program['plane'] = task.planes.shape[3], task.planes.shape[1]
         program['l2'] = uploaded.l2
         planes, *tables = uploaded.inputs
         self._run(program, [planes, uploaded.costs, *tables],

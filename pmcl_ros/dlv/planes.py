@@ -1,4 +1,4 @@
-"""What is compared: gamma-encoded colours and luminance gradients, a padded plane for each."""
+"""What is compared: gamma-encoded colours and luminance gradients, with a border around."""
 
 from functools import lru_cache
 
@@ -11,7 +11,8 @@ from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
-_SMOOTHER = SMOOTHER.astype(np.float32)
+_SMOOTHER = SMOOTHER[:3].astype(np.float32)  # it is symmetric
+_NONE = np.array([0, 0, 1], np.float32)
 HALO = 3  # px around a pixel that its channels are made from: 2 of the smoothing, 1 of a gradient
 _ONE = int(np.float32(1).view(np.int32))
 _STEP = 14  # bits of a float below the knots of the curve: 512 knots an octave, 1e-7 of the value
@@ -20,19 +21,23 @@ _STEP = 14  # bits of a float below the knots of the curve: 512 knots an octave,
 def matching_planes(light_field: LightField, indices: NDArray[np.int64],
                     window: tuple[int, int, int, int], pad: int, smooth: bool = False
                     ) -> NDArray[np.float32]:
-    """(1 + views, 5, height + 2 pad, width + 2 pad) float32, the channels of `reference.channels`.
+    """(1 + views, height + 2 pad, 5, columns) float32, the channels of `reference.channels`.
 
     They are red, green, blue in [0, 1], gamma encoded, then d/dx and d/dy of the luminance [1/px];
-    of the centre view first, then of those of `indices` (views, 2), row and column.
+    of the centre view first, then of those of `indices` (views, 2), row and column. The channels
+    of a row of pixels follow each other, so that one loop samples all of them.
     window: left, top, width, height [px] of the part of the views that is read. Its border's
-    values go on outwards for `pad` px (clamp to edge); where that is not the image's, the `HALO`
-    pixels at it are not those of the whole. smooth: through `sampling.SMOOTHER`.
+    values go on outwards for `pad` px (clamp to edge), to the right for more: columns fill an odd
+    number of cache lines, lest neighbouring channels compete for the same places in a cache. Where
+    the border is not the image's, the `HALO` pixels at it are not those of the whole. smooth:
+    through `sampling.SMOOTHER`.
     """
     chosen = np.vstack([[light_field.grid.centre], indices])
-    planes = np.empty((len(chosen), 5, window[3] + 2 * pad, window[2] + 2 * pad), np.float32)
+    columns = 16 * (-(-(window[2] + 2 * pad) // 16) | 1)
+    planes = np.empty((len(chosen), window[3] + 2 * pad, 5, columns), np.float32)
     with LOCK:
-        views = np.asarray(light_field.views, np.float32)
-        _fill(views.view(np.int32), chosen, _curve(light_field.gamma), window, pad, smooth, planes)
+        _fill(_bits(light_field), chosen, _curve(light_field.gamma), window, pad,
+              _SMOOTHER if smooth else _NONE, planes)
     return planes
 
 
@@ -48,9 +53,14 @@ def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int
     planes = np.empty((len(indices), 3, height + 2 * pad, width + 2 * pad), np.float32)
     means = np.empty(len(indices))
     with LOCK:
-        views = np.asarray(light_field.views, np.float32)
-        _fill_colours(views.view(np.int32), indices, _curve(light_field.gamma), pad, planes, means)
+        _fill_colours(_bits(light_field), indices, _curve(light_field.gamma), pad, planes, means)
     return planes, means
+
+
+def _bits(light_field: LightField) -> NDArray[np.int32]:
+    """(rows, columns, height, 3 width) the views' values, as the bits of their floats."""
+    views = np.ascontiguousarray(light_field.views, np.float32)
+    return views.reshape(*views.shape[:3], -1).view(np.int32)
 
 
 @lru_cache(maxsize=4)
@@ -61,34 +71,36 @@ def _curve(gamma: float) -> NDArray[np.float32]:
 
 
 @compiled()
-def _encode(bits, curve, out):  # type: ignore[no-untyped-def]
-    """One row (width, 3) of colours, as the bits of their floats, encoded into out (3, width)."""
+def _encode(bits, curve, line, red, green, blue):  # type: ignore[no-untyped-def]
+    """A row of `_bits` encoded into three of (width,). line: (3 width,) to work in."""
     part = np.float32(0.5 ** _STEP)
-    for channel in range(3):
-        for x in range(len(bits)):
-            place = min(max(bits[x, channel], 0), _ONE)  # from 0 up, floats sort as their bits
-            knot = place >> _STEP
-            low, high = curve[knot], curve[knot + 1]
-            out[channel, x] = low + (high - low) * (np.float32(place & ((1 << _STEP) - 1)) * part)
+    for i in range(len(bits)):
+        place = min(max(bits[i], 0), _ONE)  # from 0 up, floats sort as their bits
+        knot = place >> _STEP
+        low, high = curve[knot], curve[knot + 1]
+        line[i] = low + (high - low) * (np.float32(place & ((1 << _STEP) - 1)) * part)
+    for x in range(len(red)):
+        red[x], green[x], blue[x] = line[3 * x], line[3 * x + 1], line[3 * x + 2]
 
 
 @compiled(parallel=True)
-def _fill(bits, chosen, curve, window, pad, smooth, planes):  # type: ignore[no-untyped-def]
-    left, top, width, height = window
+def _fill(bits, chosen, curve, window, pad, taps, planes):  # type: ignore[no-untyped-def]
     for view in prange(len(chosen)):
-        _fill_view(bits[chosen[view, 0], chosen[view, 1], top:top + height, left:left + width],
-                   curve, pad, smooth, planes[view])
+        _fill_view(bits[chosen[view, 0], chosen[view, 1]], curve, window, pad, taps, planes[view])
 
 
 @compiled(parallel=True)
 def _fill_colours(bits, chosen, curve, pad, planes, means):  # type: ignore[no-untyped-def]
     for view in prange(len(chosen)):
         source = bits[chosen[view, 0], chosen[view, 1]]
-        height, width = source.shape[:2]
+        height, width = source.shape[0], source.shape[1] // 3
         inside = planes[view, :, pad:pad + height, pad:pad + width]
+        line = np.empty(3 * width, np.float32)
         total = 0.0
         for y in range(height):
-            _encode(source[y], curve, inside[:, y])
+            row = pad + y
+            _encode(source[y], curve, line, planes[view, 0, row, pad:pad + width],
+                    planes[view, 1, row, pad:pad + width], planes[view, 2, row, pad:pad + width])
             part = np.float32(0)
             for channel in range(3):
                 for x in range(width):
@@ -122,28 +134,82 @@ def _mirror(plane, pad):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def _fill_view(bits, curve, pad, smooth, planes):  # type: ignore[no-untyped-def]
-    height, width = bits.shape[:2]
-    luminance = np.empty((height, width), np.float32)
-    half = np.float32(0.5)
-    inside = planes[:, pad:pad + height, pad:pad + width]
-    for y in range(height):
-        _encode(bits[y], curve, inside[:, y])
-    if smooth:
-        for channel in range(3):
-            _smooth(inside[channel])
-    for y in range(height):
-        for x in range(width):
-            luminance[y, x] = (LUMINANCE[0] * inside[0, y, x] + LUMINANCE[1] * inside[1, y, x]
-                               + LUMINANCE[2] * inside[2, y, x])
-    for y in range(height):
-        row = luminance[y]
-        above, below = luminance[max(y - 1, 0)], luminance[min(y + 1, height - 1)]
-        for x in range(width):
-            inside[3, y, x] = half * (row[min(x + 1, width - 1)] - row[max(x - 1, 0)])
-            inside[4, y, x] = half * (below[x] - above[x])
-    for plane in planes:
-        _extend(plane, pad)
+def _fill_view(bits, curve, window, pad, taps, planes):  # type: ignore[no-untyped-def]
+    """One view, a row at a time: what rows are made from stays near the core.
+
+    taps: outer, next and middle weight of the smoothing along both axes.
+    """
+    left, top, width, height = window
+    line = np.empty(3 * width, np.float32)
+    colours = np.empty((3, width + 4), np.float32)
+    across = np.empty((5, 3, width), np.float32)  # the last rows, smoothed along x
+    luminance = np.empty((3, width), np.float32)  # the last rows
+    last, end = height - 1, pad + width
+    for y in range(height + 3):
+        if y < height:
+            # Rows are cut out one by one: of a slice of several the compiler would not know that
+            # pixels lie side by side.
+            _encode(bits[top + y, 3 * left:3 * (left + width)], curve, line,
+                    colours[0, 2:width + 2], colours[1, 2:width + 2], colours[2, 2:width + 2])
+            for channel in range(3):
+                _smooth_across(colours[channel], taps, across[y % 5, channel])
+        row = y - 2
+        if 0 <= row < height:
+            out = planes[pad + row]
+            for channel in range(3):
+                _smooth_down(across[max(row - 2, 0) % 5, channel],
+                             across[max(row - 1, 0) % 5, channel], across[row % 5, channel],
+                             across[min(row + 1, last) % 5, channel],
+                             across[min(row + 2, last) % 5, channel], taps, out[channel, pad:end])
+            _mix(out[0, pad:end], out[1, pad:end], out[2, pad:end], luminance[row % 3])
+        row = y - 3
+        if row >= 0:
+            out = planes[pad + row]
+            _gradients(luminance[max(row - 1, 0) % 3], luminance[row % 3],
+                       luminance[min(row + 1, last) % 3], out[3, pad:end], out[4, pad:end])
+            for channel in range(5):
+                out[channel, :pad] = out[channel, pad]
+                out[channel, end:] = out[channel, end - 1]
+    planes[:pad] = planes[pad]
+    planes[pad + height:] = planes[pad + last]
+
+
+@compiled()
+def _smooth_across(row, taps, out):  # type: ignore[no-untyped-def]
+    """row: (width + 4,), its outer two columns to be filled here. out: (width,)."""
+    outer, inner, middle = taps[0], taps[1], taps[2]
+    width = len(out)
+    row[:2] = row[2]
+    row[width + 2:] = row[width + 1]
+    for x in range(width):
+        out[x] = (outer * (row[x] + row[x + 4]) + inner * (row[x + 1] + row[x + 3])
+                  + middle * row[x + 2])
+
+
+@compiled()
+def _smooth_down(a, b, c, d, e, taps, out):  # type: ignore[no-untyped-def]
+    """Five rows to one, (width,) each."""
+    outer, inner, middle = taps[0], taps[1], taps[2]
+    for x in range(len(out)):
+        out[x] = outer * (a[x] + e[x]) + inner * (b[x] + d[x]) + middle * c[x]
+
+
+@compiled()
+def _mix(red, green, blue, luminance):  # type: ignore[no-untyped-def]
+    for x in range(len(luminance)):
+        luminance[x] = LUMINANCE[0] * red[x] + LUMINANCE[1] * green[x] + LUMINANCE[2] * blue[x]
+
+
+@compiled()
+def _gradients(above, row, below, across, along):  # type: ignore[no-untyped-def]
+    """Central differences along x and y; x goes on at the border."""
+    half, last = np.float32(0.5), len(row) - 1
+    for x in range(1, last):
+        across[x] = half * (row[x + 1] - row[x - 1])
+    across[0] = half * (row[min(1, last)] - row[0])
+    across[last] = half * (row[last] - row[max(last - 1, 0)])
+    for x in range(len(row)):
+        along[x] = half * (below[x] - above[x])
 
 
 @compiled()
@@ -167,18 +233,3 @@ def _smooth(plane):  # type: ignore[no-untyped-def]
         for x in range(width):
             plane[y, x] = (outer * (rows[y, x] + rows[y + 4, x])
                            + inner * (rows[y + 1, x] + rows[y + 3, x]) + middle * rows[y + 2, x])
-
-
-@compiled()
-def _extend(plane, pad):  # type: ignore[no-untyped-def]
-    """Carry the border's values `pad` px outwards."""
-    height, width = plane.shape
-    for y in range(pad, height - pad):
-        row = plane[y]
-        for x in range(pad):
-            row[x] = row[pad]
-            row[width - 1 - x] = row[width - 1 - pad]
-    for y in range(pad):
-        for x in range(width):
-            plane[y, x] = plane[pad, x]
-            plane[height - 1 - y, x] = plane[height - 1 - pad, x]

@@ -6,131 +6,200 @@ of a cost: of rounded costs they would keep four digits, or three.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.dlv.samples import sample_row
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.kernels import compiled
 
-# Pixels of a row worked on at once. Their costs at all labels stay near the core; an odd multiple
-# of a cache line, so that the rows of a tile neither straddle lines nor compete for the same ones.
-_TILE = 336
-_FIRST = 15 * _TILE  # of a pair's coefficients, five channels of three: its costs at label 0
+# Pixels worked on at once: as many as the widest vectors hold, so that no loop has a remainder.
+LANES = 16
+# A block's numbers, each LANES times: five channels' three coefficients, its pair's cost at label
+# 0. A block's places are then known to the compiler, and its numbers lie side by side.
+_BLOCK = 16 * LANES
+_FIRST = 15 * LANES
+
+
+def aligned_zeros(*shape: int) -> NDArray[np.float32]:
+    """float32 that begin at a cache line: in rows of whole lines no vector straddles two."""
+    count = int(np.prod(shape))
+    room = np.zeros(count + LANES, np.float32)
+    start = -(room.ctypes.data // room.itemsize) % LANES
+    return room[start:start + count].reshape(shape)
+
+
+def room_of_coefficients(width: int) -> int:
+    """How many numbers `row_costs` needs to work on a row of so many pixels."""
+    return -(-width // LANES) * _BLOCK
 
 
 @compiled()
 def row_costs(planes, where, cells, taps, time,  # type: ignore[no-untyped-def]
-              weights, limits, inside, left, top, stride, l2, row, out):
+              weights, limits, inside, left, top, stride, l2, row, width, quadratics, margin, out):
     """Costs of one row of the lattice, (labels + 1, width): differences, then those of label 0.
 
     left, top: where the lattice's first pixel lies in the planes [px]; the rest as in `Matching`.
+    quadratics: of `room_of_coefficients`, to work in. out: (labels + 1, whole blocks and a margin
+    on each side), 0 beyond the width.
     """
-    labels, width = len(out) - 1, out.shape[1]
-    tiles = -(-width // _TILE)
-    length = min(-(-width // (16 * tiles)) * 16, width)  # whole vectors where there is room
-    total = np.empty(labels * _TILE, np.float32)
-    summed = np.empty(_TILE, np.float32)
-    quadratics = np.empty(16 * _TILE, np.float32)
-    nodes = np.empty((5, 3, _TILE), np.float32)
-    centre = np.empty((5, _TILE), np.float32)
-    between = np.empty(stride * _TILE + TAPS, np.float32)
+    columns = planes.shape[3]
+    rows = planes.reshape(len(planes), planes.shape[1], 5 * columns)
+    labels, stop_at = len(out) - 1, out.shape[1] - margin
+    length = stop_at - margin
+    nodes = np.zeros((3, 5 * columns), np.float32)
+    centre = np.zeros(5 * columns, np.float32)
+    scale = np.zeros(5 * columns, np.float32)
+    between = np.empty(5 * columns + TAPS, np.float32)
     y = top + stride * row
-    for tile in range(tiles):
-        start = min(tile * length, width - length)  # the last tile overlaps the one before
-        total[:] = 0
-        summed[:] = 0
+    for channel in range(5):
+        for i in range(width):
+            centre[channel * columns + i] = planes[0, y, channel, left + stride * i]
+    out[:] = 0
+    scaled = kept = -1  # the pair that `scale` is of; the node of which the last samples are
+    for run in range(len(where)):
+        pair, label, end, node = where[run]
+        first, stop = inside[pair, 0], inside[pair, 1]
+        if first >= stop or row < inside[pair, 2] or row >= inside[pair, 3]:
+            continue
+        if pair != scaled:
+            _scale(weights[pair], first, stop, columns, scale)
+            scaled = pair
+        if node == kept:
+            nodes[0] = nodes[2]
+        for k in range(1 if node == kept else 0, 3):
+            _sample(rows[pair + 1], left + stride * first + cells[node + k, 0],
+                    y + cells[node + k, 1], taps[node + k], stride, columns, between,
+                    nodes[k, first:], stop - first)
+        kept = node + 2
         for channel in range(5):
-            for i in range(length):
-                centre[channel, i] = planes[0, channel, y, left + stride * (start + i)]
-        kept = -1  # the node whose samples are in the last of the three places
-        for run in range(len(where)):
-            pair, label, end, node = where[run]
-            first = max(inside[pair, 0], start)
-            count = min(inside[pair, 1], start + length) - first
-            if count <= 0 or row < inside[pair, 2] or row >= inside[pair, 3]:
-                continue
-            x, offset = left + stride * first, first - start
-            for channel in range(5):
-                here = nodes[channel]
-                view = planes[pair + 1, channel]
-                if node == kept:
-                    here[0, :count] = here[2, :count]
-                else:
-                    sample_row(view, x + cells[node, 0], y + cells[node, 1], taps[node],
-                               stride, between, here[0], count)
-                for k in range(1, 3):
-                    sample_row(view, x + cells[node + k, 0], y + cells[node + k, 1],
-                               taps[node + k], stride, between, here[k], count)
-                _fit(centre[channel, offset:offset + count], here,
-                     weights[pair, max(channel - 2, 0)],
-                     quadratics[3 * channel * _TILE:3 * (channel + 1) * _TILE], count)
-            kept = node + 2
-            if label == 0:
-                _begin(l2, quadratics, time[pair, 0], limits[pair],
-                       summed[offset:offset + count], count)
-            while label < end:
-                several = 3 if label + 3 <= end else 1
-                _add(l2, quadratics, time[pair, label:label + several], limits[pair],
-                     total[label * _TILE + offset:(label + several) * _TILE], count)
-                label += several
-        for label in range(labels):
-            out[label, start:start + length] = total[label * _TILE:label * _TILE + length]
-        out[labels, start:start + length] = summed[:length]
+            here = slice(channel * columns, channel * columns + length)
+            _fit(centre[here], nodes[0, here], nodes[1, here], nodes[2, here], scale[here],
+                 quadratics[3 * LANES * channel:])
+        if label == 0:
+            _begin(l2, quadratics, time[pair, 0], limits[pair], out[labels, margin:stop_at])
+        _add(l2, quadratics, time[pair], limits[pair], label, end, margin, stop_at, out)
 
 
 @compiled()
-def _fit(centre, nodes, weight, out, count):  # type: ignore[no-untyped-def]
-    """The quadratics in time of one channel: the constants, then the slopes, the curvatures."""
-    begin, middle, end = nodes[0], nodes[1], nodes[2]
-    two, four = np.float32(2), np.float32(4)
-    for i in range(count):
-        half, whole = middle[i] - begin[i], end[i] - begin[i]
-        out[i] = weight * (begin[i] - centre[i])
-        out[_TILE + i] = weight * (four * half - whole)
-        out[2 * _TILE + i] = weight * two * (whole - two * half)
+def _scale(weights, first, stop, columns, scale):  # type: ignore[no-untyped-def]
+    """Each channel's weight at the pixels for which the pair counts, 0 at the others."""
+    scale[:] = 0
+    for channel in range(5):
+        scale[channel * columns + first:channel * columns + stop] = weights[max(channel - 2, 0)]
 
 
 @compiled()
-def _begin(l2, quadratics, time, limits, summed, length):  # type: ignore[no-untyped-def]
-    """One pair's cost at label 0."""
-    q, colour, across, along = quadratics, limits[0], limits[1], limits[2]
-    for i in range(length):
-        if l2:
-            first = _l2(q, i, time, colour, across, along)
-        else:
-            first = _sad(q, i, time, colour, across, along)
-        q[_FIRST + i] = first
-        summed[i] += first
-
-
-@compiled()
-def _add(l2, quadratics, times, limits, sums, length):  # type: ignore[no-untyped-def]
-    """Add one pair's cost, less that at label 0, at one label, or at three, for which the
-    coefficients are read once."""
-    q, colour, across, along = quadratics, limits[0], limits[1], limits[2]
-    if len(times) == 3:
-        t0, t1, t2 = times[0], times[1], times[2]
-        if l2:
-            for i in range(length):
-                first = _l2(q, i, t0, colour, across, along) - q[_FIRST + i]
-                second = _l2(q, i, t1, colour, across, along) - q[_FIRST + i]
-                third = _l2(q, i, t2, colour, across, along) - q[_FIRST + i]
-                sums[i] += first
-                sums[_TILE + i] += second
-                sums[2 * _TILE + i] += third
-        else:
-            for i in range(length):
-                first = _sad(q, i, t0, colour, across, along) - q[_FIRST + i]
-                second = _sad(q, i, t1, colour, across, along) - q[_FIRST + i]
-                third = _sad(q, i, t2, colour, across, along) - q[_FIRST + i]
-                sums[i] += first
-                sums[_TILE + i] += second
-                sums[2 * _TILE + i] += third
-    elif l2:
-        for i in range(length):
-            sums[i] += _l2(q, i, times[0], colour, across, along) - q[_FIRST + i]
+def _sample(rows, x, y, taps, stride, columns, between, out, count):  # type: ignore[no-untyped-def]
+    """`count` samples of each channel. Neighbours are sampled as one row, what is between the
+    channels too."""
+    if stride == 1:
+        sample_row(rows, x, y, taps, 1, between, out, 4 * columns + count)
     else:
-        for i in range(length):
-            sums[i] += _sad(q, i, times[0], colour, across, along) - q[_FIRST + i]
+        for channel in range(5):
+            sample_row(rows, channel * columns + x, y, taps, stride, between,
+                       out[channel * columns:], count)
+
+
+@compiled()
+def _fit(centre, begin, middle, end, scale, out):  # type: ignore[no-untyped-def]
+    """The quadratics in time of one channel: their constants, slopes and curvatures.
+
+    out: from the channel's place in the first block on.
+    """
+    two, four = np.float32(2), np.float32(4)
+    for block in range(len(centre) // LANES):
+        for lane in range(LANES):
+            i, k = LANES * block + lane, _BLOCK * block + lane
+            half, whole = middle[i] - begin[i], end[i] - begin[i]
+            out[k] = scale[i] * (begin[i] - centre[i])
+            out[k + LANES] = scale[i] * (four * half - whole)
+            out[k + 2 * LANES] = scale[i] * two * (whole - two * half)
+
+
+@compiled()
+def _begin(l2, q, time, limits, sums):  # type: ignore[no-untyped-def]
+    """Add one pair's cost at label 0, and keep it with the coefficients."""
+    colour, across, along = limits[0], limits[1], limits[2]
+    for block in range(len(sums) // LANES):
+        i = _BLOCK * block
+        if l2:
+            for lane in range(LANES):
+                q[i + lane + _FIRST] = _l2(q, i + lane, time, colour, across, along)
+        else:
+            for lane in range(LANES):
+                q[i + lane + _FIRST] = _sad(q, i + lane, time, colour, across, along)
+        for lane in range(LANES):
+            sums[LANES * block + lane] += q[i + lane + _FIRST]
+
+
+@compiled()
+def _add(l2, q, times, limits, label, end, margin, stop, sums):  # type: ignore[no-untyped-def]
+    """Add one pair's cost, less that at label 0, at the labels of a run, three at a time: for
+    these the coefficients are read once."""
+    while label + 3 <= end:
+        first, second, third = (sums[label, margin:stop], sums[label + 1, margin:stop],
+                                sums[label + 2, margin:stop])
+        if l2:
+            _add_three_l2(q, times[label:label + 3], limits, first, second, third)
+        else:
+            _add_three_sad(q, times[label:label + 3], limits, first, second, third)
+        label += 3
+    while label < end:
+        if l2:
+            _add_l2(q, times[label], limits, sums[label, margin:stop])
+        else:
+            _add_sad(q, times[label], limits, sums[label, margin:stop])
+        label += 1
+
+
+@compiled()
+def _add_three_l2(q, times, limits, first, second, third):  # type: ignore[no-untyped-def]
+    colour, across, along = limits[0], limits[1], limits[2]
+    t0, t1, t2 = times[0], times[1], times[2]
+    for block in range(len(first) // LANES):
+        for lane in range(LANES):
+            i, x = _BLOCK * block + lane, LANES * block + lane
+            base = q[i + _FIRST]
+            a = _l2(q, i, t0, colour, across, along) - base
+            b = _l2(q, i, t1, colour, across, along) - base
+            c = _l2(q, i, t2, colour, across, along) - base
+            first[x] += a
+            second[x] += b
+            third[x] += c
+
+
+@compiled()
+def _add_l2(q, time, limits, sums):  # type: ignore[no-untyped-def]
+    colour, across, along = limits[0], limits[1], limits[2]
+    for block in range(len(sums) // LANES):
+        for lane in range(LANES):
+            i, x = _BLOCK * block + lane, LANES * block + lane
+            sums[x] += _l2(q, i, time, colour, across, along) - q[i + _FIRST]
+
+
+@compiled()
+def _add_three_sad(q, times, limits, first, second, third):  # type: ignore[no-untyped-def]
+    colour, across, along = limits[0], limits[1], limits[2]
+    t0, t1, t2 = times[0], times[1], times[2]
+    for block in range(len(first) // LANES):
+        for lane in range(LANES):
+            i, x = _BLOCK * block + lane, LANES * block + lane
+            base = q[i + _FIRST]
+            a = _sad(q, i, t0, colour, across, along) - base
+            b = _sad(q, i, t1, colour, across, along) - base
+            c = _sad(q, i, t2, colour, across, along) - base
+            first[x] += a
+            second[x] += b
+            third[x] += c
+
+
+@compiled()
+def _add_sad(q, time, limits, sums):  # type: ignore[no-untyped-def]
+    colour, across, along = limits[0], limits[1], limits[2]
+    for block in range(len(sums) // LANES):
+        for lane in range(LANES):
+            i, x = _BLOCK * block + lane, LANES * block + lane
+            sums[x] += _sad(q, i, time, colour, across, along) - q[i + _FIRST]
 
 
 @compiled()
@@ -153,8 +222,8 @@ def _gradient(q, i, time, across, along):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _at(q, i, channel, time):  # type: ignore[no-untyped-def]
-    place = 3 * channel * _TILE + i
-    return q[place] + time * (q[place + _TILE] + time * q[place + 2 * _TILE])
+    k = i + 3 * LANES * channel
+    return q[k] + time * (q[k + LANES] + time * q[k + 2 * LANES])
 
 
 @compiled()
