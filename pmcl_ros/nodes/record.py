@@ -22,6 +22,7 @@ from pmcl_ros.nodes.progress import Progress
 from pmcl_ros.nodes.running import Interrupted, pause, ros
 from pmcl_ros.nodes.topics import BIG, PRESETS, TOPICS, Quality, TopicEntry
 
+_REST = 5.0  # s: after a signal, for what waits to be written while more may be coming
 _ROOM = 4  # big messages that may wait to be written: a capture's come at once
 
 
@@ -86,8 +87,11 @@ def record(options: argparse.Namespace) -> None:
             while time.monotonic() < end:
                 pause(0)
                 executor.spin_once(timeout_sec=min(0.2, max(end - time.monotonic(), 0)))
-        except Interrupted:
-            pass  # as every recording ends
+        except Interrupted:  # as every recording ends; what has come is written first
+            written, end = -1, time.monotonic() + _REST
+            while written < recorder.messages and time.monotonic() < end:
+                written = recorder.messages
+                executor.spin_once(timeout_sec=0.1)
         finally:
             executor.shutdown()
             node.destroy_node()

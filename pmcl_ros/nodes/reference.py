@@ -6,7 +6,7 @@
 import argparse
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from textwrap import fill
 from typing import Any, Literal, get_args, get_origin
 
@@ -20,6 +20,7 @@ from pmcl_ros.nodes.table import ALL, GRASPS, Entry
 from pmcl_ros.nodes.topics import SERVICES, TOPICS
 
 _WIDTH = 99
+_HARD = '\xa0'  # a space that ends no line
 _UNIT = re.compile(r'\[([^\[\]:]+)\]')  # in a description; an address's [:PORT] is none
 
 # What of config/pmcl.yaml is not a default: the camera, object and region of bags/wine_glass.
@@ -125,9 +126,10 @@ def _section(entry: Entry) -> str:
     lines += [f'/**/{entry.name}:', '  ros__parameters:']
     for name, field in entry.load().settings_class.model_fields.items():
         notes = [each for each in (_range(field), 'live' if is_live(field) else '') if each]
-        comment = (field.description or '') + (f' ({"; ".join(notes)})' if notes else '')
+        whole = '; '.join(notes).replace(' ', _HARD)  # is not broken
+        comment = (field.description or '') + (f' ({whole})' if notes else '')
         lines += [fill(comment, _WIDTH, initial_indent='    # ', subsequent_indent='    # ',
-                       break_long_words=False, break_on_hyphens=False)]
+                       break_long_words=False, break_on_hyphens=False).replace(_HARD, ' ')]
         value = _SHIPPED.get(entry.name, {}).get(name, field.default)
         lines += [f'    {name}: {_text(value)}']
     return '\n'.join(lines) + '\n'
@@ -160,12 +162,12 @@ def _range(field: FieldInfo) -> str:
                      if kind in bounds)
 
 
-def main() -> int:
+def main(args: Sequence[str] | None = None) -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--parameters', action='store_true',
                         help='print config/pmcl.yaml, not docs/reference.md')
-    options = parser.parse_args()
+    options = parser.parse_args(args)
     sys.stdout.write(parameter_file() if options.parameters else reference())
     return 0
 

@@ -97,13 +97,12 @@ def test_nodes_live_in_a_namespace(tmp_path, user, write):
                   == {'left/lytro_driver', 'left/dlv_node'}, 'the state of both, by their names')
 
 
-@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'two'])
-def test_the_pose_is_where_a_grasp_pipeline_wants_it(tmp_path, user, write, how):
+def test_the_pose_is_where_a_grasp_pipeline_wants_it(tmp_path, user, write):
     """And where grasp_node finds it too."""
     grasps = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
     with Process(tmp_path, BRINGUP, '--params-file', write(), '--without', 'lytro_driver',
                  '--without', 'subaperture_node', '--without', 'dlv_node', '--grasps', grasps,
-                 '--pose', '/robot/target', *how) as chain:
+                 '--pose', '/robot/target') as chain:
         user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
         assert 'active: grasp_node, pmcl_node' in chain.log
         user.listen(PoseStamped, '/robot/target', SMALL)

@@ -27,18 +27,13 @@ say('ended')
 """
 
 
-@pytest.mark.parametrize(('text', 'reason'), [
-    (None, 'Error opening YAML file'),
-    ('dlv_node: {ros__parameters: {crop: [0, 0.5, a, 1]}}', 'Sequence should be of same type'),
-])
-def test_a_file_that_ros_refuses_is_told_in_a_line(tmp_path, text, reason):
+def test_a_file_that_ros_refuses_is_told_in_a_line(tmp_path):
     file = tmp_path / 'parameters.yaml'
-    if text is not None:
-        file.write_text(text)
+    file.write_text('dlv_node: {ros__parameters: {crop: [0, 0.5, a, 1]}}')
     node = Process(tmp_path, 'pmcl_ros.nodes.dlv_node', '--ros-args', '--params-file', file)
     assert node.popen.wait(PATIENCE) == 1
     assert 'dlv_node: ROS does not start with these arguments: ' in node.log
-    assert reason in node.log
+    assert 'Sequence should be of same type' in node.log
     assert 'Traceback' not in node.log
 
 
