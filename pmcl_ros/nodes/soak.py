@@ -40,6 +40,7 @@ _PARTS = 4  # the graph is let run empty so often, to be weighed
 # MB that a process may have grown: less than three raw pictures; one that was kept at each capture
 # would be far more.
 _FLAT = 60.0
+_ENOUGH = 100  # captures: before, what is kept for the next time is still growing
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
 _QUICK = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
           'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
@@ -85,7 +86,8 @@ class Soak:
                  (len(self.left), 'files left in /dev/shm'), (self.tracebacks, 'tracebacks'),
                  (abs(self.status), 'is the exit status of the graph, not 0')]
         words = [f'{count} {what}' for count, what in found if count]
-        for values, most, what in ((self.memory, _FLAT, 'MB'),
+        memory = self.memory if self.captures >= _ENOUGH else {}
+        for values, most, what in ((memory, _FLAT, 'MB'),
                                    (self.descriptors, _DESCRIPTORS, 'descriptors'),
                                    (self.threads, _THREADS, 'threads')):
             for name, each in values.items():
