@@ -25,7 +25,7 @@ from pmcl_ros.bags import extract_captures
 from pmcl_ros.camera.simulated.process import served
 from pmcl_ros.errors import PmclError
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.nodes.graph import Graph, own_domain
+from pmcl_ros.nodes.graph import Graph, GraphError, own_domain
 from pmcl_ros.nodes.running import ros
 from pmcl_ros.nodes.table import NODES
 from pmcl_ros.nodes.usage import Usage, shared_files
@@ -118,6 +118,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
     quick: small volumes and a search that finds little: for the graph, not for the poses.
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
     """
+    result: Soak | None = None
     with ExitStack() as stack:
         before = set(Path('/dev/shm').iterdir())  # what other programs share, or have left
         stack.enter_context(ros())
@@ -149,6 +150,8 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
         for line in graph.log.splitlines():
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
+    if result is None:
+        raise GraphError('interrupted; what came until then is not told')
     # Only now this process has let go of what it shared with the graph.
     result.left = sorted(str(each) for each in shared - before if each.exists())
     return result
