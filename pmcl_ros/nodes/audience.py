@@ -35,7 +35,7 @@ class Audience(Generic[T]):
         self._node, self._outputs, self._unheard = node, outputs, unheard
         self._end = time.monotonic() + patience
         self._forget()
-        node.active.callback(self._forget)
+        node.active.callback(self._end_waiting)
         self._timer = node.every(_LOOK, self._look)
 
     def tell(self, make: Callable[[], T], capture: str = 'a capture') -> None:
@@ -68,6 +68,11 @@ class Audience(Generic[T]):
                 self._node.dropped(self._unheard)
         if over or not self._left:
             self._forget()
+
+    def _end_waiting(self) -> None:
+        if self._left and not self._made:
+            self._node.dropped(f'{self._unheard}, and the node was deactivated')
+        self._forget()
 
     def _forget(self) -> None:
         self._left: list[Output[T]] = []

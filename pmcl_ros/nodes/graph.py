@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from pmcl_ros import conversions
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.base import SMALL
+from pmcl_ros.nodes.running import pause
 from pmcl_ros.nodes.table import NODES
 from pmcl_ros.nodes.usage import cpu_seconds
 
@@ -99,7 +100,10 @@ class Graph:
 
     def wait(self, condition: Callable[[], object], what: str,
              timeout: float = _PATIENCE) -> None:
-        """Listen until something is so; GraphError after `timeout` [s] or when the graph ends."""
+        """Listen until something is so; GraphError after `timeout` [s] or when the graph ends.
+
+        Interrupted when a signal comes.
+        """
         deadline = time.monotonic() + timeout
         while not condition():
             ended = self._process.poll()
@@ -107,6 +111,7 @@ class Graph:
                 what = (f'waited {timeout:g} s for {what}' if ended is None
                         else f'pmcl_bringup ended with {ended}')
                 raise GraphError(f'{what}; its last lines are\n{self.log[-_SHOWN:]}')
+            pause(0)
             self._executor.spin_once(timeout_sec=0.05)
 
     def _on_pose(self, message: PoseStamped) -> None:

@@ -25,7 +25,7 @@ from pmcl_ros.bags import extract_captures
 from pmcl_ros.camera.simulated.process import served
 from pmcl_ros.errors import PmclError
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.nodes.graph import Graph, own_domain
+from pmcl_ros.nodes.graph import Graph, GraphError, own_domain
 from pmcl_ros.nodes.running import ros
 from pmcl_ros.nodes.table import NODES
 from pmcl_ros.nodes.usage import Usage, shared_files
@@ -40,6 +40,7 @@ _PARTS = 4  # the graph is let run empty so often, to be weighed
 # MB that a process may have grown: less than three raw pictures; one that was kept at each capture
 # would be far more.
 _FLAT = 60.0
+_ENOUGH = 100  # captures: before, what is kept for the next time is still growing
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
 _QUICK = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
           'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
@@ -85,7 +86,8 @@ class Soak:
                  (len(self.left), 'files left in /dev/shm'), (self.tracebacks, 'tracebacks'),
                  (abs(self.status), 'is the exit status of the graph, not 0')]
         words = [f'{count} {what}' for count, what in found if count]
-        for values, most, what in ((self.memory, _FLAT, 'MB'),
+        memory = self.memory if self.captures >= _ENOUGH else {}
+        for values, most, what in ((memory, _FLAT, 'MB'),
                                    (self.descriptors, _DESCRIPTORS, 'descriptors'),
                                    (self.threads, _THREADS, 'threads')):
             for name, each in values.items():
@@ -116,6 +118,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
     quick: small volumes and a search that finds little: for the graph, not for the poses.
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
     """
+    result: Soak | None = None
     with ExitStack() as stack:
         before = set(Path('/dev/shm').iterdir())  # what other programs share, or have left
         stack.enter_context(ros())
@@ -147,6 +150,8 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
         for line in graph.log.splitlines():
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
+    if result is None:
+        raise GraphError('interrupted; what came until then is not told')
     # Only now this process has let go of what it shared with the graph.
     result.left = sorted(str(each) for each in shared - before if each.exists())
     return result

@@ -9,8 +9,9 @@ import rclpy
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from harness import REPEAT, Process
+from harness import PATIENCE, REPEAT, Process
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
@@ -129,6 +130,25 @@ def test_the_newest_wins_and_nothing_comes_twice(user, pair, stamped):
     giver.dlv.publish(stamped(4))
     user.wait(lambda: 4 in taker.stamps, 'the last')
     assert taker.stamps == [3, 4]
+
+
+def test_what_is_overwritten_before_it_is_taken_is_told(user, pair, start, stamped, capfd):
+    giver, taker = pair
+    for stamp in (1, 2, 3):
+        giver.dlv.publish(stamped(stamp))
+    user.wait(lambda: taker.volumes, 'a volume')
+    assert taker.health.dropped == 2
+    assert 'dropped 2 of dlv: newer came before they were taken' in capfd.readouterr().err
+    giver, taker = start(Giver, namespace='/far'), start(Taker, namespace='/far')
+    user.wait(giver.dlv.wanted, 'the taker')
+    for stamps in ((1,), (2, 3, 4, 5), (6,)):
+        for stamp in stamps:
+            giver.dlv.publish(stamped(stamp))
+            assert giver.dlv.arrived(Duration(seconds=PATIENCE))
+        user.wait(lambda stamps=stamps: stamps[-1] in taker.stamps, 'the last')
+    assert taker.stamps == [1, 5, 6]
+    assert taker.health.dropped == 3
+    assert 'dropped 3 of dlv' in capfd.readouterr().err
 
 
 def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, stamped):
