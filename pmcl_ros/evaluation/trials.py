@@ -137,7 +137,8 @@ def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, mode
            surface: Surface, seconds: float, renderer: str) -> Trial:
     wrong = job.sought.object != job.capture.object
     empty = job.capture.truth.empty
-    pose, truth = estimate.pose, job.capture.truth.pose
+    pose = estimate.pose
+    truth = model.symmetry.folded(job.capture.truth.pose[None], pose)[0]
     known = not (wrong or empty)
     error = pose_error(pose, truth, model.axis)
 

@@ -128,25 +128,28 @@ class Localizer:
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
                   contour: Callable[[NDArray[np.float64]], ContourPoints],
                   rng: np.random.Generator) -> PoseEstimate:
-        axis, poses = self._model.axis, posterior.poses
+        axis, symmetry, poses = self._model.axis, self._model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
         ours = poses[posterior.own == order[0]]
         alike = Weights(np.zeros(len(ours)))
-        pose = mean_pose(ours, alike, axis)
+        pose = self._representative(mean_pose(ours, alike, axis))
+        ours = symmetry.folded(ours, pose)
         local = about(pose, True)
         # What the model gets wrong adds to what the data leave open.
         error = local.basis @ local.model_error @ local.basis.T
         spread = covariance(ours, alike, pose, axis) + error
         off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
-        modes = tuple(PoseMode(canonical(posterior.modes[k].pose, axis), float(shares[k]),
-                               posterior.modes[k].local.evidence) for k in order)
+        modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
+                               float(shares[k]), posterior.modes[k].local.evidence)
+                      for k in order)
         seen = share_in_view(self._model, pose, volume.pinhole)
         support = contour_support(contour(pose), seen)
         # No part must be missing, and the whole must rather be there than not.
         lost = support < self._settings.least_support or (
             local.evidence <= profile.least * local.length)
-        return PoseEstimate(volume.header, pose, spread, moved(poses, off),
+        return PoseEstimate(volume.header, pose, spread,
+                            symmetry.folded(moved(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             lost, self._settings.mode, modes, support)
 
@@ -158,6 +161,7 @@ class Localizer:
                                             self._settings, rng, progress)
             weights = Weights.of(scores)
             pose, spread = self._summary(poses, weights)
+            poses = self._model.symmetry.folded(poses, pose)
             likelihood = float(score(pose[None])[0])
         # The paper knows no lost object; one that no ray supports at all is.
         return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
@@ -168,10 +172,24 @@ class Localizer:
         """Mean and covariance of the mode about the best particle."""
         axis = self._model.axis
         best = poses[int(weights.log.argmax())]
+        poses = self._model.symmetry.folded(poses, best)
         mode = same_mode(poses, best, axis, _MODE_DISTANCE, _MODE_ANGLE)
         inside = Weights(weights.log[mode])
-        pose = mean_pose(poses[mode], inside, axis)
-        return pose, covariance(poses[mode], inside, pose, axis)
+        pose = self._representative(mean_pose(poses[mode], inside, axis))
+        ours = self._model.symmetry.folded(poses[mode], pose)
+        return pose, covariance(ours, inside, pose, axis)
+
+    def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the poses that discrete symmetries make of one (4, 4), the one that stands for all.
+
+        Of those with their origin in the region, if any have.
+        """
+        symmetry = self._model.symmetry
+        if len(symmetry.discrete) == 1:
+            return pose
+        alike = symmetry.alike(pose)
+        inside = self._region.contains(alike[:, :3, 3])
+        return symmetry.canonical(alike[inside] if inside.any() else alike)
 
     def _in_region(self, score: Score, outside: float) -> Score:
         """The score of poses whose origin lies in the region of interest: the prior is uniform."""
