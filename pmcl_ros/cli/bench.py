@@ -9,9 +9,11 @@ import click
 from pmcl_ros.dlv.settings import BackEnd
 from pmcl_ros.evaluation.bench import (
     Bench,
+    ChainBench,
     DriverBench,
     PmclBench,
     TransportBench,
+    bench_chain,
     bench_decode,
     bench_dlv,
     bench_driver,
@@ -19,8 +21,9 @@ from pmcl_ros.evaluation.bench import (
     bench_transport,
 )
 
-_BENCHES: dict[str, Callable[[], Bench | DriverBench | PmclBench | TransportBench]] = {
-    'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver,
+_Result = Bench | ChainBench | DriverBench | PmclBench | TransportBench
+_BENCHES: dict[str, Callable[[], _Result]] = {
+    'chain': bench_chain, 'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver,
     'pmcl': bench_pmcl,
     'transport': bench_transport}
 
@@ -33,6 +36,7 @@ _BENCHES: dict[str, Callable[[], Bench | DriverBench | PmclBench | TransportBenc
 def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     """Time a stage against its plain form, run beside it.
 
+    chain: a raw picture's bytes to views, volume and pose, of a shipped bag.
     dlv: from uint8 views to likelihoods, stage by stage; with gl the time on the GPU alone, too.
     driver: takes and downloads 200 pictures from a simulated camera, over a link that drops.
     pmcl: poses drawn and scored, on both back ends, and a whole localisation.

@@ -2,14 +2,17 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.edges import edges_from_likelihood
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import LocalizationError, RenderError
+from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
@@ -21,6 +24,7 @@ from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -37,6 +41,7 @@ _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Volume = DepthLikelihoodVolume | GlVolume
 
 
 class Localizer:
@@ -71,10 +76,15 @@ class Localizer:
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    @property
+    def context(self) -> GlContext | None:
+        """Where poses are scored; a volume made there (`build_gl_volume`) is read where it is."""
+        return self._renderer.context if isinstance(self._renderer, GlRenderer) else None
+
+    def localize(self, volume: Volume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None) -> PoseEstimate:
-        """The object's pose in one volume.
+        """The object's pose in one volume, in memory or on the GPU in this localizer's context.
 
         start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
             given.
@@ -93,22 +103,22 @@ class Localizer:
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def _by_contour(self, volume: Volume, rng: np.random.Generator,
                     progress: Progress, start: NDArray[np.float64] | None) -> PoseEstimate:
         edges, profile = volume.edges, self._profile
         # The tables were learned on sharp edge volumes: other edges are judged by their contrast.
         contrast = ContourProfile.contrast()
         if edges is None:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-            edges, profile = edges_from_likelihood(volume), contrast
+            whole = volume.read() if isinstance(volume, GlVolume) else volume
+            edges, profile = edges_from_likelihood(whole), contrast
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
             start, _ = self._proposals.propose(edges, self._settings.proposals)
-        quarter, half, whole = (self._scene(volume, window.coarser(scale))
-                                for scale in (_COARSE, _FINE, 1))
-        with (self._renderer.contour_score(quarter, edges, contrast, _BLUR) as coarse,
-              self._renderer.contour_score(half, edges, profile) as fine,
-              self._renderer.contour_score(whole, edges, profile) as exact):
+        scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
+        with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
+              self._renderer.contour_score(scenes[1], edges, profile) as fine,
+              self._renderer.contour_score(scenes[2], edges, profile) as exact):
             def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
                 return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
                                      CONTOUR_ERROR if sure else None)
@@ -121,9 +131,11 @@ class Localizer:
                 self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about, near,
                 lambda poses: self._region.contains(poses[:, :3, 3]))
             posterior = search.run(start, rng, progress)
-            return self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            return replace(estimate, evaluations=sum(each.evaluations
+                                                     for each in (coarse, fine, exact)))
 
-    def _estimate(self, volume: DepthLikelihoodVolume, posterior: Posterior,
+    def _estimate(self, volume: Volume, posterior: Posterior,
                   profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
                   contour: Callable[[NDArray[np.float64]], ContourPoints],
@@ -153,7 +165,7 @@ class Localizer:
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             lost, self._settings.mode, modes, support)
 
-    def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def _by_likelihood(self, volume: Volume, rng: np.random.Generator,
                        progress: Progress) -> PoseEstimate:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.likelihood_score(self._scene(volume, window), volume) as score:
@@ -165,7 +177,8 @@ class Localizer:
             likelihood = float(score(pose[None])[0])
         # The paper knows no lost object; one that no ray supports at all is.
         return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
-                            likelihood, lost=not likelihood > 0, mode=self._settings.mode)
+                            likelihood, lost=not likelihood > 0, mode=self._settings.mode,
+                            evaluations=score.evaluations)
 
     def _summary(self, poses: NDArray[np.float64], weights: Weights
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -194,17 +207,20 @@ class Localizer:
     def _in_region(self, score: Score, outside: float) -> Score:
         """The score of poses whose origin lies in the region of interest: the prior is uniform."""
         def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.where(self._region.contains(poses[:, :3, 3]), score(poses), outside)
+            known = self._region.contains(poses[:, :3, 3])
+            values = np.full(len(poses), outside)
+            values[known] = score(poses[known])  # the rest need not be drawn
+            return values
         return inside
 
-    def _scene(self, volume: DepthLikelihoodVolume, window: Window) -> Scene:
+    def _scene(self, volume: Volume, window: Window) -> Scene:
         near, far = self._region.grown(self._model.radius)
         model, camera = self._model, volume.pinhole
         if window.scale > 1:
             model = simplified(model, _DETAIL * near / max(camera.fx, camera.fy))
         return Scene(model, camera, window, near, far)
 
-    def _check_range(self, volume: DepthLikelihoodVolume) -> None:
+    def _check_range(self, volume: Volume) -> None:
         far, near = volume.depths[0], volume.depths[-1]
         if far <= self._region.near or near >= self._region.far:
             raise LocalizationError(
