@@ -58,7 +58,7 @@ class Localizer:
         self._settings = settings
         self._profile = profile or ContourProfile.learned()
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._renderer = make_renderer(settings.renderer)
+        self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
         self.renderer = self._renderer.name
         try:
             self._proposals = Proposals(self._renderer, model, self._region)

@@ -107,15 +107,16 @@ class Renderer(Protocol):
         ...
 
 
-def make_renderer(wanted: BackEnd) -> Renderer:
+def make_renderer(wanted: BackEnd, likelihoods: bool = True) -> Renderer:
     """A renderer, for the calling thread; what numba has to compile for it is compiled.
 
+    likelihoods: will be scored too, not contours alone.
     Raises RenderError when 'gl' is wanted and there is none. With 'numba' OpenGL is not touched.
     """
     if choose(wanted) == 'gl':
         return GlRenderer()
     renderer = NumbaRenderer()
-    renderer.warm_up()
+    renderer.warm_up(likelihoods)
     return renderer
 
 

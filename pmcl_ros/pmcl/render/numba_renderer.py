@@ -46,8 +46,11 @@ class NumbaRenderer:
         """See `Renderer`."""
         return NumbaLikelihoodScore(scene, volume)
 
-    def warm_up(self) -> None:
-        """Compile, or load from numba's cache, all that scoring needs."""
+    def warm_up(self, likelihoods: bool = True) -> None:
+        """Compile, or load from numba's cache, all that scoring needs.
+
+        likelihoods: those too, not contours alone.
+        """
         corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
         camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
         scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
@@ -57,7 +60,8 @@ class NumbaRenderer:
         volume = DepthLikelihoodVolume(Header(), np.zeros((8, 8, 2), np.float32), depths, camera)
         pose = np.eye(4)
         self.depths(scene, pose[None])
-        self.likelihood_score(scene, volume)(pose[None])
+        if likelihoods:
+            self.likelihood_score(scene, volume)(pose[None])
         score = self.contour_score(scene, edges, ContourProfile.contrast())
         score(pose[None])
         score.points(pose)
