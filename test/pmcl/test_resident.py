@@ -53,23 +53,23 @@ def test_poses_are_those_of_the_volume_in_memory(light_field, mode):
     assert first.evaluations == found.evaluations > 0
 
 
-def test_scores_are_those_of_numba_to_four_digits(light_field):
+def test_scores_are_those_of_numbas_volume_to_four_digits(light_field):
     region = Region(SEARCH.roi_center, SEARCH.roi_size)
     poses = uniform_poses(region, 40, np.random.default_rng(3))
     plain = build_volume(light_field, VOLUME.model_copy(update={'back_end': 'numba'}))
-    scores = []
     with Localizer(CUP, SEARCH.model_copy(update=FAITHFUL)) as gl, \
             Localizer(CUP, SEARCH.model_copy(update={'renderer': 'numba'} | FAITHFUL)) as numba:
         assert numba.context is None
         with volume_for(gl, light_field, VOLUME) as resident:
-            for localizer, volume in ((gl, resident), (numba, plain), (numba, resident)):
-                scene = localizer._scene(volume, region.window(CAMERA, CUP.radius))
-                with localizer._renderer.likelihood_score(scene, volume) as score:
-                    scores.append(score(poses))
-                    assert score.evaluations == len(poses)
-    for other in scores[1:]:
-        np.testing.assert_allclose(other, scores[0], rtol=1e-4)
-    assert np.ptp(scores[0]) > 1e-3
+            for localizer in (gl, numba):  # the latter reads a copy
+                scores = []
+                for volume in (resident, plain):
+                    scene = localizer._scene(volume, region.window(CAMERA, CUP.radius))
+                    with localizer._renderer.likelihood_score(scene, volume) as score:
+                        scores.append(score(poses))
+                        assert score.evaluations == len(poses)
+                np.testing.assert_allclose(*scores, rtol=1e-4)
+                assert np.ptp(scores[0]) > 0.05 * scores[0].mean()
 
 
 @pytest.mark.parametrize('change', [{'truncate': True}, {'back_end': 'numba'},
