@@ -19,17 +19,26 @@ _FASTMATH = {'nsz', 'arcp', 'contract', 'afn', 'reassoc'}
 _PACKAGE = Path(__file__).parent
 
 
-def compiled(parallel: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """`numba.njit` as this package uses it: no GIL, the machine code kept on disk if it may be."""
+def compiled(parallel: bool = False, inlined: bool = False
+             ) -> Callable[[Callable[..., Any]], Any]:
+    """`numba.njit` as this package uses it: no GIL, the machine code kept on disk if it may be.
+
+    inlined: for what other kernels call and sums up numbers: it becomes a part of each of them.
+    Else there are copies of it, which sum in different orders, and which of them runs depends on
+    what was compiled in this process and what came from the disk: so would the last digits.
+    """
+    options: dict[str, Any] = {'nogil': True, 'fastmath': _FASTMATH, 'parallel': parallel,
+                               'forceinline': inlined}
+
     def decorate(function: Callable[..., Any]) -> Any:
         folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
         if folder is None:
-            return njit(nogil=True, fastmath=_FASTMATH, parallel=parallel)(function)
+            return njit(**options)(function)
         numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
         try:
-            return njit(nogil=True, cache=True, fastmath=_FASTMATH, parallel=parallel)(function)
+            return njit(cache=True, **options)(function)
         except RuntimeError:  # a function without a file, as in a zip, has no place in the cache
-            return njit(nogil=True, fastmath=_FASTMATH, parallel=parallel)(function)
+            return njit(**options)(function)
         finally:
             numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
     return decorate

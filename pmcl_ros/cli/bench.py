@@ -9,10 +9,12 @@ import click
 from pmcl_ros.dlv.settings import BackEnd
 from pmcl_ros.evaluation.bench import (
     Bench,
+    ChainBench,
     DriverBench,
     GraphBench,
     PmclBench,
     TransportBench,
+    bench_chain,
     bench_decode,
     bench_dlv,
     bench_driver,
@@ -21,10 +23,10 @@ from pmcl_ros.evaluation.bench import (
     bench_transport,
 )
 
-_BENCHES: dict[str, Callable[[], Bench | DriverBench | GraphBench | PmclBench
-                                | TransportBench]] = {
-    'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver, 'graph': bench_graph,
-    'pmcl': bench_pmcl, 'transport': bench_transport}
+_Result = Bench | ChainBench | DriverBench | GraphBench | PmclBench | TransportBench
+_BENCHES: dict[str, Callable[[], _Result]] = {
+    'chain': bench_chain, 'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver,
+    'graph': bench_graph, 'pmcl': bench_pmcl, 'transport': bench_transport}
 
 
 @click.command()
@@ -35,6 +37,7 @@ _BENCHES: dict[str, Callable[[], Bench | DriverBench | GraphBench | PmclBench
 def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     """Time a stage against its plain form, run beside it.
 
+    chain: a raw picture's bytes to views, volume and pose, of a shipped bag.
     dlv: from uint8 views to likelihoods, stage by stage; with gl the time on the GPU alone, too.
     driver: takes and downloads 200 pictures from a simulated camera, over a link that drops.
     graph: from shutter to pose through the nodes, beside the same without ROS (needs ROS).

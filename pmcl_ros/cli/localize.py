@@ -2,6 +2,7 @@
 
 import json
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -9,15 +10,17 @@ import numpy as np
 from rich.progress import Progress
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR, open_source, source_options
-from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.gl_volume import GlVolume
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.pictures import depth_picture, overlay, write_png
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.evaluation.variants import volume_settings
+from pmcl_ros.evaluation.variants import Variant, volume_settings
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.resident import volume_for
+from pmcl_ros.pmcl.settings import Mode, PmclSettings
 
 
 @click.command()
@@ -29,34 +32,42 @@ from pmcl_ros.pmcl.settings import PmclSettings
               '[m].')
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
+@click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
+              "the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
-             object_path: Path, roi: tuple[float, ...], mode: str, seed: int, as_json: bool,
-             out: Path | None, truth: Path | None) -> None:
+             object_path: Path, roi: tuple[float, ...], mode: Mode, changes: str | None, seed: int,
+             as_json: bool, out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE, a raw picture or a light field.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
     folder of the 4D Light Field Benchmark.
     """
+    changed = None if changes is None else Variant.parse(changes)
+    if changed is not None and changed.base != 'default':
+        raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
+    of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
-                                  'roi_center': roi[:3], 'roi_size': roi[3:]},
-                                 '--roi, --mode, --seed')
+                                  'roi_center': roi[:3], 'roi_size': roi[3:]} | dict(of_search),
+                                 '--roi, --mode, --set, --seed')
     model = ObjectModel.load(object_path)
     near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
     read = open_source(source, calibration, white, every, shrink)
-    with Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer:
+    with (Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer,
+          ExitStack() as held):
         task = bar.add_task('views', total=1.0)
         started = time.perf_counter()
         light_field = read()
         decoded = time.perf_counter()
         bar.update(task, description='volume')
-        volume = build_volume(light_field, volume_settings(settings.mode, near, far,
-                                                           light_field.grid))
+        wanted = volume_settings(settings.mode, near, far, light_field.grid)
+        wanted = DlvSettings.make(wanted.model_dump() | dict(of_volume), '--set')
+        volume = held.enter_context(volume_for(localizer, light_field, wanted))
         built = time.perf_counter()
         bar.update(task, description='pose')
 
@@ -66,6 +77,9 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
 
         estimate = localizer.localize(volume, np.random.default_rng(seed), show)
         found = time.perf_counter()
+        if out is not None:
+            whole = volume.read() if isinstance(volume, GlVolume) else volume
+            depths = whole.depth_map()
     times = {'decode': decoded - started, 'dlv': built - decoded, 'pmcl': found - built}
     if as_json:
         timings = {name: 1e3 * each for name, each in times.items()}
@@ -74,14 +88,15 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
         click.echo(estimate.describe())
         click.echo(', '.join(f'{name} {each:.2f} s' for name, each in times.items()), err=True)
     if truth is not None:
-        error = pose_error(estimate.pose, Truth.load(truth).pose, model.axis)
+        error = pose_error(estimate.pose, Truth.load(truth).pose, model.axis,
+                           model.discrete)
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         picture = light_field.picture()
         write_png(out / 'centre.png', picture)
-        write_png(out / 'depth.png', depth_picture(volume.depth_map(), near, far))
+        write_png(out / 'depth.png', depth_picture(depths, near, far))
         write_png(out / 'overlay.png', overlay(picture, light_field.grid.pinhole, model,
                                               estimate.pose))
         click.echo(f'pictures in {out}', err=True)

@@ -1,18 +1,21 @@
 """LightField -> DepthLikelihoodVolume: the third arrow."""
 
 import logging
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
 from pmcl_ros.dlv.back_end import make_likelihood
 from pmcl_ros.dlv.edges import edge_volume
+from pmcl_ros.dlv.gl_cost import GlCost
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.likelihood import truncate
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
 from pmcl_ros.dlv.superposition import fit_superposition
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
@@ -30,21 +33,40 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
     takes many seconds. Raises VolumeError when fewer than two views have light, the labels are too
     near, or the volume would be too large; RenderError when `back_end` is 'gl' and GL cannot.
     """
+    lattice = _checked(light_field, settings)
+    depths = depth_labels(settings.near, settings.far, settings.labels)
+    likelihood = make_likelihood(light_field, depths, settings)
+    if settings.truncate:
+        likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
+    superposition = (fit_superposition(light_field, settings) if settings.layers == 'joint'
+                     else None)
+    return DepthLikelihoodVolume(light_field.header, likelihood, depths, lattice.pinhole,
+                                 _edges(light_field, settings, lattice), superposition)
+
+
+def build_gl_volume(gl_cost: GlCost, light_field: LightField, settings: DlvSettings) -> GlVolume:
+    """The same, in the context of `gl_cost`, on its thread; its edges in memory, its rays unsplit.
+
+    The caller releases it. Raises as `build_volume`, and as `GlVolume.of`.
+    """
+    lattice = _checked(light_field, settings)
+    edges = _edges(light_field, settings, lattice)
+    return replace(GlVolume.of(gl_cost, light_field, settings), edges=edges)
+
+
+def _checked(light_field: LightField, settings: DlvSettings) -> Lattice:
+    """The pixels that a volume is made for, which is not too large."""
     lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
     _check_size(lattice.pinhole, light_field.grid.pinhole, settings)
     needed = StereoPairs.of(light_field.grid, settings.views).labels_needed(settings.near,
                                                                             settings.far)
     _warn_of_few_labels(settings, needed)
-    depths = depth_labels(settings.near, settings.far, settings.labels)
-    likelihood = make_likelihood(light_field, depths, settings)
-    if settings.truncate:
-        likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
-    edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
-    edges = edge_volume(light_field, edge_depths, settings.views).on(lattice)
-    superposition = (fit_superposition(light_field, settings) if settings.layers == 'joint'
-                     else None)
-    return DepthLikelihoodVolume(light_field.header, likelihood, depths, lattice.pinhole, edges,
-                                 superposition)
+    return lattice
+
+
+def _edges(light_field: LightField, settings: DlvSettings, lattice: Lattice) -> EdgeVolume:
+    depths = depth_labels(settings.near, settings.far, settings.edge_labels)
+    return edge_volume(light_field, depths, settings.views).on(lattice)
 
 
 def _check_size(volume: Pinhole, edges: Pinhole, settings: DlvSettings) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.errors import VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole
@@ -17,23 +17,27 @@ from pmcl_ros.lightfield.light_field import LightField
 
 @dataclass(frozen=True)
 class GlVolume:
-    """What `DepthLikelihoodVolume` is, without edges, its likelihood in a buffer of a GL context.
+    """What `DepthLikelihoodVolume` is, its likelihood in a buffer of a GL context.
 
     A context is one thread's, and no two share buffers: the volume belongs in the scorer's
     context and is made in its thread, `GlVolume.of(GlCost(scorer's context), ...)`. A shader reads
     it where it is: `likelihood.bind(n)`. Whoever made it releases it; a scorer only reads.
 
     likelihood: (height, width, labels), row-major. depths, pinhole: as of `DepthLikelihoodVolume`.
+    edges: in memory, where they were made.
     """
 
     header: Header
     likelihood: GlArray
     depths: NDArray[np.float64]
     pinhole: Pinhole
+    edges: EdgeVolume | None = None
 
     @classmethod
     def of(cls, gl_cost: GlCost, light_field: LightField, settings: DlvSettings) -> 'GlVolume':
-        """The volume of one capture, on `gl_cost`'s thread; `settings.back_end` plays no part.
+        """The volume of one capture, without edges, on `gl_cost`'s thread.
+
+        `settings.back_end` plays no part.
 
         Raises VolumeError as `Matching.of` does, and when the settings ask for what has no form on
         the GPU, phase shift or truncation; RenderError as `GlCost` does.
@@ -50,7 +54,7 @@ class GlVolume:
     def read(self) -> DepthLikelihoodVolume:
         """A copy in memory. Raises RenderError in another thread than the context's."""
         return DepthLikelihoodVolume(self.header, self.likelihood.read(), self.depths,
-                                     self.pinhole)
+                                     self.pinhole, self.edges)
 
     def __enter__(self) -> 'GlVolume':
         return self

@@ -1,5 +1,7 @@
 """Captures with known truth: a folder with a picture, a model.obj and a truth.json.
 
+A model.yaml beside them tells the object's symmetries (`ObjectSettings`).
+
 Of further objects in the same picture there are a model.obj and a truth.json in subfolders.
 """
 
@@ -41,13 +43,14 @@ class Capture:
 
     @property
     def model(self) -> Path:
-        """The mesh of the object that is there, or is looked for."""
-        return self.folder / 'model.obj'
+        """The object that is there, or is looked for: a model.yaml where there is one."""
+        described = self.folder / 'model.yaml'
+        return described if described.exists() else self.folder / 'model.obj'
 
     @cached_property
     def object(self) -> str:
         """A digest of the mesh: the same for two captures of one object."""
-        return hashlib.sha256(self.model.read_bytes()).hexdigest()[:16]
+        return hashlib.sha256((self.folder / 'model.obj').read_bytes()).hexdigest()[:16]
 
     @property
     def picture(self) -> Path | None:

@@ -91,12 +91,14 @@ def time_picture(trials: Trials, variants: Sequence[Variant]) -> Picture:
         swept = [by_name[each.name] for each in variants
                  if each.group == group and each.name in by_name]
         if len(swept) > 1:
-            seconds = [median(rows, 'seconds') for rows in swept]
-            lines = [Line(f'{mm / 10:g} cm, {degrees:g} degrees', seconds,
-                          [100 * within(rows, mm, degrees) for rows in swept], colour)
-                     for colour, (mm, degrees) in enumerate(((20, 10), (10, 10), (5, 5)))]
-            charts.append(Chart(f'with more {group}', 'median seconds from the volume', '%',
-                                lines, (0, max(seconds))))
+            for name, label in (('seconds', 'median seconds from the volume'),
+                                ('evaluations', 'poses drawn and scored, the median')):
+                spent = [median(rows, name) for rows in swept]
+                lines = [Line(f'{mm / 10:g} cm, {degrees:g} degrees', spent,
+                              [100 * within(rows, mm, degrees) for rows in swept], colour)
+                         for colour, (mm, degrees) in enumerate(((20, 10), (10, 10), (5, 5)))]
+                charts.append(Chart(f'with more {group}', label, '%', lines,
+                                    (0, max(*spent, 1e-3))))
     return draw([charts])
 
 

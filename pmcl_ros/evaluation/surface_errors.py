@@ -41,7 +41,7 @@ class Surface:
     def of(cls, model: ObjectModel) -> 'Surface':
         """An object's."""
         corners = model.vertices[ConvexHull(model.vertices, qhull_options='QJ').vertices]
-        return cls(model.vertices, corners, model.axis, np.eye(4)[None])
+        return cls(model.vertices, corners, model.axis, model.discrete)
 
     @property
     def diameter(self) -> float:

@@ -28,7 +28,7 @@ _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotati
          'none; signed along the line of sight, + is too far. Medians are over all trials with '
          'something to find. In recalls a lost object counts as not found, and a flipped one as '
          'wrong. `of 90 %`: how many of the 90 % credible regions of claimed poses hold the '
-         'truth; `of 50 %` likewise.')
+         'truth; `of 50 %` likewise. `evaluations`: poses drawn and scored, the median.')
 
 
 def rows_of(trials: Trials) -> list[str]:
@@ -51,7 +51,7 @@ def markdown(trials: Trials) -> str:
 def captures_table(trials: Trials) -> str:
     """A line for each capture and row, where another object was sought one more."""
     heads = ['capture', 'mode', 'trials', 'median error', 'worst', 'along the ray',
-             'median axis error', 'flipped', 'lost', 'of 90 %', 'median time']
+             'median axis error', 'flipped', 'lost', 'of 90 %', 'evaluations', 'median time']
     lines = []
     for capture, mode, wrong in dict.fromkeys((e.capture, e.mode, e.wrong) for e in trials):
         rows = [e for e in trials if (e.capture, e.mode, e.wrong) == (capture, mode, wrong)]
@@ -66,6 +66,7 @@ def captures_table(trials: Trials) -> str:
             errors = [f'({"another object" if wrong else "nothing"} there)', '', '', '', '', lost,
                       '']
         lines.append([capture, mode, str(len(rows)), *errors,
+                      f'{median(rows, "evaluations"):.0f}',
                       f'{median(rows, "seconds"):.1f} s'])
     return _table(heads, lines)
 
@@ -87,6 +88,7 @@ def recall_table(trials: Trials) -> str:
         'lost': lambda rows: _percent(share([e.lost for e in present(rows)])),
         'lost, nothing there': lambda rows: _percent(share([e.lost for e in rows if e.empty])),
         'lost, another object': lambda rows: _percent(share([e.lost for e in rows if e.wrong])),
+        'evaluations': lambda rows: f'{median(present(rows), "evaluations"):.0f}',
         'median time': lambda rows: f'{median(present(rows), "seconds"):.2f} s'}
     return _by_row(trials, columns)
 

@@ -34,7 +34,8 @@ class Trial:
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
     seconds: from the volume to the pose; dlv_seconds, decode_seconds: for the volume, the views.
-    renderer: what drew the poses. pose: (12,) the rows of R | t, object to camera, metres.
+    evaluations: poses drawn and scored. renderer: what drew them. pose: (12,) the rows of R | t,
+        object to camera, metres.
     """
 
     capture: str
@@ -62,6 +63,7 @@ class Trial:
     seconds: float
     dlv_seconds: float
     decode_seconds: float
+    evaluations: int
     renderer: str
     pose: tuple[float, ...]
 
@@ -137,7 +139,8 @@ def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, mode
            surface: Surface, seconds: float, renderer: str) -> Trial:
     wrong = job.sought.object != job.capture.object
     empty = job.capture.truth.empty
-    pose, truth = estimate.pose, job.capture.truth.pose
+    pose = estimate.pose
+    truth = model.symmetry.folded(job.capture.truth.pose[None], pose)[0]
     known = not (wrong or empty)
     error = pose_error(pose, truth, model.axis)
 
@@ -154,7 +157,7 @@ def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, mode
         if_known(surface.mspd(pose, truth, volume.pinhole)),
         if_known(1e3 * surface.add_s(pose, truth)), 1e3 * surface.diameter, volume.pinhole.width,
         if_known(level), known and level <= 0.9, estimate.lost, estimate.score, seconds,
-        job.dlv_seconds, job.decode_seconds, renderer, _rows(pose))
+        job.dlv_seconds, job.decode_seconds, estimate.evaluations, renderer, _rows(pose))
 
 
 def _rows(pose: NDArray[np.float64]) -> tuple[float, ...]:

@@ -39,6 +39,7 @@ class PoseEstimate:
         compares none.
     support: of the weakest part of the contour [nat / px] (`support.py`); NaN where the mode looks
         for no contour.
+    evaluations: poses that were drawn and scored to find it.
     """
 
     header: Header
@@ -51,6 +52,7 @@ class PoseEstimate:
     mode: str
     modes: tuple[PoseMode, ...] = ()
     support: float = math.nan
+    evaluations: int = 0
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

@@ -115,7 +115,7 @@ def _to_faces(points, triangles, near):  # type: ignore[no-untyped-def]
     return result
 
 
-@compiled()
+@compiled(inlined=True)
 def _to_face(point, triangle):  # type: ignore[no-untyped-def]
     """Square of the distance from a point to a triangle (3, 3)."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -135,7 +135,7 @@ def _to_face(point, triangle):  # type: ignore[no-untyped-def]
     return min(_to_edge(point, a, b), _to_edge(point, b, c), _to_edge(point, c, a))
 
 
-@compiled()
+@compiled(inlined=True)
 def _to_edge(point, a, b):  # type: ignore[no-untyped-def]
     """Square of the distance from a point to a straight edge."""
     along, square, off = 0.0, 0.0, 0.0

@@ -2,14 +2,17 @@
 
 import logging
 from collections.abc import Callable
+from dataclasses import replace
 
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.edges import edges_from_likelihood
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError, RenderError
+from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
@@ -22,6 +25,7 @@ from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -38,6 +42,7 @@ _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Volume = DepthLikelihoodVolume | GlVolume
 
 
 class Localizer:
@@ -54,7 +59,7 @@ class Localizer:
         self._settings = settings
         self._profile = profile or ContourProfile.learned()
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._renderer = make_renderer(settings.renderer)
+        self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
         self.renderer = self._renderer.name
         try:
             self._proposals = Proposals(self._renderer, model, self._region)
@@ -72,11 +77,16 @@ class Localizer:
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    @property
+    def context(self) -> GlContext | None:
+        """Where poses are scored; a volume made there (`build_gl_volume`) is read where it is."""
+        return self._renderer.context if isinstance(self._renderer, GlRenderer) else None
+
+    def localize(self, volume: Volume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None) -> PoseEstimate:
-        """The object's pose in one volume.
+        """The object's pose in one volume, in memory or on the GPU in this localizer's context.
 
         start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
             given.
@@ -96,7 +106,7 @@ class Localizer:
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def contour(self, volume: DepthLikelihoodVolume, pose: NDArray[np.float64]) -> ContourPoints:
+    def contour(self, volume: Volume, pose: NDArray[np.float64]) -> ContourPoints:
         """The contour of a pose (4, 4) and its evidence, as the mode default judges it.
 
         Raises as `localize` does.
@@ -107,15 +117,16 @@ class Localizer:
         with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
             return exact.points(pose)
 
-    def _edges(self, volume: DepthLikelihoodVolume) -> tuple[EdgeVolume, ContourProfile]:
+    def _edges(self, volume: Volume) -> tuple[EdgeVolume, ContourProfile]:
         """Where contours are looked for, and what edge energies there say."""
         if volume.edges is not None:
             return volume.edges, self._profile
         _LOG.info('no edge volume was given: contours are looked for in the likelihood')
+        whole = volume.read() if isinstance(volume, GlVolume) else volume
         # The tables were learned on sharp edge volumes: other edges are judged by their contrast.
-        return edges_from_likelihood(volume), ContourProfile.contrast()
+        return edges_from_likelihood(whole), ContourProfile.contrast()
 
-    def _by_contour(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def _by_contour(self, volume: Volume, rng: np.random.Generator,
                     progress: Progress, start: NDArray[np.float64] | None,
                     watch: Watch | None) -> PoseEstimate:
         edges, profile = self._edges(volume)
@@ -125,11 +136,10 @@ class Localizer:
             start, scores = self._proposals.propose(edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores, len(start)))
-        quarter, half, whole = (self._scene(volume, window.coarser(scale))
-                                for scale in (_COARSE, _FINE, 1))
-        with (self._renderer.contour_score(quarter, edges, contrast, _BLUR) as coarse,
-              self._renderer.contour_score(half, edges, profile) as fine,
-              self._renderer.contour_score(whole, edges, profile) as exact):
+        scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
+        with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
+              self._renderer.contour_score(scenes[1], edges, profile) as fine,
+              self._renderer.contour_score(scenes[2], edges, profile) as exact):
             def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
                 return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
                                      CONTOUR_ERROR if sure else None)
@@ -142,36 +152,41 @@ class Localizer:
                 self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about, near,
                 lambda poses: self._region.contains(poses[:, :3, 3]))
             posterior = search.run(start, rng, progress, watch)
-            return self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            return replace(estimate, evaluations=sum(each.evaluations
+                                                     for each in (coarse, fine, exact)))
 
-    def _estimate(self, volume: DepthLikelihoodVolume, posterior: Posterior,
+    def _estimate(self, volume: Volume, posterior: Posterior,
                   profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
                   contour: Callable[[NDArray[np.float64]], ContourPoints],
                   rng: np.random.Generator) -> PoseEstimate:
-        axis, poses = self._model.axis, posterior.poses
+        axis, symmetry, poses = self._model.axis, self._model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
         ours = poses[posterior.own == order[0]]
         alike = Weights(np.zeros(len(ours)))
-        pose = mean_pose(ours, alike, axis)
+        pose = self._representative(mean_pose(ours, alike, axis))
+        ours = symmetry.folded(ours, pose)
         local = about(pose, True)
         # What the model gets wrong adds to what the data leave open.
         error = local.basis @ local.model_error @ local.basis.T
         spread = covariance(ours, alike, pose, axis) + error
         off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
-        modes = tuple(PoseMode(canonical(posterior.modes[k].pose, axis), float(shares[k]),
-                               posterior.modes[k].local.evidence) for k in order)
+        modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
+                               float(shares[k]), posterior.modes[k].local.evidence)
+                      for k in order)
         seen = share_in_view(self._model, pose, volume.pinhole)
         support = contour_support(contour(pose), seen)
         # No part must be missing, and the whole must rather be there than not.
         lost = support < self._settings.least_support or (
             local.evidence <= profile.least * local.length)
-        return PoseEstimate(volume.header, pose, spread, moved(poses, off),
+        return PoseEstimate(volume.header, pose, spread,
+                            symmetry.folded(moved(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             lost, self._settings.mode, modes, support)
 
-    def _by_likelihood(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def _by_likelihood(self, volume: Volume, rng: np.random.Generator,
                        progress: Progress, watch: Watch | None) -> PoseEstimate:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.likelihood_score(self._scene(volume, window), volume) as score:
@@ -180,35 +195,54 @@ class Localizer:
                                             recorder(watch, 'filter'))
             weights = Weights.of(scores)
             pose, spread = self._summary(poses, weights)
+            poses = self._model.symmetry.folded(poses, pose)
             likelihood = float(score(pose[None])[0])
         # The paper knows no lost object; one that no ray supports at all is.
         return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
-                            likelihood, lost=not likelihood > 0, mode=self._settings.mode)
+                            likelihood, lost=not likelihood > 0, mode=self._settings.mode,
+                            evaluations=score.evaluations)
 
     def _summary(self, poses: NDArray[np.float64], weights: Weights
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean and covariance of the mode about the best particle."""
         axis = self._model.axis
         best = poses[int(weights.log.argmax())]
+        poses = self._model.symmetry.folded(poses, best)
         mode = same_mode(poses, best, axis, _MODE_DISTANCE, _MODE_ANGLE)
         inside = Weights(weights.log[mode])
-        pose = mean_pose(poses[mode], inside, axis)
-        return pose, covariance(poses[mode], inside, pose, axis)
+        pose = self._representative(mean_pose(poses[mode], inside, axis))
+        ours = self._model.symmetry.folded(poses[mode], pose)
+        return pose, covariance(ours, inside, pose, axis)
+
+    def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the poses that discrete symmetries make of one (4, 4), the one that stands for all.
+
+        Of those with their origin in the region, if any have.
+        """
+        symmetry = self._model.symmetry
+        if len(symmetry.discrete) == 1:
+            return pose
+        alike = symmetry.alike(pose)
+        inside = self._region.contains(alike[:, :3, 3])
+        return symmetry.canonical(alike[inside] if inside.any() else alike)
 
     def _in_region(self, score: Score, outside: float) -> Score:
         """The score of poses whose origin lies in the region of interest: the prior is uniform."""
         def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.where(self._region.contains(poses[:, :3, 3]), score(poses), outside)
+            known = self._region.contains(poses[:, :3, 3])
+            values = np.full(len(poses), outside)
+            values[known] = score(poses[known])  # the rest need not be drawn
+            return values
         return inside
 
-    def _scene(self, volume: DepthLikelihoodVolume, window: Window) -> Scene:
+    def _scene(self, volume: Volume, window: Window) -> Scene:
         near, far = self._region.grown(self._model.radius)
         model, camera = self._model, volume.pinhole
         if window.scale > 1:
             model = simplified(model, _DETAIL * near / max(camera.fx, camera.fy))
         return Scene(model, camera, window, near, far)
 
-    def _check_range(self, volume: DepthLikelihoodVolume) -> None:
+    def _check_range(self, volume: Volume) -> None:
         far, near = volume.depths[0], volume.depths[-1]
         if far <= self._region.near or near >= self._region.far:
             raise LocalizationError(

@@ -1,9 +1,10 @@
-"""The object that is looked for: its mesh in metres, and which rotations leave it as it is."""
+"""The object that is looked for: its mesh in metres, and which motions leave it as it is."""
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import trimesh
@@ -13,11 +14,13 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.errors import ObjectModelError
+from pmcl_ros.pmcl.symmetry import Symmetry, generated
 from pmcl_ros.settings import Settings, read_yaml
 
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
 _MOST_FACES = 1_000_000
+_Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
 
 class _ContinuousSymmetry(Settings):
@@ -33,6 +36,10 @@ class ObjectSettings(Settings):
     symmetries_continuous: list[_ContinuousSymmetry] | None = Field(
         None, max_length=1, description='axis (in the mesh frame) about which any rotation leaves '
         'the object as it is; an empty list: none; left out: found from the mesh')
+    symmetries_discrete: list[_Matrix] = Field(
+        [], description='rigid motions in the mesh frame that leave the object as it is: 4x4 '
+        'matrices, each 16 numbers row by row, their translations in units of the mesh; those '
+        'that follow from them need not be given')
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +50,7 @@ class ObjectModel:
     axis: (3,) unit vector through the mesh's origin about which the object is rotationally
         symmetric, or None.
     closed: the mesh is watertight with outward faces.
+    discrete: (k, 4, 4) as of `Symmetry`.
     """
 
     name: str
@@ -50,6 +58,12 @@ class ObjectModel:
     faces: NDArray[np.int64]
     axis: NDArray[np.float64] | None
     closed: bool
+    discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+
+    @cached_property
+    def symmetry(self) -> Symmetry:
+        """All that leaves the object as it is."""
+        return Symmetry(self.axis, self.discrete)
 
     @property
     def radius(self) -> float:
@@ -93,7 +107,11 @@ class ObjectModel:
             axis = _found_axis(mesh)
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
-        return cls(name, vertices, faces, axis, bool(mesh.is_volume))
+        reach = float(np.linalg.norm(vertices, axis=1).max())
+        discrete = np.eye(4)[None] if settings is None else generated(
+            settings.symmetries_discrete, axis, settings.scale, reach, name)
+        _check_group(mesh, discrete, name)
+        return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete)
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:
@@ -130,17 +148,37 @@ def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[
     return axis / length
 
 
+def _check_group(mesh: trimesh.Trimesh, group: NDArray[np.float64], name: str) -> None:
+    """Warn if a declared group moves the surface: that may be meant, as with a small mark."""
+    if len(group) == 1:
+        return
+    points, surface, noise = _surface_of(mesh)
+    off = max(float(surface.query(points @ each[:3, :3].T + each[:3, 3])[0].max())
+              for each in group) - noise
+    extent = float(np.linalg.norm(mesh.extents))
+    _LOG.info('object %r: %d discrete symmetries, the identity among them', name, len(group))
+    if off > 0.02 * extent:
+        _LOG.warning('object %r: its declared discrete symmetries move its surface by up to '
+                     '%.1f mm; poses that far apart will not be told apart', name, 1e3 * off)
+
+
 def _found_axis(mesh: trimesh.Trimesh) -> NDArray[np.float64] | None:
     """The mesh axis (z, x or y) about which turning the surface leaves it as it is.
 
     Within 2 % of its diagonal.
     """
-    points = trimesh.sample.sample_surface(mesh, 4000, seed=0)[0]
-    surface = cKDTree(trimesh.sample.sample_surface(mesh, 20000, seed=1)[0])
-    tolerance = surface.query(points)[0].max() + 0.01 * float(np.linalg.norm(mesh.extents))
+    points, surface, noise = _surface_of(mesh)
+    tolerance = noise + 0.01 * float(np.linalg.norm(mesh.extents))
     for axis in (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0])):
         turned = (Rotation.from_rotvec(angle * axis).apply(points)
                   for angle in (0.5, 1.3, 2.1, 3.0))
         if all(surface.query(each)[0].max() < tolerance for each in turned):
             return axis
     return None
+
+
+def _surface_of(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], cKDTree, float]:
+    """Points (n, 3) of the surface, others to be the nearest of, and how near those are [m]."""
+    points = trimesh.sample.sample_surface(mesh, 4000, seed=0)[0]
+    surface = cKDTree(trimesh.sample.sample_surface(mesh, 20000, seed=1)[0])
+    return points, surface, float(surface.query(points)[0].max())

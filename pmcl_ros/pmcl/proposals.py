@@ -24,6 +24,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.summary import same_mode
+from pmcl_ros.pmcl.symmetry import Symmetry
 
 _CELL = 4  # image px: the step of places
 _BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
@@ -35,6 +36,7 @@ _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
 _TURNS = 72  # of it in the image: 5 degrees apart
 _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees apart
+_BORDER = 0.09  # half of that [rad]
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
 _TEMPLATE = 256  # px: side of a template's z-buffer
@@ -77,7 +79,7 @@ class Proposals:
 
     def __init__(self, renderer: Renderer, model: ObjectModel, region: Region) -> None:
         self._region = region
-        self._axis = model.axis
+        self._symmetry = model.symmetry
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
         self._turns = 2 * np.pi * np.arange(turns) / turns
         views = _viewing_rotations(model)
@@ -104,7 +106,7 @@ class Proposals:
         side, turn = np.divmod(template, len(self._turns))
         poses = _poses(pinhole, pixels, depths, self._templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
-        kept = _distinct(poses, count, self._axis)
+        kept = _distinct(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
 
     def _turned(self, pinhole: Pinhole) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
@@ -158,16 +160,39 @@ class Proposals:
 
 
 def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
-    """(n, 3, 3) rotations that show the object from every side, up to a turn in the image."""
+    """(n, 3, 3) rotations that show the object from every side, up to a turn in the image.
+
+    Of sides that are alike by a symmetry that keeps the origin in place, which is what the region
+    holds, one.
+    """
+    turns = model.symmetry.about_origin
     if model.axis is not None:
         upright = Rotation.align_vectors([[0, 0, 1.0]], model.axis[None])[0]
         tilts = np.linspace(0, np.pi, _TILTS)
+        if len(turns) > 1:  # it can only turn the axis round
+            tilts = tilts[:_TILTS // 2 + 1]
         return (Rotation.from_rotvec(tilts[:, None] * [0, 1.0, 0]) * upright).as_matrix()
     # A Fibonacci lattice on the sphere of lines of sight.
     k = np.arange(_SIDES) + 0.5
     polar, azimuth = np.arccos(1 - 2 * k / _SIDES), np.pi * (1 + 5 ** 0.5) * k
+    sides = np.stack([-np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth),
+                      np.cos(polar)], axis=-1)
+    first = _first_sides(sides, turns)
+    polar, azimuth = polar[first], azimuth[first]
     return (Rotation.from_rotvec(polar[:, None] * [0, 1.0, 0])
             * Rotation.from_rotvec(azimuth[:, None] * [0, 0, 1.0])).as_matrix()
+
+
+def _first_sides(sides: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n,) which of unit vectors (n, 3) are needed where rotations (m, 3, 3) make them alike.
+
+    Those nearer to some direction than to what the rotations make of it (a Dirichlet domain), and
+    as far beyond as the lattice is coarse.
+    """
+    middle = np.array([0.36, 0.48, 0.8])  # on no axis that meshes are likely to have
+    off = turns[1:] @ middle - middle
+    border = off / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9)
+    return np.asarray((sides @ border.T <= _BORDER).all(axis=1))
 
 
 def _templates(renderer: Renderer, model: ObjectModel, depth: float,
@@ -300,14 +325,14 @@ def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.flo
     return poses
 
 
-def _distinct(poses: NDArray[np.float64], count: int, axis: NDArray[np.float64] | None
-              ) -> list[int]:
+def _distinct(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:
     """Which poses (best first) to keep so that no two show the object alike, `count` at most."""
     free = np.ones(len(poses), bool)
     kept: list[int] = []
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
-        free &= ~same_mode(poses, poses[best], axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
+        folded = symmetry.folded(poses, poses[best])
+        free &= ~same_mode(folded, poses[best], symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
         free[best] = False
     return kept

@@ -5,6 +5,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.summary import same_mode
+from pmcl_ros.pmcl.symmetry import Symmetry
+
+_ALIKE_DISTANCE, _ALIKE_ANGLE = 0.01, 0.15  # m, rad: as the search's modes
 
 
 def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -12,7 +16,8 @@ def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]
 
     With an axis of symmetry: the object upside down, and both of these with the tilt of the axis
     towards the camera turned into one away from it. From afar their outlines are alike or nearly.
-    Without: half turns about the mesh's axes, and about the line of sight.
+    Without: half turns about the mesh's axes, and about the line of sight. What a discrete
+    symmetry makes of the pose, or of another rival, is none.
     """
     middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
     rotation = pose[:3, :3]
@@ -29,4 +34,16 @@ def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]
     result = np.tile(np.eye(4), (len(turned), 1, 1))
     result[:, :3, :3] = turned
     result[:, :3, 3] = centre - result[:, :3, :3] @ middle
-    return result
+    return _unlike(model.symmetry, pose, result)
+
+
+def _unlike(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.float64]
+            ) -> NDArray[np.float64]:
+    """Those of poses (n, 4, 4) that no discrete symmetry makes of `pose` or an earlier one."""
+    kept = [pose]
+    for each in found:
+        alike = symmetry.alike(each)[1:]
+        if not any(same_mode(alike, other, symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE).any()
+                   for other in kept):
+            kept.append(each)
+    return np.array(kept[1:]).reshape(-1, 4, 4)

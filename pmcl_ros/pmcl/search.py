@@ -149,7 +149,8 @@ class ContourSearch:
         """Which of poses (n, 4, 4), best first, are not of the mode of an earlier one."""
         kept: list[int] = []
         for k, pose in enumerate(poses):
-            if not same_mode(poses[kept], pose, self.model.axis, _ALIKE_DISTANCE,
+            earlier = self.model.symmetry.folded(poses[kept], pose)
+            if not same_mode(earlier, pose, self.model.axis, _ALIKE_DISTANCE,
                              _ALIKE_ANGLE).any():
                 kept.append(k)
         return kept

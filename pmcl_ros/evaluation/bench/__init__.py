@@ -1,5 +1,6 @@
 """Times of the stages, against the plain form run beside them in the same process."""
 
+from pmcl_ros.evaluation.bench.chain import ChainBench, bench_chain
 from pmcl_ros.evaluation.bench.decode import bench_decode
 from pmcl_ros.evaluation.bench.dlv import bench_dlv
 from pmcl_ros.evaluation.bench.driver import DriverBench, bench_driver
@@ -8,5 +9,6 @@ from pmcl_ros.evaluation.bench.pmcl import PmclBench, bench_pmcl
 from pmcl_ros.evaluation.bench.result import Bench
 from pmcl_ros.evaluation.bench.transport import TransportBench, bench_transport
 
-__all__ = ['Bench', 'DriverBench', 'GraphBench', 'PmclBench', 'TransportBench', 'bench_decode',
-           'bench_dlv', 'bench_driver', 'bench_graph', 'bench_pmcl', 'bench_transport']
+__all__ = ['Bench', 'ChainBench', 'DriverBench', 'GraphBench', 'PmclBench', 'TransportBench',
+           'bench_chain', 'bench_decode', 'bench_dlv', 'bench_driver', 'bench_graph', 'bench_pmcl',
+           'bench_transport']

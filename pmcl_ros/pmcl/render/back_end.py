@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.back_end import is_software
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
@@ -25,6 +26,11 @@ BackEnd = Literal['auto', 'gl', 'numba']
 class LikelihoodScore(Protocol):
     """The paper's score: the mean likelihood under the rendered pixels (section V)."""
 
+    @property
+    def evaluations(self) -> int:
+        """How many poses were drawn so far."""
+        ...
+
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4), object to camera; 0 for one that covers nothing."""
         ...
@@ -36,6 +42,11 @@ class LikelihoodScore(Protocol):
 
 class ContourScore(Protocol):
     """How well the contour of a pose lies on edges at its own depth (docs/method.md)."""
+
+    @property
+    def evaluations(self) -> int:
+        """How many poses were drawn so far."""
+        ...
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """(n,) sum of the evidence along the contours of poses (n, 4, 4) [nat]."""
@@ -79,8 +90,12 @@ class Renderer(Protocol):
         """
         ...
 
-    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume) -> LikelihoodScore:
-        """Of a volume; each pixel is read at its centre in the image, or just above and left."""
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
+                         ) -> LikelihoodScore:
+        """Of a volume; each pixel is read at its centre in the image, or just above and left.
+
+        One on a GPU is read where it is, by gl in the same context, else copied.
+        """
         ...
 
     def use(self) -> None:
@@ -92,15 +107,16 @@ class Renderer(Protocol):
         ...
 
 
-def make_renderer(wanted: BackEnd) -> Renderer:
+def make_renderer(wanted: BackEnd, likelihoods: bool = True) -> Renderer:
     """A renderer, for the calling thread; what numba has to compile for it is compiled.
 
+    likelihoods: will be scored too, not contours alone.
     Raises RenderError when 'gl' is wanted and there is none. With 'numba' OpenGL is not touched.
     """
     if choose(wanted) == 'gl':
         return GlRenderer()
     renderer = NumbaRenderer()
-    renderer.warm_up()
+    renderer.warm_up(likelihoods)
     return renderer
 
 

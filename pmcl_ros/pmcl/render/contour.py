@@ -103,7 +103,7 @@ def check_profile(profile: ContourProfile) -> None:
                           f'{MOST_OFFSETS} offsets at most and 2 to {MOST_KNOTS} knots')
 
 
-@compiled()
+@compiled(inlined=True)
 def find(box, keep, z, found):  # type: ignore[no-untyped-def]
     """Write the pairs of pixels on the contour to `found`; returns how many.
 
@@ -131,14 +131,14 @@ def find(box, keep, z, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@compiled()
+@compiled(inlined=True)
 def _across(a, b, keep):  # type: ignore[no-untyped-def]
     """Whether a contour runs between two pixels."""
     least, most = (a, b) if a < b else (b, a)
     return (least < most * keep) & (least >= 0)
 
 
-@compiled()
+@compiled(inlined=True)
 def normal(near, stride, keep, z):  # type: ignore[no-untyped-def]
     """The normal out of the surface at a pixel: unit x and y, or zeros where there is none.
 
@@ -165,7 +165,7 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
                   ).astype(np.float32)
 
 
-@compiled()
+@compiled(inlined=True)
 def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     """Edge energy across a normal, between pixels and labels; beyond the volume its end's."""
     height, width, labels, _ = tensor.shape
@@ -191,7 +191,7 @@ def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     return np.sqrt(max(square, np.float32(0)))
 
 
-@compiled()
+@compiled(inlined=True)
 def place(code, box, window, z):  # type: ignore[no-untyped-def]
     """Of a pair: its nearer pixel's index, x and y between the two in the image, its 1/z."""
     left, top, right, _ = box
@@ -207,7 +207,7 @@ def place(code, box, window, z):  # type: ignore[no-untyped-def]
     return near, np.float32(x), np.float32(y), z[near]
 
 
-@compiled()
+@compiled(inlined=True)
 def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
     """What an energy says [nat / px] by one offset's ramps."""
     total = np.float32(0)
@@ -216,7 +216,7 @@ def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled()
+@compiled(inlined=True)
 def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
     """Evidence and length [image px] of the contour in a z-buffer; found: room for its pairs."""
     tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep

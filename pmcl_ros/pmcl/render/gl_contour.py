@@ -162,6 +162,7 @@ class GlContourScore:
     def __init__(self, context: GlContext, scene: Scene, edges: EdgeVolume,
                  profile: ContourProfile, blur: float = 0.0, capacity: int = 96) -> None:
         check_profile(profile)
+        self.evaluations = 0
         self._scene, self._profile = scene, profile
         self._edges = Edges.of(scene, edges, profile, blur)
         self.zbuffers = ZBuffers(context, scene, capacity)
@@ -194,6 +195,7 @@ class GlContourScore:
 
     def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
+        self.evaluations += len(poses)
         capacity = self.zbuffers.capacity
         batches = [self._batch(poses[first:first + capacity])
                    for first in range(0, len(poses), capacity)]
@@ -201,6 +203,7 @@ class GlContourScore:
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
+        self.evaluations += 1
         self.zbuffers.draw(pose[None])
         z = np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
         window = self._scene.window

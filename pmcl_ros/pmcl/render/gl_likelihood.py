@@ -72,6 +72,7 @@ class GlLikelihoodScore:
     def __init__(self, context: GlContext, scene: Scene,
                  volume: DepthLikelihoodVolume | GlVolume, capacity: int = 96) -> None:
         context.use()
+        self.evaluations = 0
         self._likelihood = _resident(context, volume)
         self._owned = not isinstance(volume, GlVolume)
         self.zbuffers = ZBuffers(context, scene, capacity)
@@ -88,6 +89,7 @@ class GlLikelihoodScore:
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `LikelihoodScore`."""
+        self.evaluations += len(poses)
         capacity = self.zbuffers.capacity
         batches = [self._batch(poses[first:first + capacity])
                    for first in range(0, len(poses), capacity)]

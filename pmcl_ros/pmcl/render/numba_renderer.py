@@ -9,6 +9,7 @@ from numba import prange
 from numba.np.ufunc import parallel
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.header import Header
 from pmcl_ros.kernels import LOCK, compiled
@@ -40,13 +41,16 @@ class NumbaRenderer:
         """See `Renderer`."""
         return NumbaContourScore(scene, edges, profile, blur)
 
-    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
                          ) -> 'NumbaLikelihoodScore':
         """See `Renderer`."""
         return NumbaLikelihoodScore(scene, volume)
 
-    def warm_up(self) -> None:
-        """Compile, or load from numba's cache, all that scoring needs."""
+    def warm_up(self, likelihoods: bool = True) -> None:
+        """Compile, or load from numba's cache, all that scoring needs.
+
+        likelihoods: those too, not contours alone.
+        """
         corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
         camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
         scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
@@ -56,7 +60,8 @@ class NumbaRenderer:
         volume = DepthLikelihoodVolume(Header(), np.zeros((8, 8, 2), np.float32), depths, camera)
         pose = np.eye(4)
         self.depths(scene, pose[None])
-        self.likelihood_score(scene, volume)(pose[None])
+        if likelihoods:
+            self.likelihood_score(scene, volume)(pose[None])
         score = self.contour_score(scene, edges, ContourProfile.contrast())
         score(pose[None])
         score.points(pose)
@@ -75,6 +80,7 @@ class NumbaContourScore:
                  blur: float = 0.0) -> None:
         check_profile(profile)
         self._scene, self._profile = scene, profile
+        self.evaluations = 0
         self._drawing = Drawing.of(scene)
         self._edges = Edges.of(scene, edges, profile, blur)
         self._room = _room(self._drawing)
@@ -86,6 +92,7 @@ class NumbaContourScore:
 
     def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
+        self.evaluations += len(poses)
         result = np.zeros((len(poses), 2))
         with LOCK:
             _contours(self._drawing, _float32(poses), self._room, self._edges, self._found, result)
@@ -93,6 +100,7 @@ class NumbaContourScore:
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
+        self.evaluations += 1
         with LOCK:
             z = self._room.z[0]
             box = draw(self._drawing, _float32(pose), self._room.corners[0],
@@ -111,15 +119,19 @@ class NumbaContourScore:
 class NumbaLikelihoodScore:
     """See `LikelihoodScore`."""
 
-    def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
+    def __init__(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume) -> None:
+        self.evaluations = 0
         self._drawing = Drawing.of(scene)
         self._room = _room(self._drawing)
+        if isinstance(volume, GlVolume):
+            volume = volume.read()
         self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
         self._labels = label_scale(volume.depths)
         self._window = (scene.window.left, scene.window.top, scene.window.scale)
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `LikelihoodScore`."""
+        self.evaluations += len(poses)
         result = np.zeros(len(poses))
         with LOCK:
             _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
@@ -177,7 +189,7 @@ def _likelihoods(drawing, poses, room, volume, left, top, scale,  # type: ignore
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)
 
 
-@compiled()
+@compiled(inlined=True)
 def _mean(box, z, volume, left, top, scale, farthest, per_closeness):  # type: ignore[no-untyped-def]
     """The mean likelihood of covered pixels, between labels; beyond the labels it is zero."""
     height, width, labels = volume.shape

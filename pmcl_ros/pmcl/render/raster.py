@@ -156,7 +156,7 @@ def _usual(corner, inverse, width, height, guard):  # type: ignore[no-untyped-de
             and -guard < corner[1] < 256 * height + guard)
 
 
-@compiled()
+@compiled(inlined=True)
 def _project(vertices, pose, camera, near, corners, exact):  # type: ignore[no-untyped-def]
     """Project into the window, from its own corner (`Room`)."""
     fx, fy, cx, cy = camera
@@ -220,7 +220,7 @@ def _fill(corners, exact, a, b, c, closed, window, stride, z):  # type: ignore[n
         w += gy
 
 
-@compiled()
+@compiled(inlined=True)
 def _plane(corners, exact, a, b, c, left, top):  # type: ignore[no-untyped-def]
     """1/z at the centre of a pixel, and its steps to the right and down.
 

@@ -1,0 +1,51 @@
+"""`pmcl localize --set ...`, in this process: the volume on the GPU is the one in memory."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from tiny_capture import QUICK, write_capture
+
+from pmcl_ros.cli.localize import localize
+from pmcl_ros.evaluation.truth import Truth
+
+
+@pytest.fixture(scope='module')
+def capture(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('tiny') / 'glass'
+    write_capture(folder, seed=1)
+    return folder
+
+
+def run(capture, *more):
+    truth = Truth.load(capture / 'truth.json')
+    numbers = map(str, [*truth.roi_center, *truth.roi_size])
+    return CliRunner().invoke(localize, [
+        str(capture / 'views.npz'), '--object', str(capture / 'model.obj'), '--roi', *numbers,
+        '--json', *map(str, more)], catch_exceptions=False)
+
+
+def test_a_volume_on_the_gpu_gives_the_same_pose_and_pictures(capture, tmp_path):
+    found, depths = [], []
+    for back_end in ('gl', 'numba'):
+        out = tmp_path / back_end
+        done = run(capture, '--set', f'{QUICK},renderer=gl,back_end={back_end}', '--out', out)
+        assert done.exit_code == 0
+        found.append(json.loads(done.stdout))
+        depths.append((out / 'depth.png').read_bytes())
+    first, second = found
+    # The search looks at the edges, which are the same; the volume is drawn.
+    assert first['position'] == second['position']
+    assert first['orientation_xyzw'] == second['orientation_xyzw']
+    assert len(depths[0]) == pytest.approx(len(depths[1]), rel=0.05)
+    truth = Truth.load(capture / 'truth.json').pose
+    assert np.linalg.norm(np.subtract(first['position'], truth[:3, 3])) < 0.03
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ('row=faithful', 'there are no rows here; say --mode')])
+def test_rows_are_no_parameters_here(capture, changes, message):
+    done = run(capture, '--set', changes)
+    assert done.exit_code == 2
+    assert message in done.output

@@ -1,0 +1,49 @@
+"""The same seed gives the same pose bit for bit: in any process, whatever was compiled before."""
+
+import os
+import subprocess
+import sys
+
+_PROGRAM = """
+import sys
+import numba, numpy as np
+from pmcl_ros.evaluation.bench import pmcl as bench
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+numba.set_num_threads(min(int(sys.argv[1]), numba.config.NUMBA_NUM_THREADS))
+renderer, model, region = NumbaRenderer(), bench._vessel(), Region(bench._PLACE, (0.16,) * 3)
+scene = Scene(model, bench._CAMERA, region.window(bench._CAMERA, model.radius),
+              *region.grown(model.radius))
+poses = bench._poses(20)
+edges = bench._edges(renderer, scene, poses[0])
+noise = np.random.default_rng(0).random((328, 328, 24), np.float32)
+volume = DepthLikelihoodVolume(edges.header, noise, edges.depths, edges.pinhole)
+results = [renderer.depths(scene, poses)]
+with renderer.contour_score(scene, edges, ContourProfile.learned()) as score:
+    points = score.points(poses[1])
+    results += [score.evaluate(poses), points.pixels, points.normals, points.energies]
+with renderer.likelihood_score(scene, volume) as score:
+    results.append(score(poses))
+sys.stdout.buffer.write(b''.join(np.ascontiguousarray(each).tobytes() for each in results))
+"""
+
+
+def run(cache, threads):
+    """The bytes of all scores, and what lies in the cache afterwards."""
+    environment = os.environ | {'NUMBA_CACHE_DIR': str(cache), 'NUMBA_NUM_THREADS': str(threads)}
+    found = subprocess.run([sys.executable, '-c', _PROGRAM, str(threads)], env=environment,
+                           capture_output=True, check=True)
+    return found.stdout, {path.name: path.stat().st_mtime_ns for path in cache.rglob('*.nbc')}
+
+
+def test_scores_are_the_same_compiled_or_from_the_cache_and_by_any_number_of_threads(tmp_path):
+    # Helpers once had copies that summed in other orders; what ran depended on the cache.
+    compiled, files = run(tmp_path, 2)
+    assert files
+    cached, later = run(tmp_path, 1)
+    assert later == files  # nothing was compiled again
+    assert len(compiled) > 10 ** 6
+    assert cached == compiled
