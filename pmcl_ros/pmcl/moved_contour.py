@@ -39,9 +39,9 @@ class MovedContour:
         wanted = (np.arange(count) + 0.5) / count * total
         chosen = np.unique(np.minimum(np.searchsorted(reached, wanted), len(reached) - 1))
         pixels, depths = contour.pixels[chosen], contour.depths[chosen]
-        places = (_placed(each, depths, pinhole) for each in
-                  (pixels, pixels + contour.normals[chosen]))
-        return cls(pose, *places, np.full(len(chosen), total / max(len(chosen), 1)))
+        tips = pixels + contour.normals[chosen]
+        return cls(pose, _placed(pixels, depths, pinhole), _placed(tips, depths, pinhole),
+                   np.full(len(chosen), total / max(len(chosen), 1)))
 
     def evidence(self, poses: NDArray[np.float64], edges: EdgeVolume, profile: ContourProfile
                  ) -> NDArray[np.float64]:

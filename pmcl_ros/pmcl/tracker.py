@@ -24,8 +24,8 @@ PREDICTED = 'predicted'  # an estimate's mode, beside those of `Localizer`
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are of another mode
 # Of the contour's support: captures that it is remembered of, and that say enough; its least
 # standard deviation [nat / px], and how many of these below its mean nobody believes it.
-_REMEMBERED, _ENOUGH = 30, 5
-_LEAST_SCATTER, _UNLIKELY = 0.3, 3.0
+_REMEMBERED, _ENOUGH = 30, 10
+_LEAST_SCATTER, _UNLIKELY = 0.5, 3.0
 
 
 class Tracker:
@@ -43,7 +43,7 @@ class Tracker:
     def __init__(self, localizer: Localizer, model: ObjectModel, settings: TrackingSettings
                  ) -> None:
         self._localizer, self._axis, self._settings = localizer, model.axis, settings
-        self._action = None if settings.tracking == 'off' else ActionModel(
+        self._action = None if settings.tracking == 'none' else ActionModel(
             settings.tracking, settings.track_sigma_translation, settings.track_sigma_rotation,
             settings.track_period)
         self._region = Region(settings.roi_center, settings.roi_size)
@@ -67,6 +67,8 @@ class Tracker:
         'predicted', where the object is lost and the pose is only where it should be by now.
         Raises what `Localizer.localize` raises; the track goes on with the next capture then.
         """
+        if self._action is None:
+            return self._localizer.localize(volume, rng, progress)
         expected = self._expected(volume.header.stamp_ns, camera, rng)
         estimate = None
         if expected is not None:

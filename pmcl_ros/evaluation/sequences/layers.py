@@ -112,11 +112,11 @@ class Solid:
                               (around * SIZE).astype(np.int64) % SIZE]
         outwards = own[:, :2] / np.maximum(np.hypot(own[:, 0], own[:, 1]), 1e-6)[:, None]
         facing = outwards @ (pose[:3, :3].T @ light)[:2].astype(np.float32)
-        opacity = self.opacity
+        opacity = np.full(len(z), self.opacity, np.float32)
         if self.rim > self.opacity:
             inside = cv2.distanceTransform((depth > 0).astype(np.uint8), cv2.DIST_L2, 3)[y, x]
             inside *= np.float32(pose[2, 3] / camera.fx / self.width)
-            opacity = self.opacity + (self.rim - self.opacity) * np.exp(-inside)
+            opacity += (self.rim - self.opacity) * np.exp(-inside)
         shade = 0.65 + 0.35 * facing
         picture[y, x, :3] = colour * (shade * opacity)[:, None]
         picture[y, x, 3] = opacity
