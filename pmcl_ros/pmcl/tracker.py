@@ -35,7 +35,7 @@ class Tracker:
     it; the new posterior is that prior times the evidence. Where that finds nothing the whole
     region is searched, as a capture by itself is. So a capture takes no longer than both. Where
     that finds nothing either the object is lost: then the prediction goes on, ever wider, until it
-    says less than the region does.
+    says less than the region does, and the whole region is searched first.
 
     localizer: of the same model and settings; whoever made it closes it.
     """
@@ -70,13 +70,7 @@ class Tracker:
         if self._action is None:
             return self._localizer.localize(volume, rng, progress)
         expected = self._expected(volume.header.stamp_ns, camera, rng)
-        estimate = None
-        if expected is not None:
-            settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
-            estimate = self._localizer.follow(volume, prior, rng, settings.track_particles,
-                                              settings.track_candidates)
-        if estimate is None or not self._believed(estimate):
-            estimate = self._localizer.localize(volume, rng, progress)
+        estimate = self._looked(volume, expected, rng, progress)
         if not self._believed(estimate):
             estimate = replace(estimate, lost=True)
         was_seen, self._seen = self._seen, not estimate.lost
@@ -93,6 +87,25 @@ class Tracker:
         if expected is None:
             self._supports.clear()
         return estimate if expected is None else self._predicted(estimate, expected)
+
+    def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
+                rng: np.random.Generator, progress: Progress | None) -> PoseEstimate:
+        """What the likelier way finds, or else the other, if there is one."""
+        def search() -> PoseEstimate:
+            return self._localizer.localize(volume, rng, progress)
+
+        if expected is None:
+            return search()
+        settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
+
+        def follow() -> PoseEstimate:
+            return self._localizer.follow(volume, prior, rng, settings.track_particles,
+                                          settings.track_candidates)
+
+        # A prediction of long ago is wide: it holds other things that look like the object.
+        first, second = (follow, search) if self._seen else (search, follow)
+        estimate = first()
+        return estimate if self._believed(estimate) else second()
 
     def _believed(self, estimate: PoseEstimate) -> bool:
         """Whether the object is there, as well supported as it has been.

@@ -13,10 +13,10 @@ class TrackingSettings(PmclSettings):
     """DepthLikelihoodVolume after DepthLikelihoodVolume -> PoseEstimate after PoseEstimate."""
 
     tracking: Tracking = Field(
-        'none', description='none: every capture is searched by itself. Else the search starts from '
-        'where the object was, moved as it is said to move: constant_pose, it rests before the '
-        'camera; constant_velocity, it goes on as between the last two captures; camera, it rests '
-        'in the fixed frame, and the camera moves')
+        'none', description='none: every capture is searched by itself. Else the search starts '
+        'from where the object was, moved as it is said to move: constant_pose, it rests before '
+        'the camera; constant_velocity, it goes on as between the last two captures; camera, it '
+        'rests in the fixed frame, and the camera moves')
     track_sigma_translation: float = Field(
         0.01, gt=0, le=1, description='tracking: standard deviation of what the motion model '
         'leaves open after track_period, along x, y, z; grows as the square root of time [m]')
