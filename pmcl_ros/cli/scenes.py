@@ -65,6 +65,8 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
 @click.option('--frames', type=click.IntRange(1), default=_SEQUENCE['frames'].default,
               show_default=True, help=_SEQUENCE['frames'].description)
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--occluded', type=click.IntRange(0), show_default=True,
+              default=_SEQUENCE['occluded'].default, help=_SEQUENCE['occluded'].description)
 @click.option('--kind', type=click.Choice(['opaque', 'translucent', 'film']),
               help=_SEQUENCE['kinds'].description)
 @click.option('--object-speed', type=click.FloatRange(0), show_default=True,
@@ -79,14 +81,14 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
               show_default=True, help=_SEQUENCE['size'].description)
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; it gets bag/, model.obj '
               'and truth.json.')
-def sequence(frames: int, seed: int, kind: str | None, object_speed: float, camera_speed: float,
-             views: int, size: int, out: Path) -> None:
+def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_speed: float,
+             camera_speed: float, views: int, size: int, out: Path) -> None:
     """Write a bag of a moving object before a moving camera, with the truth of every frame.
 
     Its views are those of textured layers; `pmcl_replay OUT/bag` plays them to dlv_node.
     """
-    values = {'frames': frames, 'object_speed': object_speed, 'camera_speed': camera_speed,
-              'views': views, 'size': size} | ({'kinds': [kind]} if kind else {})
+    values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
+              'camera_speed': camera_speed, 'views': views, 'size': size} | ({'kinds': [kind]} if kind else {})
     made = Sequence(seed, SequenceSettings.make(values, 'pmcl scenes sequence'))
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:

@@ -27,6 +27,8 @@ _FIELDS = SequenceSettings.model_fields
               help='Localise each N-th frame by itself too; 0: none.')
 @click.option('--frames', type=click.IntRange(1), default=_FIELDS['frames'].default,
               show_default=True, help=_FIELDS['frames'].description)
+@click.option('--occluded', type=click.IntRange(0), show_default=True,
+              default=_FIELDS['occluded'].default, help=_FIELDS['occluded'].description)
 @click.option('--size', type=click.IntRange(32), default=_FIELDS['size'].default,
               show_default=True, help=_FIELDS['size'].description)
 @click.option('--object-speed', type=click.FloatRange(0), show_default=True,
@@ -35,14 +37,14 @@ _FIELDS = SequenceSettings.model_fields
               default=_FIELDS['camera_speed'].default, help=_FIELDS['camera_speed'].description)
 @click.option('--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of the '
               'errors over frames for each sequence.')
-def track(count: int, seed: int, model: str, every: int, frames: int, size: int,
-          object_speed: float, camera_speed: float, out: Path | None) -> None:
+def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
+          size: int, object_speed: float, camera_speed: float, out: Path | None) -> None:
     """Track an object through made-up sequences (`pmcl scenes sequence`), and tell errors.
 
     Errors, shares and times of single shots are of the frames that were localised both ways.
     """
     settings = SequenceSettings.make(
-        {'frames': frames, 'size': size, 'object_speed': object_speed,
+        {'frames': frames, 'occluded': occluded, 'size': size, 'object_speed': object_speed,
          'camera_speed': camera_speed}, 'pmcl track')
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)

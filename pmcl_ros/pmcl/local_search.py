@@ -1,7 +1,7 @@
 """The search of tracking: around where the object is expected, and nowhere else."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ class LocalSearch:
             return None
         axis = self.search.model.axis
         scale = modes[0].local.scale
-        starts = [_product(prior, mode, axis) for mode in modes]
+        starts = [self._begun(prior, mode) for mode in modes]
         slides = [self.search.near(mode.pose) for mode in modes]
 
         def before(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -75,6 +75,14 @@ class LocalSearch:
         poses, values, own = sample_posterior([rough, exact], starts, axis, self.particles,
                                               _MOVES, rng, lambda _: True)
         return Posterior(tuple(modes), poses, values, own)
+
+    def _begun(self, prior: Gaussian, mode: Mode) -> Gaussian:
+        """Where particles of a mode begin: about its product with the prior, or itself.
+
+        A prior that reaches beyond the region may have its share of the product there.
+        """
+        both = _product(prior, mode, self.search.model.axis)
+        return both if self.search.inside(both.pose[None])[0] else replace(both, pose=mode.pose)
 
     def _found(self, prior: Gaussian, rng: np.random.Generator) -> NDArray[np.float64] | None:
         """(k, 4, 4) the best poses around the prior's, best first."""

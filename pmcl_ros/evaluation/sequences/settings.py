@@ -2,7 +2,7 @@
 
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.settings import Settings
 
@@ -42,3 +42,10 @@ class SequenceSettings(Settings):
         if value % 2 == 0:
             raise ValueError('must be odd, to have a centre')
         return value
+
+    @model_validator(mode='after')
+    def _seen_at_all(self) -> 'SequenceSettings':
+        if self.occluded and self.occluded + 2 > self.frames:
+            raise ValueError(f'{self.occluded} hidden frames leave none before and after them of '
+                             f'{self.frames}: set occluded to {max(self.frames - 2, 0)} at most')
+        return self
