@@ -88,7 +88,8 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
     Its views are those of textured layers; `pmcl_replay OUT/bag` plays them to dlv_node.
     """
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
-              'camera_speed': camera_speed, 'views': views, 'size': size} | ({'kinds': [kind]} if kind else {})
+              'camera_speed': camera_speed, 'views': views, 'size': size}
+    values |= {'kinds': [kind]} if kind else {}
     made = Sequence(seed, SequenceSettings.make(values, 'pmcl scenes sequence'))
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:

@@ -64,9 +64,8 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
             rows.append(row(name, played))
             found.append(recovery(played))
             all_frames += played
-            if out is not None:
+            text = f'{table([*rows, row("all", all_frames)])}\n\n{recoveries(found)}'
+            if out is not None:  # at once: a sequence takes minutes
                 write_png(out / f'track_{number:03d}.png', picture(name, played))
-    text = f'{table([*rows, row("all", all_frames)])}\n\n{recoveries(found)}'
+                (out / 'track.md').write_text(text + '\n')
     click.echo(text)
-    if out is not None:
-        (out / 'track.md').write_text(text + '\n')

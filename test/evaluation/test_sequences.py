@@ -141,8 +141,8 @@ def test_a_bag_holds_all_frames_and_the_truth_is_beside_it(tmp_path, sequence):
 
 def test_the_command_writes_one(tmp_path):
     done = CliRunner().invoke(main, [
-        'scenes', 'sequence', '--frames', '2', '--occluded', '0', '--size', '48', '--kind', 'film', '--seed', '3',
-        '-o', str(tmp_path / 'made')])
+        'scenes', 'sequence', '--frames', '2', '--occluded', '0', '--size', '48',
+        '--kind', 'film', '--seed', '3', '-o', str(tmp_path / 'made')])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / 'made' / 'truth.json').read_text())['kind'] == 'film'
 

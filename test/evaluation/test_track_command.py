@@ -67,7 +67,7 @@ def test_a_sequence_is_tracked_beside_single_shots():
     told = []
     frames = play(sequence, 'constant_pose', 3, told=told.append)
     assert told == frames
-    assert [each.single is not None for each in frames] == [True, False, False] + [True, False]
+    assert [each.single is not None for each in frames] == [True, False, False, True, False]
     assert [each.occluded for each in frames] == [False, False, True, False, False]
     assert frames[1].tracked.way == 'followed'
     assert frames[1].tracked.right
@@ -75,7 +75,8 @@ def test_a_sequence_is_tracked_beside_single_shots():
 
 def test_the_command_prints_and_writes_what_was_found(tmp_path):
     done = CliRunner().invoke(main, ['track', '--count', '1', '--frames', '3', '--occluded', '0',
-                                     '--size', '96', '--every', '3', '--out', str(tmp_path / 'out')])
+                                     '--size', '96', '--every', '3', '--out',
+                                     str(tmp_path / 'out')])
     assert done.exit_code == 0, done.output
     assert (tmp_path / 'out' / 'track.md').read_text() in done.output
     assert (tmp_path / 'out' / 'track_000.png').stat().st_size > 1000
