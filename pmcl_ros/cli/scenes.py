@@ -89,8 +89,8 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
     """
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
               'camera_speed': camera_speed, 'views': views, 'size': size}
-    values |= {'kinds': [kind]} if kind else {}
-    made = Sequence(seed, SequenceSettings.make(values, 'pmcl scenes sequence'))
+    kinds = {'kinds': [kind]} if kind else {}
+    made = Sequence(seed, SequenceSettings.make(values | kinds, 'pmcl scenes sequence'))
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:
         task = bar.add_task(made.kind, total=len(made))
