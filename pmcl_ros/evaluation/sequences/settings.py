@@ -28,7 +28,7 @@ class SequenceSettings(Settings):
                           'before the camera hides all [frames]')
     views: int = Field(3, ge=3, le=9, description='side of the square of views, odd [views]; they '
                        'span what the inner 7x7 of an F01 do')
-    size: int = Field(224, ge=32, le=2000, description='side of a view [px]')
+    size: int = Field(256, ge=32, le=2000, description='side of a view [px]')
     field: float = Field(0.36, gt=0.1, le=1.5,
                          description="field of view: the image's side over the focal length [1]")
     distance: float = Field(0.6, ge=0.3, le=5,
