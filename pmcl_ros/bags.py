@@ -28,6 +28,7 @@ from rosbags.rosbag2 import (
     WriterError,
 )
 from rosbags.typesys import Stores, get_typestore
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
@@ -192,6 +193,18 @@ def light_field_messages(light_field: LightField) -> list[Recorded]:
                       header),
             _recorded('/views/pupil', _image(header, '32FC3', light), header),
             _recorded('/views', _image(header, 'rgb16', _mosaic(light_field)), header)]
+
+
+def pose_message(topic: str, header: Header, pose: NDArray[np.float64]) -> Recorded:
+    """A PoseStamped of a pose (4, 4), told in the header's frame."""
+    types = _TYPES.types
+    x, y, z = (float(each) for each in pose[:3, 3])
+    a, b, c, w = (float(each) for each in Rotation.from_matrix(pose[:3, :3]).as_quat())
+    inner = types['geometry_msgs/msg/Pose'](
+        position=types['geometry_msgs/msg/Point'](x=x, y=y, z=z),
+        orientation=types['geometry_msgs/msg/Quaternion'](x=a, y=b, z=c, w=w))
+    return _recorded(topic, types['geometry_msgs/msg/PoseStamped'](header=_header(header),
+                                                                   pose=inner), header)
 
 
 def _recorded(topic: str, message: Any, header: Header, qos: Qos = VOLATILE) -> Recorded:

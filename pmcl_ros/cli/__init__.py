@@ -22,6 +22,7 @@ from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
 from pmcl_ros.cli.report import report
 from pmcl_ros.cli.scenes import scenes
+from pmcl_ros.cli.track import track
 
 
 @click.group(cls=Commands)
@@ -34,5 +35,6 @@ def main(verbose: bool) -> None:
 
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
-                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn, report):
+                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn, report,
+                 track):
     main.add_command(_command)

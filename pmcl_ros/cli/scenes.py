@@ -11,6 +11,11 @@ from pmcl_ros.evaluation.scenes.files import write_capture
 from pmcl_ros.evaluation.scenes.random_scene import random_scene
 from pmcl_ros.evaluation.scenes.render import render
 from pmcl_ros.evaluation.scenes.settings import KINDS, SceneSettings
+from pmcl_ros.evaluation.sequences.files import write_sequence
+from pmcl_ros.evaluation.sequences.sequence import Sequence
+from pmcl_ros.evaluation.sequences.settings import SequenceSettings
+
+_SEQUENCE = SequenceSettings.model_fields
 
 
 @click.group()
@@ -54,3 +59,40 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
             capture = render(scene, rng, samples, show)
             write_capture(out / f'{seed + number:06d}', scene, capture, seed + number)
             click.echo(f'{out / f"{seed + number:06d}"}: {scene.name}')
+
+
+@scenes.command('sequence')
+@click.option('--frames', type=click.IntRange(1), default=_SEQUENCE['frames'].default,
+              show_default=True, help=_SEQUENCE['frames'].description)
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--occluded', type=click.IntRange(0), show_default=True,
+              default=_SEQUENCE['occluded'].default, help=_SEQUENCE['occluded'].description)
+@click.option('--kind', type=click.Choice(['opaque', 'translucent', 'film']),
+              help=_SEQUENCE['kinds'].description)
+@click.option('--object-speed', type=click.FloatRange(0), show_default=True,
+              default=_SEQUENCE['object_speed'].default,
+              help=_SEQUENCE['object_speed'].description)
+@click.option('--camera-speed', type=click.FloatRange(0), show_default=True,
+              default=_SEQUENCE['camera_speed'].default,
+              help=_SEQUENCE['camera_speed'].description)
+@click.option('--views', type=click.IntRange(3), default=_SEQUENCE['views'].default,
+              show_default=True, help=_SEQUENCE['views'].description)
+@click.option('--size', type=click.IntRange(32), default=_SEQUENCE['size'].default,
+              show_default=True, help=_SEQUENCE['size'].description)
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; it gets bag/, model.obj '
+              'and truth.json.')
+def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_speed: float,
+             camera_speed: float, views: int, size: int, out: Path) -> None:
+    """Write a bag of a moving object before a moving camera, with the truth of every frame.
+
+    Its views are those of textured layers; `pmcl_replay OUT/bag` plays them to dlv_node.
+    """
+    values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
+              'camera_speed': camera_speed, 'views': views, 'size': size}
+    kinds = {'kinds': [kind]} if kind else {}
+    made = Sequence(seed, SequenceSettings.make(values | kinds, 'pmcl scenes sequence'))
+    with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
+                  transient=True) as bar:
+        task = bar.add_task(made.kind, total=len(made))
+        write_sequence(out, made, lambda done: bar.update(task, completed=done))
+    click.echo(f'{out}: {made.kind}, {made.model.name}')

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 # Told apart by colour-blind eyes too (Okabe and Ito).
 _COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
 _NEUTRAL = '#555555'
-_SIZE = (4.4, 3.3)  # inches of a chart
+_WIDTH, _HEIGHT = 4.4, 3.3  # inches of a chart
 _DPI = 100
 
 
@@ -39,10 +39,13 @@ class Chart:
     y_range: tuple[float, float] = field(default=(0, 100))
 
 
-def figure(charts: Sequence[Sequence[Chart]]) -> Figure:
-    """Rows of charts; a legend beside the last of those that tell the same lines."""
+def figure(charts: Sequence[Sequence[Chart]], width: float = _WIDTH) -> Figure:
+    """Rows of charts; a legend beside the last of those that tell the same lines.
+
+    width: of each [inches], of a hundred pixels each.
+    """
     columns = max(len(row) for row in charts)
-    drawn = Figure((_SIZE[0] * columns + 1.2, _SIZE[1] * len(charts)), _DPI, layout='constrained')
+    drawn = Figure((width * columns + 1.2, _HEIGHT * len(charts)), _DPI, layout='constrained')
     grid = drawn.subplots(len(charts), columns, squeeze=False)
     for row, places in zip(charts, grid, strict=True):
         for number, place in enumerate(places):
@@ -64,9 +67,9 @@ def picture(drawn: Figure) -> NDArray[np.uint8]:
     return np.frombuffer(buffer.getvalue(), np.uint8).reshape(height, width, 4)[..., :3].copy()
 
 
-def draw(charts: Sequence[Sequence[Chart]]) -> NDArray[np.uint8]:
+def draw(charts: Sequence[Sequence[Chart]], width: float = _WIDTH) -> NDArray[np.uint8]:
     """Rows of charts as a picture."""
-    return picture(figure(charts))
+    return picture(figure(charts, width))
 
 
 def _draw(axes: Axes, chart: Chart) -> None:

@@ -1,18 +1,17 @@
 """The object's frame on /tf, for those who want it there: needs tf2_ros of a full ROS."""
 
-from typing import Any
-
 from pydantic import Field
 
 from pmcl_ros import conversions
 from pmcl_ros.errors import SettingsError
+from pmcl_ros.nodes.arms import tf2
 from pmcl_ros.nodes.base import StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.tracking_settings import TrackingSettings
 
 
-class PmclNodeSettings(PmclSettings):
-    """The search's, and what is said of its result on /tf."""
+class PmclNodeSettings(TrackingSettings):
+    """The search and the tracking, and what is said of its result on /tf."""
 
     broadcast_tf: bool = Field(
         False, description="tell /tf the frame of the object, as a child of the camera's, for "
@@ -28,21 +27,16 @@ class ObjectFrame:
 
     def __init__(self, node: StageNode, name: str) -> None:
         self._name = name
-        broadcaster = _tf2().TransformBroadcaster(node)
+        module = tf2()
+        if module is None:
+            raise SettingsError(
+                "parameter 'broadcast_tf' is true, but tf2_ros cannot be imported: it is part of a "
+                'full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), or set '
+                'broadcast_tf to false and use the topic pose')
+        broadcaster = module.TransformBroadcaster(node)
         node.configured.callback(node.destroy_publisher, broadcaster.pub_tf)
         self._send = broadcaster.sendTransform
 
     def tell(self, estimate: PoseEstimate) -> None:
         """The object is here, at the capture's time; nothing is told of a lost one."""
         self._send(conversions.estimate_to_transform(estimate, self._name))
-
-
-def _tf2() -> Any:
-    try:
-        import tf2_ros
-    except ImportError as error:
-        raise SettingsError(
-            f"parameter 'broadcast_tf' is true, but tf2_ros cannot be imported ({error}): it is "
-            'part of a full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), '
-            'or set broadcast_tf to false and use the topic pose') from None
-    return tf2_ros

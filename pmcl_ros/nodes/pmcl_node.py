@@ -8,6 +8,7 @@ from typing import TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
@@ -19,6 +20,7 @@ from pmcl_ros.evaluation.pictures import overlay
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.awaited import Awaited
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.camera_poses import camera_poses_of
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.running import run
@@ -27,6 +29,7 @@ from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.tracker import PREDICTED, Tracker
 from pmcl_ros.resources import resolve
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
@@ -42,7 +45,8 @@ class PmclNode(StageNode):
     """Publishes the pose of the object in each capture once, or says that it is lost.
 
     A search takes seconds: it runs on a thread of its own, which owns the GL context, so that the
-    node answers meanwhile. One volume may wait, the newest.
+    node answers meanwhile. One volume may wait, the newest. With `tracking` each search starts
+    from the last pose found.
     """
 
     name = 'pmcl_node'
@@ -56,6 +60,8 @@ class PmclNode(StageNode):
                        if settings.broadcast_tf else None)
         self._worker = Worker(partial(Localizer, self._model, settings))
         self.configured.callback(self._worker.close)
+        self._tracker = Tracker(self._worker.owned, self._model, settings)
+        self._camera_poses = camera_poses_of(self, settings)
         self.health.back_end = self._worker.owned.renderer
         self.get_logger().info(f'looks for {self._model.name} with {self.health.back_end}')
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
@@ -71,6 +77,8 @@ class PmclNode(StageNode):
         self._worker.resume()
         self.active.callback(self._take_markers_away)
         self.active.callback(self._stop)
+        if self._camera_poses is not None:
+            self._camera_poses.start()
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
@@ -84,6 +92,7 @@ class PmclNode(StageNode):
         self.serve('~/reset', self._reset)
 
     def _forget(self) -> None:
+        self._tracker.reset()
         self._random = np.random.default_rng(self._settings.seed)
         self._last: DepthLikelihoodVolume | None = None
         self._pictures: dict[int, Image] = {}
@@ -167,14 +176,24 @@ class PmclNode(StageNode):
             self.dropped(f'capture {replaced.args[0].header.stamp_ns}: a newer one came before '
                          'it was searched')
 
-    def _localize(self, volume: DepthLikelihoodVolume, began: float, localizer: Localizer) -> None:
+    def _localize(self, volume: DepthLikelihoodVolume, began: float, _: Localizer) -> None:
         with self.watched('search'):
-            estimate = localizer.localize(volume, self._random,
-                                          lambda _: not self._worker.stopping)
+            estimate = self._tracker.track(volume, self._random,
+                                           lambda _: not self._worker.stopping,
+                                           self._camera_at(volume))
             if self._worker.stopping:
                 self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
             else:
                 self._publish(estimate, volume, time.monotonic() - began)
+
+    def _camera_at(self, volume: DepthLikelihoodVolume) -> NDArray[np.float64] | None:
+        if self._camera_poses is None:
+            return None
+        try:
+            return self._camera_poses.at(volume.header)
+        except LocalizationError as error:
+            self.get_logger().warning(str(error))
+            return None
 
     # out
 
@@ -186,9 +205,15 @@ class PmclNode(StageNode):
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
             self.health.extra |= {'support': estimate.support, 'weight': first,
                                   'weight of the runner-up': second}
+        if self._settings.tracking != 'none':
+            shift = np.sqrt(np.trace(estimate.covariance[:3, :3]))
+            self.health.extra['standard deviation [mm]'] = f'{1e3 * shift:.1f}'
         if estimate.lost:
             self.health.count('lost')
-            self.health.warn(f'lost: no {name} in capture {stamp}')
+            x, y, z = estimate.pose[:3, 3]
+            predicted = (f'; predicted at ({x:.3f}, {y:.3f}, {z:.3f}) m'
+                         if estimate.mode == PREDICTED else '')
+            self.health.warn(f'lost: no {name} in capture {stamp}{predicted}')
             self.get_logger().warning(self.health.message)
         else:
             messages = conversions.estimate_to_messages(estimate)

@@ -60,6 +60,8 @@ TOPICS = (
     TopicEntry('dlv/depth', _IMAGE, SMALL, _DLV, (), 'most likely depth, 32FC1 [m], NaN: unknown'),
     TopicEntry('dlv/layers', _IMAGE, SMALL, _DLV, (),
                'rgb8: the front surface, and what is behind it'),
+    TopicEntry('camera_pose', _POSE, SMALL, 'the robot', (_PMCL,),
+               "the camera's frame in track_frame, where tracking and track_camera ask for it"),
     TopicEntry('pose', _POSE, SMALL, _PMCL, (_GRASP,), 'the object in the camera frame [m]'),
     TopicEntry('pose_with_covariance', _SPREAD, SMALL, _PMCL, (_GRASP,),
                'the same, with its covariance [m^2, rad^2]'),
@@ -84,7 +86,7 @@ _CENTRE = ('center/camera_info', 'center/image')
 PRESETS = {
     'raw': ('metadata', 'image_raw'),
     'views': (*_CENTRE, 'views/camera_info', 'views/pupil', 'views'),
-    'dlv': (*_CENTRE, 'dlv', 'dlv/edges'),
+    'dlv': (*_CENTRE, 'dlv', 'dlv/edges', 'camera_pose'),
     'poses': ('pose', 'pose_with_covariance', 'particles', 'markers', 'overlay', 'grasps',
               'pre_grasps', 'grasps/details', '/diagnostics'),
     'all': tuple(each.name for each in TOPICS),

@@ -19,6 +19,7 @@ from pmcl_ros.pmcl.faithful import faithful_filter
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
 from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.local_search import LocalSearch
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
@@ -27,6 +28,7 @@ from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
@@ -38,6 +40,7 @@ _LOG = logging.getLogger(__name__)
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
+_FINEST = 0.1  # image px: likewise where an object is followed
 _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 
 Progress = Callable[[float], bool]
@@ -156,6 +159,47 @@ class Localizer:
             return replace(estimate, evaluations=sum(each.evaluations
                                                      for each in (coarse, fine, exact)))
 
+    def follow(self, volume: Volume, prior: Gaussian, rng: np.random.Generator,
+               particles: int, candidates: int) -> PoseEstimate:
+        """The object's pose in one volume, by its contour, near where a prior expects it.
+
+        prior: in the space that the symmetry leaves. It is a part of the posterior. The rest as in
+        `localize`; the object is lost where no contour of it is in view.
+        """
+        self._renderer.use()
+        self._check_range(volume)
+        edges, profile = self._edges(volume)
+        window = self._region.window(volume.pinhole, self._model.radius)
+        with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
+                                          profile) as exact:
+            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
+                                     CONTOUR_ERROR if sure else None)
+
+            def near(pose: NDArray[np.float64]) -> SlidingContour:
+                return SlidingContour.of(pose, exact.points(pose), edges, profile)
+
+            scored = self._in_region(exact, -np.inf)
+            search = ContourSearch(
+                self._model, self._settings, scored, scored, scored, about, near,
+                lambda poses: self._region.contains(poses[:, :3, 3]))
+            posterior = LocalSearch(search, exact.points, edges, profile, particles,
+                                    candidates).run(prior, rng)
+            if posterior is None:
+                return self._out_of_view(volume, prior, rng, particles)
+            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            return replace(estimate, mode='followed', evaluations=exact.evaluations)
+
+    def _out_of_view(self, volume: Volume, prior: Gaussian,
+                     rng: np.random.Generator, count: int) -> PoseEstimate:
+        """Lost: nothing but the prior."""
+        poses = moved(prior.pose, prior.deviations(rng.normal(size=(count,
+                                                                    prior.basis.shape[1]))))
+        spread = covariance(poses, Weights(np.zeros(count)), prior.pose, self._model.axis)
+        return PoseEstimate(volume.header, prior.pose, spread, poses,
+                            np.full(count, -np.log(count)), 0.0, True, 'followed',
+                            support=-np.inf)
+
     def _estimate(self, volume: Volume, posterior: Posterior,
                   profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
@@ -235,11 +279,13 @@ class Localizer:
             return values
         return inside
 
-    def _scene(self, volume: Volume, window: Window) -> Scene:
+    def _scene(self, volume: Volume, window: Window, detail: float = 0.0) -> Scene:
+        """detail: what may be left out of the mesh at the image's own resolution [image px]."""
         near, far = self._region.grown(self._model.radius)
         model, camera = self._model, volume.pinhole
-        if window.scale > 1:
-            model = simplified(model, _DETAIL * near / max(camera.fx, camera.fy))
+        detail = _DETAIL if window.scale > 1 else detail
+        if detail > 0:
+            model = simplified(model, detail * near / max(camera.fx, camera.fy))
         return Scene(model, camera, window, near, far)
 
     def _check_range(self, volume: Volume) -> None:

@@ -105,7 +105,7 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                 tried = _displaced(start, poses, own, size * rng.normal(size=normal.shape))
                 chances = np.log(rng.random((2, count)))
                 tried_known, tried_values = before(tried), np.full(count, -np.inf)
-                hopeful = chances[0] < tried_known - known
+                hopeful = chances[0] < _ratio(tried_known, known)
                 tried_values[hopeful] = after(tried[hopeful])
                 held = np.maximum(_ratio(values, known), -1e300)
                 gain = _ratio(tried_values, tried_known) - held

@@ -22,12 +22,16 @@ def test_the_files_are_what_make_docs_writes(capsys, file, arguments):
     assert (ROOT / file).read_text() == capsys.readouterr().out, f'{file} is old: make docs'
 
 
+# Parameters with which a node listens to all that it can.
+ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml', 'arm': 'topic'},
+         'pmcl_node': {'tracking': 'camera', 'track_camera': 'topic'}}
+
+
 @pytest.fixture(params=ALL, ids=lambda entry: entry.name)
 def node(request, parameters):
     """Each node, active."""
     name = request.param.name
-    values = parameters.get(name) or {
-        'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml', 'arm': 'topic'}
+    values = parameters.get(name, {}) | ASKED.get(name, {})
     context = Context()
     rclpy.init(context=context)
     node = request.param.load()(context=context, parameter_overrides=[

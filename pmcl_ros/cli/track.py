@@ -1,0 +1,71 @@
+"""`pmcl track`: an object followed through made-up sequences, beside single shots."""
+
+from pathlib import Path
+
+import click
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.evaluation.pictures import write_png
+from pmcl_ros.evaluation.sequences.play import Played, play
+from pmcl_ros.evaluation.sequences.report import picture, recoveries, recovery, row, table
+from pmcl_ros.evaluation.sequences.sequence import Sequence
+from pmcl_ros.evaluation.sequences.settings import SequenceSettings
+from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+
+_FIELDS = SequenceSettings.model_fields
+
+
+@click.command()
+@click.option('--count', type=click.IntRange(1), default=3, show_default=True, help='Sequences.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Sequence k is that of seed + k.')
+@click.option('--model', type=click.Choice(['constant_pose', 'constant_velocity', 'camera']),
+              default='constant_velocity', show_default=True,
+              help=TrackingSettings.model_fields['tracking'].description)
+@click.option('--every', type=click.IntRange(0), default=4, show_default=True, metavar='N',
+              help='Localise each N-th frame by itself too; 0: none.')
+@click.option('--frames', type=click.IntRange(1), default=_FIELDS['frames'].default,
+              show_default=True, help=_FIELDS['frames'].description)
+@click.option('--occluded', type=click.IntRange(0), show_default=True,
+              default=_FIELDS['occluded'].default, help=_FIELDS['occluded'].description)
+@click.option('--size', type=click.IntRange(32), default=_FIELDS['size'].default,
+              show_default=True, help=_FIELDS['size'].description)
+@click.option('--object-speed', type=click.FloatRange(0), show_default=True,
+              default=_FIELDS['object_speed'].default, help=_FIELDS['object_speed'].description)
+@click.option('--camera-speed', type=click.FloatRange(0), show_default=True,
+              default=_FIELDS['camera_speed'].default, help=_FIELDS['camera_speed'].description)
+@click.option('--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of the '
+              'errors over frames for each sequence.')
+def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
+          size: int, object_speed: float, camera_speed: float, out: Path | None) -> None:
+    """Track an object through made-up sequences (`pmcl scenes sequence`), and tell errors.
+
+    Errors, shares and times of single shots are of the frames that were localised both ways.
+    """
+    settings = SequenceSettings.make(
+        {'frames': frames, 'occluded': occluded, 'size': size, 'object_speed': object_speed,
+         'camera_speed': camera_speed}, 'pmcl track')
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    rows, all_frames, found = [], [], []
+    columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=STDERR, transient=True) as bar:
+        task = bar.add_task('', total=count * frames)
+
+        def told(_: Played) -> None:
+            bar.update(task, advance=1)
+
+        for number in range(seed, seed + count):
+            sequence = Sequence(number, settings)
+            name = f'{number}: {sequence.kind} {sequence.model.name}'
+            bar.update(task, description=name)
+            played = play(sequence, model, every, told=told)  # type: ignore[arg-type]
+            rows.append(row(name, played))
+            found.append(recovery(played))
+            all_frames += played
+            text = f'{table([*rows, row("all", all_frames)])}\n\n{recoveries(found)}'
+            if out is not None:  # at once: a sequence takes minutes
+                write_png(out / f'track_{number:03d}.png', picture(name, played))
+                (out / 'track.md').write_text(text + '\n')
+    click.echo(text)

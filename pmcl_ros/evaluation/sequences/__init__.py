@@ -1,0 +1,1 @@
+"""Sequences of moving scenes, with exact truth: what tracking is tested on."""

@@ -1,0 +1,163 @@
+"""DepthLikelihoodVolume after DepthLikelihoodVolume -> PoseEstimate after PoseEstimate."""
+
+import logging
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.errors import LocalizationError
+from pmcl_ros.pmcl.action import ActionModel, State
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.localizer import Localizer, Progress
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.sampler import Gaussian
+from pmcl_ros.pmcl.summary import covariance, mean_pose, same_mode
+from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+from pmcl_ros.pmcl.weights import Weights
+
+_LOG = logging.getLogger(__name__)
+PREDICTED = 'predicted'  # an estimate's mode, beside those of `Localizer`
+_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are of another mode
+# Of the contour's support: captures that it is remembered of, and that say enough; its least
+# standard deviation [nat / px], and how many of these below its mean nobody believes it.
+_REMEMBERED, _ENOUGH = 30, 10
+_LEAST_SCATTER, _UNLIKELY = 0.5, 3.0
+
+
+class Tracker:
+    """Follows one object from capture to capture.
+
+    Each capture is searched around where the last posterior, moved by the action model, expects
+    it; the new posterior is that prior times the evidence. Where that finds nothing the whole
+    region is searched, as a capture by itself is. So a capture takes no longer than both. Where
+    that finds nothing either the object is lost: then the prediction goes on, ever wider, until it
+    says less than the region does, and the whole region is searched first.
+
+    localizer: of the same model and settings; whoever made it closes it.
+    """
+
+    def __init__(self, localizer: Localizer, model: ObjectModel, settings: TrackingSettings
+                 ) -> None:
+        self._localizer, self._axis, self._settings = localizer, model.axis, settings
+        self._action = None if settings.tracking == 'none' else ActionModel(
+            settings.tracking, settings.track_sigma_translation, settings.track_sigma_rotation,
+            settings.track_period)
+        self._region = Region(settings.roi_center, settings.roi_size)
+        self._state: State | None = None  # after the last capture
+        self._seen = False  # in the last capture
+        self._supports: deque[float] = deque(maxlen=_REMEMBERED)  # of captures in which it was
+
+    def reset(self) -> None:
+        """Forget the track: the next capture is searched as the first."""
+        self._state, self._seen = None, False
+        self._supports.clear()
+
+    def track(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+              progress: Progress | None = None, camera: NDArray[np.float64] | None = None
+              ) -> PoseEstimate:
+        """The object's pose in the next capture.
+
+        camera: (4, 4), camera to the fixed frame, for the action model 'camera'; without it, or
+            with a capture no newer than the last, the track ends, and the region is searched.
+        The estimate's mode tells what was done: that of `Localizer.localize`, 'followed', or
+        'predicted', where the object is lost and the pose is only where it should be by now.
+        Raises what `Localizer.localize` raises; the track goes on with the next capture then.
+        """
+        if self._action is None:
+            return self._localizer.localize(volume, rng, progress)
+        expected = self._expected(volume.header.stamp_ns, camera, rng)
+        estimate = self._looked(volume, expected, rng, progress)
+        if not self._believed(estimate):
+            estimate = replace(estimate, lost=True)
+        was_seen, self._seen = self._seen, not estimate.lost
+        if not estimate.lost:
+            self._supports.append(estimate.support)
+            if not was_seen:
+                _LOG.info('found in capture %d', volume.header.stamp_ns)
+            self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
+            return estimate
+        if was_seen:
+            _LOG.warning('lost in capture %d: the whole region is searched until it is found',
+                         volume.header.stamp_ns)
+        self._state = expected
+        if expected is None:
+            self._supports.clear()
+        return estimate if expected is None else self._predicted(estimate, expected)
+
+    def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
+                rng: np.random.Generator, progress: Progress | None) -> PoseEstimate:
+        """What the likelier way finds, or else the other, if there is one."""
+        def search() -> PoseEstimate:
+            return self._localizer.localize(volume, rng, progress)
+
+        if expected is None:
+            return search()
+        settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
+
+        def follow() -> PoseEstimate:
+            return self._localizer.follow(volume, prior, rng, settings.track_particles,
+                                          settings.track_candidates)
+
+        # A prediction of long ago is wide: it holds other things that look like the object.
+        first, second = (follow, search) if self._seen else (search, follow)
+        estimate = first()
+        return estimate if self._believed(estimate) else second()
+
+    def _believed(self, estimate: PoseEstimate) -> bool:
+        """Whether the object is there, as well supported as it has been.
+
+        `least_support` is for any object. One that was seen well many times, and now hardly is, is
+        hidden, and what is found is something else.
+        """
+        if estimate.lost or len(self._supports) < _ENOUGH:
+            return not estimate.lost
+        scatter = max(float(np.std(self._supports)), _LEAST_SCATTER)
+        return estimate.support >= float(np.mean(self._supports)) - _UNLIKELY * scatter
+
+    def _expected(self, stamp_ns: int, camera: NDArray[np.float64] | None,
+                  rng: np.random.Generator) -> State | None:
+        """What is believed before a capture is looked at; None: no more than the region says."""
+        if self._action is None or self._state is None:
+            return None
+        try:
+            expected = self._action.predicted(self._state, stamp_ns, camera, rng)
+        except LocalizationError as error:
+            _LOG.warning('the track ends: %s', error)
+            return None
+        mean = expected.poses[:, :3, 3].mean(axis=0)
+        spread = expected.poses[:, :3, 3].std(axis=0)
+        region, half = self._region, np.array(self._region.size) / 2
+        if (spread > half).any() or (np.abs(mean - region.center) > half + 3 * spread).any():
+            _LOG.warning('the track ends: by capture %d the object may be anywhere in the region '
+                         'of interest, or have left it', stamp_ns)
+            return None
+        return expected
+
+    def _updated(self, estimate: PoseEstimate, expected: State | None,
+                 camera: NDArray[np.float64] | None, rng: np.random.Generator) -> State:
+        """The state after a capture in which the object was seen."""
+        near = same_mode(estimate.particles, estimate.pose, self._axis, _MODE_DISTANCE,
+                         _MODE_ANGLE)
+        weights = Weights(np.where(near, estimate.log_weights, -np.inf))
+        poses = estimate.particles[weights.resample(self._settings.track_particles, rng)]
+        stamp_ns = estimate.header.stamp_ns
+        if expected is None or self._state is None:
+            return State.at_rest(stamp_ns, poses, camera)
+        return replace(expected, camera=camera).seen(poses, self._axis, self._state, rng)
+
+    def _predicted(self, estimate: PoseEstimate, expected: State) -> PoseEstimate:
+        """That the object is lost, and where it should be."""
+        pose, spread = self._about(expected)
+        count = len(expected.poses)
+        return replace(estimate, pose=pose, covariance=spread, particles=expected.poses,
+                       log_weights=np.full(count, -np.log(count)), mode=PREDICTED)
+
+    def _about(self, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean pose (4, 4) and covariance (6, 6) of a state."""
+        alike = Weights(np.zeros(len(state.poses)))
+        mean = mean_pose(state.poses, alike, self._axis)
+        return mean, covariance(state.poses, alike, mean, self._axis)

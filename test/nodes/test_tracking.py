@@ -1,0 +1,122 @@
+"""pmcl_node follows an object through real topics: seen, hidden, found again without a hand."""
+
+import pytest
+import trimesh
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from harness import ACTIVATE, CONFIGURE, DEACTIVATE, Process
+from std_msgs.msg import Float32MultiArray
+from std_srvs.srv import Trigger
+
+from pmcl_ros import bags
+from pmcl_ros import conversions as cv
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.sequences.files import FIXED_FRAME
+from pmcl_ros.evaluation.sequences.play import edges_of
+from pmcl_ros.evaluation.sequences.sequence import Sequence
+from pmcl_ros.evaluation.sequences.settings import SequenceSettings
+from pmcl_ros.header import Header
+from pmcl_ros.nodes.base import BIG, SMALL
+
+HIDDEN = (2, 3)
+
+
+class Session:
+    """An active pmcl_node that is given a sequence, frame by frame."""
+
+    def __init__(self, folder, user, sequence, **values):
+        self.sequence, self._user = sequence, user
+        model = sequence.model
+        trimesh.Trimesh(model.vertices, model.faces, process=False).export(folder / 'model.obj')
+        self.process = Process(folder, 'pmcl_ros.nodes.pmcl_node', params={
+            'object': f'{folder}/model.obj', 'roi_center': list(sequence.roi_center),
+            'roi_size': list(sequence.roi_size), **values})
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), self.process.log
+        self._publishers = [user.publisher(Float32MultiArray, topic, BIG)
+                            for topic in ('dlv/edges', 'dlv')]
+        self.states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        self.poses = user.listen(PoseStamped, 'pose', SMALL)
+
+    def show(self, number):
+        """Publish a frame; what the node then says of it: level, message, values."""
+        volume = edges_of(self.sequence, self.sequence.frame(number))
+        edges, likelihood = self._publishers
+        edges.publish(cv.edges_to_message(volume.edges))
+        self._user.delivered(edges)
+        likelihood.publish(cv.volume_to_message(volume))
+        stamp = volume.header.stamp_ns
+
+        def told():
+            return [each.status[0] for each in self.states
+                    if f'in capture {stamp}' in each.status[0].message
+                    and each.status[0].name == 'pmcl_node']
+
+        status = self._user.wait(told, f'what is said of frame {number}')[0]
+        return status.level, status.message, {each.key: each.value for each in status.values}
+
+    def right(self, message, number):
+        header, pose = cv.pose_from(message)
+        assert header.stamp_ns == self.sequence.header(number).stamp_ns
+        error = pose_error(pose, self.sequence.poses[number], self.sequence.model.axis)
+        return error.translation < 0.02 and error.rotation < 0.2
+
+
+@pytest.fixture(scope='module')
+def sequence():
+    return Sequence(5, SequenceSettings(frames=6, occluded=2, size=128))
+
+
+@pytest.fixture
+def session(tmp_path, user, sequence):
+    """A function parameters -> Session; their processes end well."""
+    sessions = []
+
+    def session(**values):
+        sessions.append(Session(tmp_path, user, sequence, **values))
+        return sessions[-1]
+
+    yield session
+    for each in sessions:
+        with each.process:
+            pass
+        assert 'Traceback' not in each.process.log
+
+
+def test_an_object_is_followed_lost_and_found_again(session, user, sequence):
+    node = session(tracking='constant_velocity')
+    assert list(sequence.hidden) == list(HIDDEN)
+    said = [node.show(number) for number in range(5)]
+    assert [level for level, _, _ in said] == [
+        DiagnosticStatus.WARN if number in HIDDEN else DiagnosticStatus.OK for number in range(5)]
+    modes = [values['mode'] for _, _, values in said]
+    assert modes == ['default', 'followed', 'predicted', 'predicted', 'default']
+    assert 'predicted at (' in said[2][1]
+    spread = [float(values['standard deviation [mm]']) for _, _, values in said]
+    assert spread[1] < spread[2] < spread[3] > spread[4]
+    user.wait(lambda: len(node.poses) == 3, 'the poses')
+    assert all(node.right(*each) for each in zip(node.poses, (0, 1, 4), strict=True))
+    # Forgotten, the next capture is searched as the first.
+    answer = user.call(Trigger, '/pmcl_node/reset', Trigger.Request())
+    assert answer.success
+    assert node.show(5)[2]['mode'] == 'default'
+    assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_the_camera_s_poses_are_taken_from_their_topic(session, user, sequence):
+    node = session(tracking='camera', track_camera='topic', track_frame=FIXED_FRAME,
+                   track_sigma_translation=0.02)
+    publisher = user.publisher(PoseStamped, 'camera_pose', SMALL)
+    for number in (0, 1):
+        stamp = sequence.header(number).stamp_ns
+        publisher.publish(bags.pose_message('/camera_pose', Header(stamp, FIXED_FRAME),
+                                            sequence.cameras[number]).cdr)
+    user.delivered(publisher)
+    assert [node.show(number)[2]['mode'] for number in (0, 1)] == ['default', 'followed']
+    # Of the next one nothing is known: it is said, and the region is searched.
+    assert node.show(4)[2]['mode'] == 'default'
+    assert 'no camera_pose has come' in node.process.log
+    publisher.publish(bags.pose_message('/camera_pose', Header(1, 'map'),
+                                        sequence.cameras[0]).cdr)
+    user.wait(lambda: "told in 'map', expected track_frame 'odom'" in node.process.log,
+              'the refusal')
+    assert user.change('pmcl_node', DEACTIVATE)

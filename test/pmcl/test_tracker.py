@@ -1,0 +1,183 @@
+"""A cup that moves, is hidden, and comes back, in edge volumes that show nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, pose_of, volume_with
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.errors import SettingsError
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.header import Header
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.sampler import Gaussian
+from pmcl_ros.pmcl.tracker import PREDICTED, Tracker
+from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+
+DEPTHS = depth_labels(0.3, 0.7, 12)
+CUP = model_of(cup(), [0, 0, 1])
+PERIOD = 10 ** 8
+STEP = np.array([0.012, -0.004, 0.003])  # m from frame to frame
+TURN = Rotation.from_rotvec([0.03, -0.02, 0.01])
+START = pose_of(Rotation.from_rotvec([1.9, 0.3, 0.2]), np.array([-0.04, 0.015, 0.38]))
+
+
+def settings(tracking, **values):
+    return TrackingSettings(tracking=tracking, roi_center=(0, 0, 0.4), roi_size=(0.12, 0.1, 0.1),
+                            renderer='numba', proposals=8, particles=32, moves=1, **values)
+
+
+def truth_of(number):
+    pose = START.copy()
+    pose[:3, 3] += number * STEP
+    pose[:3, :3] = (Rotation.from_rotvec(number * TURN.as_rotvec())
+                    * Rotation.from_matrix(START[:3, :3])).as_matrix()
+    return pose
+
+
+def volume(context, pose, number, hidden=False):
+    depth = depth_of(context, CUP, pose, CAMERA, 2)
+    edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=2.0)
+    tensor = (0.0 if hidden else 1.0) * edges.tensor + np.array([0.05, 0.05, 0], np.float32)
+    return volume_with(replace(edges, header=Header(number * PERIOD),
+                               tensor=tensor.astype(np.float32)))
+
+
+@pytest.fixture(scope='module')
+def frames(_session_context):
+    """Seven frames, the fourth and fifth of which show nothing; their poses."""
+    _session_context.use()
+    poses = [truth_of(number) for number in range(7)]
+    return [(volume(_session_context, pose, number, number in (3, 4)), pose)
+            for number, pose in enumerate(poses)]
+
+
+@pytest.fixture(scope='module')
+def tracks(frames):
+    """What is made of all frames by two models."""
+    return {model: tracked(frames, settings(model))
+            for model in ('constant_pose', 'constant_velocity')}
+
+
+def tracked(frames, of, seed=0, cameras=None):
+    with Localizer(CUP, of) as localizer:
+        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(seed)
+        cameras = cameras or [None] * len(frames)
+        return [tracker.track(each, rng, camera=camera)
+                for (each, _), camera in zip(frames, cameras, strict=True)]
+
+
+def errors(estimates, frames):
+    return [pose_error(each.pose, pose, CUP.axis)
+            for each, (_, pose) in zip(estimates, frames, strict=True)]
+
+
+@pytest.mark.parametrize('model', ['constant_pose', 'constant_velocity'])
+def test_an_object_is_followed_lost_predicted_and_found_again(frames, tracks, model):
+    estimates = tracks[model]
+    modes = [each.mode for each in estimates]
+    assert modes[:5] == ['default', 'followed', 'followed', PREDICTED, PREDICTED]
+    assert [each.lost for each in estimates] == [False] * 3 + [True] * 2 + [False] * 2
+    assert modes[6] == 'followed'
+    for number, error in enumerate(errors(estimates, frames)):
+        if number not in (3, 4):
+            assert error.translation < 0.005
+            assert error.rotation < np.deg2rad(4)
+    # The covariance grows while nothing is seen, in every direction that the symmetry leaves.
+    third, fourth, fifth = (np.linalg.eigvalsh(each.covariance[:3, :3]) for each in estimates[2:5])
+    assert (fourth > third).all()
+    assert (fifth > fourth).all()
+    for each in estimates:
+        assert np.exp(each.log_weights).sum() == pytest.approx(1)
+        assert np.linalg.eigvalsh(each.covariance).min() > -1e-12
+
+
+def test_what_moved_on_is_predicted_to_move_on(frames, tracks):
+    found = {model: errors(estimates, frames) for model, estimates in tracks.items()}
+    step = np.linalg.norm(STEP)
+    assert found['constant_velocity'][4].translation < step  # two steps ahead
+    assert found['constant_pose'][4].translation > step
+
+
+def test_the_same_seed_gives_the_identical_track(frames, tracks):
+    first = tracks['constant_velocity'][:4]
+    again = tracked(frames[:4], settings('constant_velocity'))
+    for one, other in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        np.testing.assert_array_equal(one.particles, other.particles)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+    other = tracked(frames[:2], settings('constant_velocity'), 4)
+    assert (other[1].pose != first[1].pose).any()
+
+
+def test_the_camera_s_own_motion_is_known(context):
+    # 6 cm to the side between two frames: far more than the model leaves open.
+    first, second = np.eye(4), pose_of(Rotation.identity(), np.array([-0.06, 0, 0]))
+    poses = [np.linalg.inv(camera) @ START for camera in (first, second)]
+    both = [(volume(context, pose, number), pose) for number, pose in enumerate(poses)]
+    of = settings('camera', track_sigma_translation=0.002, track_sigma_rotation=0.02)
+    estimates = tracked(both, of, cameras=[first, second])
+    assert [each.mode for each in estimates] == ['default', 'followed']
+    assert errors(estimates, both)[1].translation < 0.005
+    unknown = tracked(both, of)
+    assert [each.mode for each in unknown] == ['default', 'default']
+
+
+def test_a_track_ends_when_the_prediction_says_no_more_than_the_region(context, frames):
+    (first, pose), empty = frames[0], frames[3][0]
+    late = replace(empty, header=Header(400 * PERIOD),
+                   edges=replace(empty.edges, header=Header(400 * PERIOD)))
+    estimates = tracked([(first, pose), (late, pose)], settings('constant_pose'))
+    assert [each.mode for each in estimates] == ['default', 'default']
+    assert estimates[1].lost
+
+
+def test_an_old_capture_is_searched_by_itself(frames):
+    of = settings('constant_velocity')
+    with Localizer(CUP, of) as localizer:
+        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
+        modes = [tracker.track(frames[number][0], rng).mode for number in (1, 1, 0, 1)]
+        assert modes == ['default', 'default', 'default', 'followed']
+        tracker.reset()
+        assert tracker.track(frames[2][0], rng).mode == 'default'
+
+
+def test_without_tracking_it_is_the_single_shot(frames):
+    of = settings('none')
+    with Localizer(CUP, of) as localizer:
+        rng = np.random.default_rng(0)
+        alone = [localizer.localize(each, rng) for each, _ in frames[:2]]
+    for one, other in zip(alone, tracked(frames[:2], of), strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+
+
+def test_the_prior_is_a_part_of_the_posterior(frames):
+    seen, pose = frames[0]
+    off = pose.copy()
+    off[2, 3] += 0.006  # along the line of sight, where a contour says least
+    results = []
+    for sigma in (0.03, 0.0005):
+        spread = np.diag(np.repeat([sigma ** 2, 0.05 ** 2], 3))
+        with Localizer(CUP, settings('constant_pose')) as localizer:
+            results.append(localizer.follow(seen, Gaussian.of(off, spread, CUP.axis),
+                                            np.random.default_rng(0), 64, 256))
+    loose, tight = (pose_error(each.pose, pose, CUP.axis).ray for each in results)
+    assert abs(loose) < 0.003
+    assert tight > max(loose, 0) + 0.001
+
+
+def test_a_prior_that_is_out_of_view_finds_nothing(frames):
+    away = pose_of(Rotation.identity(), np.array([3.0, 0, 0.4]))
+    spread = np.diag(np.repeat([1e-4, 1e-3], 3))
+    with Localizer(CUP, settings('constant_pose')) as localizer:
+        estimate = localizer.follow(frames[0][0], Gaussian.of(away, spread, CUP.axis),
+                                    np.random.default_rng(0), 64, 256)
+    assert estimate.lost
+    assert len(estimate.particles) == 64
+
+
+def test_the_paper_s_filter_tracks_nothing():
+    with pytest.raises(SettingsError, match='needs mode default, it is faithful'):
+        TrackingSettings.make({'tracking': 'constant_pose', 'mode': 'faithful'})
