@@ -1,7 +1,8 @@
 """Starts the chain as one process for each node and, unless told otherwise, takes it to active.
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
-grasps (a grasp file: grasp_node is started too).
+grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
+of lytro_driver and subaperture_node).
 """
 
 from itertools import pairwise
@@ -16,7 +17,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.table import GRASPS, NODES
+from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -37,10 +38,17 @@ def after(node, start_state, goal_state, action):
 def start(context):
     """The nodes and the events that take them to active, one after the other."""
     without = LaunchConfiguration('without').perform(context).split(',')
+    sweep = LaunchConfiguration('sweep').perform(context)
+    without += SWEPT if sweep else ()
     nodes = [LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
                            namespace=LaunchConfiguration('namespace'), output='screen',
                            parameters=[LaunchConfiguration('params_file')])
              for entry in reversed(NODES) if entry.name not in without]  # consumers first
+    if sweep:
+        nodes.append(LifecycleNode(
+            package='pmcl_ros', executable=SWEEP.name, name=SWEEP.name,
+            namespace=LaunchConfiguration('namespace'), output='screen',
+            parameters=[LaunchConfiguration('params_file'), {'plan': sweep}]))
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, LifecycleNode(
@@ -74,5 +82,8 @@ def generate_launch_description():
                               description='names of nodes not to start, by commas'),
         DeclareLaunchArgument('grasps', default_value='',
                               description='a grasp file, YAML: start grasp_node with it'),
+        DeclareLaunchArgument('sweep', default_value='',
+                              description='a plan, YAML: start sweep_driver with it, in place of '
+                              'lytro_driver and subaperture_node'),
         OpaqueFunction(function=start),
     ])

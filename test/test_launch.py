@@ -56,7 +56,7 @@ def launch(monkeypatch):
 
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true', 'grasps': ''} | given
+    context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': ''} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
@@ -79,7 +79,7 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps']
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -108,5 +108,15 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     nodes, first, _ = started(launch, grasps='glass.yaml')
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
-    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml'})
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
+                                'sweep': ''})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
+
+
+def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
+    nodes, first, _ = started(launch, sweep='plan.yaml', without='dlv_node')
+    assert nodes == ['pmcl_node', 'sweep_driver']
+    assert first == [('pmcl_node', launch['CONFIGURE'])]
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
+                               'sweep': 'plan.yaml'})
+    assert actions[-1].parameters[1] == {'plan': 'plan.yaml'}

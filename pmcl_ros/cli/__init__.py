@@ -21,6 +21,7 @@ from pmcl_ros.cli.lattice import lattice
 from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
 from pmcl_ros.cli.scenes import scenes
+from pmcl_ros.cli.sweep import sweep
 
 
 @click.group(cls=Commands)
@@ -33,5 +34,6 @@ def main(verbose: bool) -> None:
 
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
-                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn):
+                 bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn,
+                 sweep):
     main.add_command(_command)

@@ -65,7 +65,7 @@ class TfArm:
     """Asks /tf; SettingsError where tf2_ros is not installed."""
 
     def __init__(self, node: StageNode, settings: GraspSettings) -> None:
-        self._node, self._settings, self._tf = node, settings, _tf2()
+        self._node, self._settings, self._tf = node, settings, tf2()
         if self._tf is None:
             raise SettingsError("parameter 'arm' is 'tf', but tf2_ros cannot be imported (it is "
                                 "part of a full ROS, not on PyPI): use 'topic' or 'fixed'")
@@ -84,7 +84,7 @@ class TfArm:
         except self._tf.TransformException as error:
             raise GraspError(f'/tf has no {base} -> {link} at the capture {stamp_ns}: {error}'
                              ) from error
-        return _matrix(found.transform)
+        return matrix_of(found.transform)
 
 
 def arm_of(node: StageNode, settings: GraspSettings) -> Arm:
@@ -95,13 +95,14 @@ def arm_of(node: StageNode, settings: GraspSettings) -> Arm:
         return TfArm(node, settings)
     if settings.arm == 'topic':
         return TopicArm(node, settings)
-    found = _tf2() is not None
+    found = tf2() is not None
     node.get_logger().info('the arm is where ' + (
         '/tf says' if found else 'arm_pose says: tf2_ros is not installed'))
     return TfArm(node, settings) if found else TopicArm(node, settings)
 
 
-def _tf2() -> Any:
+def tf2() -> Any:
+    """The module tf2_ros; None where it is not installed."""
     try:
         import tf2_ros
     except ImportError:
@@ -109,7 +110,8 @@ def _tf2() -> Any:
     return tf2_ros
 
 
-def _matrix(transform: Transform) -> NDArray[np.float64]:
+def matrix_of(transform: Transform) -> NDArray[np.float64]:
+    """(4, 4) of a Transform; MessageError when it is none."""
     message = PoseStamped()
     for axis in 'xyz':
         setattr(message.pose.position, axis, getattr(transform.translation, axis))

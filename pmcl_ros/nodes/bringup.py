@@ -17,7 +17,7 @@ from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
-from pmcl_ros.nodes.table import GRASPS, NODES, Entry
+from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
 
@@ -62,7 +62,9 @@ class NodeProcess:
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
-    entries = [entry for entry in NODES if entry.name not in options.without]
+    without = [*options.without, *(SWEPT if options.sweep else ())]
+    entries = [SWEEP] if options.sweep else []
+    entries += [entry for entry in NODES if entry.name not in without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
     hand_over = HandOver()  # volumes go by reference between the nodes of this process
@@ -125,6 +127,9 @@ def main(args: Sequence[str] | None = None) -> int:
                         choices=[entry.name for entry in NODES], help='do not start this node')
     parser.add_argument('--grasps', metavar='FILE',
                         help='start grasp_node too, with these grasps, YAML (pmcl grasps)')
+    parser.add_argument('--sweep', metavar='FILE',
+                        help='start sweep_driver in place of lytro_driver and subaperture_node, '
+                        'with this plan, YAML (pmcl sweep plan)')
     parser.add_argument('--timeout', type=float, default=120.0,
                         help='for one transition of one node [s]')
     options = parser.parse_args(remove_ros_args(given)[1:])
@@ -135,6 +140,8 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
     if options.grasps:
         ros_args += ['--ros-args', '-p', f'{GRASPS.name}:grasps:={options.grasps}', '--']
+    if options.sweep:
+        ros_args += ['--ros-args', '-p', f'{SWEEP.name}:plan:={options.sweep}', '--']
     try:
         with ros([given[0], *ros_args]):
             bring_up(options, ros_args)

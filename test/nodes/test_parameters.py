@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes.parameters import Parameters
-from pmcl_ros.nodes.table import GRASPS, NODES
+from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP
 from pmcl_ros.settings import Settings
 
 
@@ -86,7 +86,7 @@ def test_a_refused_value_can_be_mended(make):
     assert parameters.read().length == 1.0
 
 
-@pytest.mark.parametrize('entry', [*NODES, GRASPS], ids=lambda entry: entry.name)
+@pytest.mark.parametrize('entry', [*NODES, GRASPS, SWEEP], ids=lambda entry: entry.name)
 def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
     values = shipped[f'/**/{entry.name}']['ros__parameters']
@@ -105,4 +105,4 @@ def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
 
 def test_shipped_parameters_are_of_no_other_node():
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
-    assert list(shipped) == [f'/**/{entry.name}' for entry in [*NODES, GRASPS]]
+    assert list(shipped) == [f'/**/{entry.name}' for entry in [*NODES, GRASPS, SWEEP]]

@@ -50,32 +50,40 @@ class Sweep:
 
 
 def told(left_out: Sequence[LeftOut]) -> str:
-    """The first few frames that were left out, and how many others."""
-    text = '; '.join(map(str, left_out[:_TOLD]))
-    return text + (f'; and {len(left_out) - _TOLD} more' if len(left_out) > _TOLD else '')
+    """The first few frames that were left out, and how many others; spare ones are counted."""
+    named = [str(each) for each in left_out if not each.spare]
+    spare = len(left_out) - len(named)
+    parts = named[:_TOLD]
+    parts += [f'{len(named) - _TOLD} more'] if len(named) > _TOLD else []
+    parts += [f'{spare} of places with a better one'] if spare else []
+    return '; '.join(parts)
 
 
 def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: str,
-             middle: NDArray[np.float64] | None = None) -> Sweep:
+             middle: NDArray[np.float64] | None = None, left_out: Sequence[LeftOut] = ()
+             ) -> Sweep:
     """The light field of a sweep.
 
     frame_id: the camera's optical frame. middle: (4, 4) the planned pose of the grid's middle;
     None: the middle of the frames. The views are parallel to the reference, the frame nearest to
     the centre cell, whose stamp and optical frame are the light field's. Every view has the true
     position of its frame; a cell without one has weight 0. Shown is what all views show.
+    left_out: frames that were left out before.
     Raises LightFieldError, with the frames that were left out, when fewer than two are good, or
     when the poses of most do not fit what they show.
     """
     good, left = good_pictures(frames, settings)
+    left = [*left_out, *left]
     if len(good) < 2:
-        raise LightFieldError(f'of {len(frames)} frames {len(good)} are good, two or more are '
-                              f'needed: {told(left) or "none came"}')
+        raise LightFieldError(f'of {len(frames) + len(left_out)} frames {len(good)} are good, two '
+                              f'or more are needed: {told(left) or "none came"}')
     layout = Layout.of([each.pose for each in good], settings, middle)
     if not layout.inside.any():
+        nearest = settings.baseline * layout.away.min()
         raise LightFieldError(
             f'no frame lies in the grid of {settings.rows}x{settings.columns} views, '
-            f'{settings.baseline} m apart: the nearest is {settings.baseline * layout.away.min():.3f} '
-            'm off its middle; do plan and poses belong together?')
+            f'{settings.baseline} m apart: the nearest is {nearest:.3f} m off its middle; do plan '
+            'and poses belong together?')
     reference = good[int(np.argmin(np.where(layout.inside, layout.away, np.inf)))]
     seen: dict[str, Rectification] = {}
     fitting: list[int] = []
@@ -92,7 +100,7 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
         kept, Layout(layout.cells[fitting], layout.aside[fitting], layout.away[fitting],
                      layout.shape), kept.index(reference))
     left += others
-    return _build(chosen, {name: seen[name] for name in seen}, reference, left, settings, frame_id)
+    return _build(chosen, seen, reference, left, settings, frame_id)
 
 
 def _unfit(rectified: Rectification, frame: SweepFrame, reference: SweepFrame,
@@ -135,8 +143,7 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
         if tracker is None:
             tracker = Tracker(view, settings.gamma)
         else:
-            residual = tracker.residual(view, rectified.offset, small, settings.near,
-                                        settings.focus)
+            residual = tracker.residual(view, rectified.offset, small, settings.near)
             if residual is None:
                 _LOG.info('%s: too little can be tracked to check its pose', frame.name)
             else:

@@ -16,10 +16,11 @@ _RIGID = 1e-4  # how far from orthogonal a rotation may be: messages come rounde
 
 
 class LeftOut(NamedTuple):
-    """A frame that was not used, and why."""
+    """A frame that was not used, and why. spare: only since a better one of its place is there."""
 
     name: str
     reason: str
+    spare: bool = False
 
     def __str__(self) -> str:
         return f'{self.name}: {self.reason}'

@@ -32,14 +32,14 @@ class Layout:
         middle: (4, 4) the grid's own pose, x along its rows, y along its columns; None: the mean
         direction of all cameras, in the middle of the box about them.
         """
-        poses = np.asarray(poses, float).reshape(-1, 4, 4)
+        cameras = np.array(poses, float).reshape(-1, 4, 4)
         shape = np.array([settings.rows, settings.columns])
         if middle is None:
-            turn = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
-            places = poses[:, :3, 3] @ turn
+            turn = Rotation.from_matrix(cameras[:, :3, :3]).mean().as_matrix()
+            places = cameras[:, :3, 3] @ turn
             places -= (places.min(axis=0) + places.max(axis=0)) / 2
         else:
-            places = (poses[:, :3, 3] - middle[:3, 3]) @ middle[:3, :3]
+            places = (cameras[:, :3, 3] - middle[:3, 3]) @ middle[:3, :3]
         steps = places[:, 1::-1] / settings.baseline + (shape - 1) / 2  # rows, columns
         cells = np.floor(steps + 0.5).astype(np.int64)
         return cls(cells, np.linalg.norm(steps - cells, axis=1),

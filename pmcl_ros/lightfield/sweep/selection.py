@@ -79,7 +79,7 @@ def one_for_each_cell(frames: Sequence[SweepFrame], layout: Layout,
                                 f'{row}, column {column}'))
         elif (row, column) in chosen:
             left.append(LeftOut(frames[number].name, f'{frames[chosen[row, column]].name} is '
-                                f'better or nearer in row {row}, column {column}'))
+                                f'better or nearer in row {row}, column {column}', True))
         else:
             chosen[row, column] = number
     return {cell: frames[number] for cell, number in chosen.items()}, left
