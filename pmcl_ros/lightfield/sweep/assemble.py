@@ -65,7 +65,8 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
     """The light field of a sweep.
 
     frame_id: the camera's optical frame. middle: (4, 4) the planned pose of the grid's middle;
-    None: the middle of the frames. The views are parallel to the reference, the frame nearest to
+    None: where most
+    cells have a frame. The views are parallel to the reference, the frame nearest to
     the centre cell, whose stamp and optical frame are the light field's. Every view has the true
     position of its frame; a cell without one has weight 0. Shown is what all views show.
     left_out: frames that were left out before.

@@ -11,7 +11,7 @@ class SweepDriverSettings(SweepSettings):
     """Images and poses -> LightField."""
 
     plan: str = Field('', description='a plan, YAML (pmcl sweep plan): its grid goes over rows, '
-                      'columns and baseline; empty: these, about the middle of all frames')
+                      'columns and baseline; empty: these, where most views have a frame')
     poses: Literal['auto', 'tf', 'topic'] = Field(
         'auto', description='where the camera is: /tf, or the topic camera_pose (PoseStamped); '
         'auto: tf where tf2_ros is installed, else topic')
