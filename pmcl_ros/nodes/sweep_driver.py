@@ -156,7 +156,8 @@ class SweepDriver(StageNode):
     # out
 
     def _finish(self) -> str:
-        if not self._collecting:
+        """Publish what there is; after a sweep has ended, the same again."""
+        if not self._collecting and not self._collection.frames:
             raise LightFieldError('no sweep is going on: call ~/start')
         auto, self._auto = self._auto, False
         self._take_waiting()

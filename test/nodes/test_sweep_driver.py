@@ -204,6 +204,11 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         np.testing.assert_allclose(found.views, expected.views, atol=1e-4)
         assert found.grid.weights.sum() == 8
 
+        # for who listens only now: the same again
+        assert robot.ask('finish').message == answer.message
+        user.wait(lambda: len(views) == 2, 'the same again')
+        assert views[1] == views[0]
+
         # too few: told, and more may come
         assert robot.ask('start').message == 'collecting'
         robot.shoot(frames[0])
@@ -213,7 +218,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert 'no light field of this sweep yet: of 1 frames 1 are good' in refused.message
         for each in frames[1:]:
             robot.shoot(each)
-        user.wait(lambda: len(views) == 2, 'the sweep to finish as it is complete')
+        user.wait(lambda: len(views) == 3, 'the sweep to finish as it is complete')
         assert '9 of 3x3 views' in node.log
         assert all(user.change('sweep_driver', DEACTIVATE, ACTIVATE, DEACTIVATE, CLEANUP))
         assert 'Traceback' not in node.log

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 import yaml
+from click.testing import CliRunner
 from sweep_scene import PINHOLE, frame, raster
 
+from pmcl_ros import bags
+from pmcl_ros.cli import main
 from pmcl_ros.errors import LightFieldError, SettingsError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
@@ -76,3 +79,11 @@ def test_what_is_wrong_is_told(folder, change, reason):
 def test_each_kth_view_of_no_grid_is_refused(folder):
     with pytest.raises(LightFieldError, match='are no grid'):
         read_light_field(folder[0], every=2)
+
+
+def test_it_becomes_a_bag_as_other_light_fields_do(folder, tmp_path):
+    bag = tmp_path / 'bag'
+    result = CliRunner().invoke(main, ['bag', 'record', str(folder[0]), str(bag)])
+    assert result.exit_code == 0, result.output
+    assert [each.name for each in bags.topics(bag)] == [
+        '/center/camera_info', '/center/image', '/views/camera_info', '/views/pupil', '/views']
