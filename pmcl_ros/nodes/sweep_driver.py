@@ -171,6 +171,8 @@ class SweepDriver(StageNode):
         self._collecting = False
         made = self._made.of(sweep.light_field)
         self.get_logger().info(f'sweep: {sweep.describe()}')
+        for each in sweep.left_out:
+            self.get_logger().debug(f'left out {each}')
         self._audience.tell(lambda: made)
         self._tell()
         self.health.extra['last sweep'] = sweep.describe()

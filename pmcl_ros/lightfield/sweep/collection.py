@@ -42,6 +42,7 @@ class Collection:
                 return better is frame
         size = sum(each.image.nbytes for each in (*self.frames, frame))
         if size > MOST_BYTES:
+            self.leave_out(frame.name, 'no room')
             raise LightFieldError(
                 f'{frame.name} is given up: {len(self.frames)} frames, '
                 f'{size / 2 ** 30:.1f} GiB, are kept already, {self.filled} of {self.cells} views '

@@ -253,7 +253,8 @@ def test_without_a_plan_the_grid_lies_where_most_cells_have_a_frame(rows, column
     rng = np.random.default_rng(seed)
     base = pose_at(*rng.normal(0, 1, 3), Rotation.random(rng=rng).as_rotvec(degrees=True))
     poses = raster(rows, columns, 0.02, 0.001, 0.5, seed, base)
-    poses.append(base @ pose_at(*rng.normal(0, 2, 3), rng.normal(0, 30, 3)))  # a wrong one
+    wrong = rng.uniform(1, 2), *rng.normal(0, 2, 2)
+    poses.append(base @ pose_at(*wrong, rng.normal(0, 30, 3)))
     settings = SweepSettings(rows=rows, columns=columns, baseline=0.02)
     order = rng.permutation(len(poses))
     layout = Layout.of([poses[number] for number in order], settings)
