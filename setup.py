@@ -44,6 +44,7 @@ setup(
         'subaperture_node = pmcl_ros.nodes.subaperture_node:main',
         'dlv_node = pmcl_ros.nodes.dlv_node:main',
         'pmcl_node = pmcl_ros.nodes.pmcl_node:main',
+        'sweep_driver = pmcl_ros.nodes.sweep_driver:main',
         'grasp_node = pmcl_ros.nodes.grasp_node:main',
         'pmcl_bringup = pmcl_ros.nodes.bringup:main',
         'pmcl_record = pmcl_ros.nodes.record:main',

@@ -1,9 +1,10 @@
 """Starts the chain as one process for each node and, unless told otherwise, takes it to active.
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
-grasps (a grasp file: grasp_node is started too), pose (the topic on which the pose is published,
-and on which grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started
-again and taken to active).
+grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
+of lytro_driver and subaperture_node), pose (the topic on which the pose is published, and on which
+grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started again and
+taken to active).
 """
 
 from itertools import pairwise
@@ -19,7 +20,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.table import GRASPS, NODES
+from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -59,7 +60,11 @@ def start(context):
     """The nodes and the events that take them to active, one after the other."""
     without = LaunchConfiguration('without').perform(context).split(',')
     respawn = LaunchConfiguration('respawn').perform(context).lower() == 'true'
+    sweep = LaunchConfiguration('sweep').perform(context)
+    without += SWEPT if sweep else ()
     nodes = [node_of(entry, respawn) for entry in reversed(NODES) if entry.name not in without]
+    if sweep:
+        nodes.append(node_of(SWEEP, respawn, {'plan': sweep}))
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, node_of(GRASPS, respawn, {'grasps': grasps}))  # consumers first
@@ -92,6 +97,9 @@ def generate_launch_description():
                               description='names of nodes not to start, by commas'),
         DeclareLaunchArgument('grasps', default_value='',
                               description='a grasp file, YAML: start grasp_node with it'),
+        DeclareLaunchArgument('sweep', default_value='',
+                              description='a plan, YAML: start sweep_driver with it, in place of '
+                              'lytro_driver and subaperture_node'),
         DeclareLaunchArgument('pose', default_value='pose',
                               description='topic of the pose, as a grasp pipeline expects it'),
         DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],

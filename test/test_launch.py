@@ -57,7 +57,8 @@ def launch(monkeypatch):
 
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true', 'grasps': '', 'respawn': 'false'} | given
+    context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
+               'respawn': 'false'} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
@@ -80,7 +81,7 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'pose',
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep', 'pose',
                      'respawn']
 
 
@@ -111,19 +112,28 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'respawn': 'false'})
+                               'sweep': '', 'respawn': 'false'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
+
+
+def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
+    nodes, first, _ = started(launch, sweep='plan.yaml', without='dlv_node')
+    assert nodes == ['pmcl_node', 'sweep_driver']
+    assert first == [('pmcl_node', launch['CONFIGURE'])]
+    actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
+                               'sweep': 'plan.yaml', 'respawn': 'false'})
+    assert actions[-1].parameters[1] == {'plan': 'plan.yaml'}
 
 
 def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'respawn': 'false'})
+                               'sweep': '', 'respawn': 'false'})
     remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
     assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]
 
 
 def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
-    actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '',
+    actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
                                'respawn': 'true'})
     nodes = [each for each in actions if each.call == 'LifecycleNode']
     assert [each.respawn for each in nodes] == [True] * 4

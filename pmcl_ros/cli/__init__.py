@@ -22,6 +22,7 @@ from pmcl_ros.cli.lfp import lfp
 from pmcl_ros.cli.localize import localize
 from pmcl_ros.cli.report import report
 from pmcl_ros.cli.scenes import scenes
+from pmcl_ros.cli.sweep import sweep
 from pmcl_ros.cli.track import track
 
 
@@ -36,5 +37,5 @@ def main(verbose: bool) -> None:
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
                  bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn, report,
-                 track):
+                 sweep, track):
     main.add_command(_command)

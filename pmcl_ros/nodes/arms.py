@@ -111,7 +111,7 @@ def tf2() -> Any:
 
 
 def matrix_of(transform: Transform) -> NDArray[np.float64]:
-    """(4, 4)."""
+    """(4, 4) of a Transform; MessageError when it is none."""
     message = PoseStamped()
     for axis in 'xyz':
         setattr(message.pose.position, axis, getattr(transform.translation, axis))

@@ -36,6 +36,8 @@ BIG = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
                      durability=DurabilityPolicy.TRANSIENT_LOCAL)
 SMALL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# Poses of an arm, that come up to 1000 times a second.
+MANY = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class StageNode(LifecycleNode):

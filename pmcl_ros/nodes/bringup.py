@@ -17,10 +17,10 @@ from rclpy.node import Node
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
-from pmcl_ros.nodes.parameter_file import check_parameter_file
+from pmcl_ros.nodes.parameter_file import check_parameter_file, parameter_file
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.supervision import Supervisor
-from pmcl_ros.nodes.table import GRASPS, NODES, Entry
+from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
 
@@ -70,7 +70,9 @@ class NodeProcess:
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
-    entries = [entry for entry in NODES if entry.name not in options.without]
+    without = [*options.without, *(SWEPT if options.sweep else ())]
+    entries = [SWEEP] if options.sweep else []
+    entries += [entry for entry in NODES if entry.name not in without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
     hand_over = HandOver()  # volumes go by reference between the nodes of this process
@@ -157,6 +159,9 @@ def main(args: Sequence[str] | None = None) -> int:
                         choices=[entry.name for entry in NODES], help='do not start this node')
     parser.add_argument('--grasps', metavar='FILE',
                         help='start grasp_node too, with these grasps, YAML (pmcl grasps)')
+    parser.add_argument('--sweep', metavar='FILE',
+                        help='start sweep_driver in place of lytro_driver and subaperture_node, '
+                        'with this plan, YAML (pmcl sweep plan)')
     parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
                         'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
@@ -171,17 +176,15 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
     if options.pose:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
-    if options.grasps:
-        # no node's name: a rule with one holds in no namespace
-        ros_args += ['--ros-args', '-p', f'grasps:={options.grasps}', '--']
+    told = {GRASPS.name: {'grasps': options.grasps}, SWEEP.name: {'plan': options.sweep}}
     try:
         files = [file for before, file in pairwise(ros_args) if before == '--params-file']
         others = [(file, node) for file in files for node in check_parameter_file(file)]
-        with ros([given[0], *ros_args]):
+        with parameter_file(told) as last, ros([given[0], *ros_args, *last]):
             for file, node in others:
                 get_logger('pmcl_bringup').warning(
                     f'{file} has parameters for {node!r}, which is none of this package')
-            bring_up(options, ros_args)
+            bring_up(options, [*ros_args, *last])
     except PmclError as error:
         sys.stderr.write(f'pmcl_bringup: {error}\n')
         return 1

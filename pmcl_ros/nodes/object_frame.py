@@ -30,9 +30,9 @@ class ObjectFrame:
         module = tf2()
         if module is None:
             raise SettingsError(
-                "parameter 'broadcast_tf' is true, but tf2_ros cannot be imported: it is part of a "
-                'full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), or set '
-                'broadcast_tf to false and use the topic pose')
+                "parameter 'broadcast_tf' is true, but tf2_ros cannot be imported: it is part of "
+                'a full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), or '
+                'set broadcast_tf to false and use the topic pose')
         broadcaster = module.TransformBroadcaster(node)
         node.configured.callback(node.destroy_publisher, broadcaster.pub_tf)
         self._send = broadcaster.sendTransform

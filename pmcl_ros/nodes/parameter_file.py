@@ -1,9 +1,13 @@
 """For whom the values of a ROS parameter file are."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+import yaml
 
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes.table import ALL
@@ -33,6 +37,23 @@ def check_parameter_file(path: Path | str) -> list[str]:
         raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: '
                             f'VALUE}}}} with a NODE of {", ".join(known)}')
     return others
+
+
+@contextmanager
+def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[list[str]]:
+    """Arguments for ROS that give each node its own values, without those that are None.
+
+    values: by name of the node, in whatever namespace: `-p node:name:=value` holds in none.
+    """
+    sections = {f'/**/{node}': {_VALUES: {name: value for name, value in each.items() if value}}
+                for node, each in values.items() if any(each.values())}
+    if not sections:
+        yield []
+        return
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'parameters.yaml'
+        path.write_text(yaml.safe_dump(sections))
+        yield ['--ros-args', '--params-file', str(path), '--']
 
 
 def _sections(values: dict[str, Any], above: str) -> Iterator[str]:

@@ -20,10 +20,10 @@ from pmcl_ros.evaluation.pictures import overlay
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.awaited import Awaited
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
-from pmcl_ros.nodes.camera_poses import camera_poses_of
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.tracked_camera import tracked_camera
 from pmcl_ros.nodes.values import subscribe_value
 from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -61,7 +61,7 @@ class PmclNode(StageNode):
         self._worker = Worker(partial(Localizer, self._model, settings))
         self.configured.callback(self._worker.close)
         self._tracker = Tracker(self._worker.owned, self._model, settings)
-        self._camera_poses = camera_poses_of(self, settings)
+        self._camera_poses = tracked_camera(self, settings)
         self.health.back_end = self._worker.owned.renderer
         self.get_logger().info(f'looks for {self._model.name} with {self.health.back_end}')
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),

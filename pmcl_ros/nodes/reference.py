@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 
 from pmcl_ros.nodes.live import is_live
 from pmcl_ros.nodes.parameters import ros_type
-from pmcl_ros.nodes.table import ALL, GRASPS, Entry
+from pmcl_ros.nodes.table import ALL, GRASPS, SWEEP, Entry
 from pmcl_ros.nodes.topics import SERVICES, TOPICS
 
 _WIDTH = 99
@@ -35,6 +35,10 @@ _SHIPPED: dict[str, dict[str, Any]] = {
         'grasps': 'package://pmcl_ros/config/objects/wine_glass.grasps.yaml'},
 }
 
+# What starts the nodes that are no part of the chain.
+_ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/grasping.md',
+              SWEEP.name: 'a plan (--sweep, sweep:=): docs/sweep.md'}
+
 _REFERENCE = """\
 # Reference
 
@@ -46,7 +50,7 @@ History, depth and reliability of each end can be overridden by read-only parame
 when the node is started, as `qos_overrides./dlv.publisher.depth: 2` or
 `qos_overrides./views.subscription.reliability: best_effort`. Durability cannot. Best effort or
 `keep_all` on a topic with *last 1* (big messages) is done with a warning. Not listed: `/tf`, of
-pmcl_node where `broadcast_tf` is true, and to grasp_node where `arm` is tf.
+pmcl_node where `broadcast_tf` is true, and to nodes that are told to ask it.
 
 | node | direction | topic | type | quality of service | what |
 |---|---|---|---|---|---|
@@ -91,13 +95,13 @@ def parameter_file() -> str:
 def _topics() -> Iterator[str]:
     for node in [entry.name for entry in ALL]:
         for each in TOPICS:
-            for direction, there in (('out', node == each.publisher),
+            for direction, there in (('out', node in each.publishers),
                                      ('in', node in each.subscribers)):
                 if there:
                     yield _row(node, direction, f'`{each.name}`', each.type,
                                each.quality.describe(), each.what)
     yield from (_row('all', 'out', f'`{each.name}`', each.type, each.quality.describe(), each.what)
-                for each in TOPICS if each.publisher == 'all nodes')
+                for each in TOPICS if 'all nodes' in each.publishers)
 
 
 def _services() -> Iterator[str]:
@@ -120,9 +124,8 @@ def _row(*cells: str) -> str:
 
 def _section(entry: Entry) -> str:
     lines = ['']
-    if entry == GRASPS:
-        lines += ['# Not started unless bring-up or launch get a grasp file (--grasps, grasps:=): '
-                  'docs/grasping.md']
+    if entry.name in _ASKED_FOR:
+        lines += [f'# Not started unless bring-up or launch get {_ASKED_FOR[entry.name]}']
     lines += [f'/**/{entry.name}:', '  ros__parameters:']
     for name, field in entry.load().settings_class.model_fields.items():
         notes = [each for each in (_range(field), 'live' if is_live(field) else '') if each]

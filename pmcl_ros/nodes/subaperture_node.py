@@ -4,8 +4,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from pmcl_ros import conversions
@@ -15,11 +14,12 @@ from pmcl_ros.lightfield.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.settings import DecodeSettings
-from pmcl_ros.nodes.audience import Audience, Output
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL, StageNode
+from pmcl_ros.nodes.audience import Audience
+from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.live import live_parameters
 from pmcl_ros.nodes.running import run
-from pmcl_ros.nodes.values import ValuePublisher, subscribe_value
+from pmcl_ros.nodes.values import subscribe_value
+from pmcl_ros.nodes.view_outputs import view_outputs
 from pmcl_ros.resources import resolve
 
 
@@ -35,13 +35,7 @@ class SubapertureNode(StageNode):
         self._decoders = _load(settings)
         self.health.back_end = 'numba'
         self.configured.enter_context(live_parameters(self, settings, self._renew))
-        # the small ones first, so that `views` completes its capture
-        self._outputs = [
-            self._output(CameraInfo, 'center/camera_info', _centre_info),
-            self._output(Image, 'center/image', _centre_image),
-            self._output(CameraInfo, 'views/camera_info', _views_info),
-            self._output(Image, 'views/pupil', conversions.pupil_to_message),
-            self._output(Image, 'views', conversions.views_to_message, BIG)]
+        self._outputs = view_outputs(self)
 
     def start(self) -> None:
         """Listen; the metadata first, as they are taken in this order."""
@@ -52,12 +46,6 @@ class SubapertureNode(StageNode):
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         subscribe_value(self, Image, 'image_raw', conversions.part_from(conversions.counts_from),
                         self._on_image, BIG)
-
-    def _output(self, kind: type, topic: str,
-                write: Callable[[LightField, conversions.Buffer], Image | CameraInfo],
-                qos: QoSProfile = SMALL) -> Output[LightField]:
-        publisher = ValuePublisher(self, kind, topic, qos, write)
-        return Output(publisher.wanted, publisher.publish)
 
     def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
         """Load what changed parameters name; that the last picture can be decoded shows it fits.
@@ -102,19 +90,6 @@ class SubapertureNode(StageNode):
 
     def _decode(self, image: conversions.Part, metadata: CameraMetadata) -> LightField:
         return self._decoders.decode(conversions.raw_frame_from(image.message, metadata))
-
-
-def _centre_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
-    return conversions.pinhole_to_message(light_field.header, light_field.grid.pinhole)
-
-
-def _views_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
-    grid = light_field.grid
-    return conversions.pinhole_to_message(light_field.header, grid.pinhole, grid.baseline)
-
-
-def _centre_image(light_field: LightField, buffer: conversions.Buffer) -> Image:
-    return conversions.picture_to_message(light_field.header, light_field.picture(), buffer)
 
 
 def _load(settings: DecodeSettings) -> Decoders:

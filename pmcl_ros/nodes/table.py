@@ -26,4 +26,8 @@ NODES = (
 )
 # After the chain, where it is wanted: bring-up and launch start it when they get a grasp file.
 GRASPS = Entry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
-ALL = (*NODES, GRASPS)
+# In place of lytro_driver and subaperture_node, where a camera is moved instead: when bring-up and
+# launch get a plan of its sweep.
+SWEEP = Entry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
+SWEPT = ('lytro_driver', 'subaperture_node')  # what it takes the place of
+ALL = (*NODES, GRASPS, SWEEP)

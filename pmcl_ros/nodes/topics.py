@@ -17,18 +17,19 @@ class Quality(NamedTuple):
 
 
 BIG, LATCHED, SMALL = Quality(1), Quality(1, latched=True), Quality(10)
+MANY = Quality(200)  # arms tell their pose up to 1000 times a second
 
 
 class TopicEntry(NamedTuple):
     """One topic: its name, relative to the namespace of the nodes, and who has to do with it.
 
-    publisher: a node, or in words who else. subscribers: nodes.
+    publishers: nodes, or in words who else. subscribers: nodes.
     """
 
     name: str
     type: str
     quality: Quality
-    publisher: str
+    publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
     what: str
 
@@ -39,45 +40,52 @@ _POSE, _POSES = 'geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseArray'
 _MARKERS, _SPREAD = ('visualization_msgs/msg/MarkerArray',
                      'geometry_msgs/msg/PoseWithCovarianceStamped')
 _DRIVER, _VIEWS, _DLV = 'lytro_driver', 'subaperture_node', 'dlv_node'
-_PMCL, _GRASP = 'pmcl_node', 'grasp_node'
+_PMCL, _GRASP, _SWEEP = 'pmcl_node', 'grasp_node', 'sweep_driver'
+
+_LIGHT_FIELD = (_VIEWS, _SWEEP)
 
 # In the order of the data, and of publication within a node.
 TOPICS = (
-    TopicEntry('metadata', _STRING, LATCHED, _DRIVER, (_VIEWS,), "the camera's JSON"),
-    TopicEntry('image_raw', _IMAGE, BIG, _DRIVER, (_VIEWS,),
+    TopicEntry('metadata', _STRING, LATCHED, (_DRIVER,), (_VIEWS,), "the camera's JSON"),
+    TopicEntry('image_raw', _IMAGE, BIG, (_DRIVER,), (_VIEWS,),
                'raw picture, bayer_bggr16, counts 0..4095'),
-    TopicEntry('center/camera_info', _INFO, SMALL, _VIEWS, (_PMCL,), 'pinhole of the centre view'),
-    TopicEntry('center/image', _IMAGE, SMALL, _VIEWS, (_PMCL,), 'centre view, rgb8, to look at'),
-    TopicEntry('views/camera_info', _INFO, SMALL, _VIEWS, (_DLV,),
+    TopicEntry('camera_info', _INFO, SMALL, ('a camera',), (_SWEEP,),
+               'of an ordinary camera on the arm'),
+    TopicEntry('image', _IMAGE, SMALL, ('a camera',), (_SWEEP,),
+               'its pictures, where `reliable` is false: best effort'),
+    TopicEntry('center/camera_info', _INFO, SMALL, _LIGHT_FIELD, (_PMCL,), 'pinhole of the centre view'),
+    TopicEntry('center/image', _IMAGE, SMALL, _LIGHT_FIELD, (_PMCL,), 'centre view, rgb8, to look at'),
+    TopicEntry('views/camera_info', _INFO, SMALL, _LIGHT_FIELD, (_DLV,),
                'pinhole of every view, and the baseline B between neighbours: P[3] = -fx B'),
-    TopicEntry('views/pupil', _IMAGE, SMALL, _VIEWS, (_DLV,),
+    TopicEntry('views/pupil', _IMAGE, SMALL, _LIGHT_FIELD, (_DLV,),
                'a pixel for each view, 32FC3: weight, position x and y [view steps]'),
-    TopicEntry('views', _IMAGE, BIG, _VIEWS, (_DLV,),
+    TopicEntry('views', _IMAGE, BIG, _LIGHT_FIELD, (_DLV,),
                'mosaic of all views, rgb16, linear, 32768 = sensor white'),
-    TopicEntry('dlv', _ARRAY, BIG, _DLV, (_PMCL,), 'likelihood, height x width x depth'),
-    TopicEntry('dlv/edges', _ARRAY, BIG, _DLV, (_PMCL,),
+    TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),
+    TopicEntry('dlv/edges', _ARRAY, BIG, (_DLV,), (_PMCL,),
                'edge energy, height x width x depth x tensor'),
-    TopicEntry('dlv/depth', _IMAGE, SMALL, _DLV, (), 'most likely depth, 32FC1 [m], NaN: unknown'),
-    TopicEntry('dlv/layers', _IMAGE, SMALL, _DLV, (),
+    TopicEntry('dlv/depth', _IMAGE, SMALL, (_DLV,), (), 'most likely depth, 32FC1 [m], NaN: unknown'),
+    TopicEntry('dlv/layers', _IMAGE, SMALL, (_DLV,), (),
                'rgb8: the front surface, and what is behind it'),
-    TopicEntry('camera_pose', _POSE, SMALL, 'the robot', (_PMCL,),
-               "the camera's frame in track_frame, where tracking and track_camera ask for it"),
-    TopicEntry('pose', _POSE, SMALL, _PMCL, (_GRASP,), 'the object in the camera frame [m]'),
-    TopicEntry('pose_with_covariance', _SPREAD, SMALL, _PMCL, (_GRASP,),
+    TopicEntry('camera_pose', _POSE, MANY, ('the robot',), (_PMCL, _SWEEP),
+               'where the camera is, in track_frame (where tracking and track_camera ask for it) '
+               'or fixed_frame'),
+    TopicEntry('pose', _POSE, SMALL, (_PMCL,), (_GRASP,), 'the object in the camera frame [m]'),
+    TopicEntry('pose_with_covariance', _SPREAD, SMALL, (_PMCL,), (_GRASP,),
                'the same, with its covariance [m^2, rad^2]'),
-    TopicEntry('particles', _POSES, SMALL, _PMCL, (), 'the last population'),
-    TopicEntry('markers', _MARKERS, SMALL, _PMCL, (), 'the mesh at its pose'),
-    TopicEntry('overlay', _IMAGE, SMALL, _PMCL, (), 'outline on the centre view, rgb8'),
-    TopicEntry('arm_pose', _POSE, SMALL, 'the robot', (_GRASP,),
+    TopicEntry('particles', _POSES, SMALL, (_PMCL,), (), 'the last population'),
+    TopicEntry('markers', _MARKERS, SMALL, (_PMCL,), (), 'the mesh at its pose'),
+    TopicEntry('overlay', _IMAGE, SMALL, (_PMCL,), (), 'outline on the centre view, rgb8'),
+    TopicEntry('arm_pose', _POSE, SMALL, ('the robot',), (_GRASP,),
                'mount_parent in base_frame, where arm is topic'),
-    TopicEntry('grasps', _POSES, SMALL, _GRASP, (), 'gripper poses in base_frame, best first'),
-    TopicEntry('pre_grasps', _POSES, SMALL, _GRASP, (), 'where each approach begins'),
-    TopicEntry('grasps/details', _ARRAY, SMALL, _GRASP, (),
+    TopicEntry('grasps', _POSES, SMALL, (_GRASP,), (), 'gripper poses in base_frame, best first'),
+    TopicEntry('pre_grasps', _POSES, SMALL, (_GRASP,), (), 'where each approach begins'),
+    TopicEntry('grasps/details', _ARRAY, SMALL, (_GRASP,), (),
                'of each: score, probability, width [m], opening [m]'),
-    TopicEntry('grasp', _POSE, SMALL, _GRASP, (), 'the best'),
-    TopicEntry('pre_grasp', _POSE, SMALL, _GRASP, (), 'where its approach begins'),
-    TopicEntry('grasp_markers', _MARKERS, SMALL, _GRASP, (), 'grippers at the best grasps'),
-    TopicEntry('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', SMALL, 'all nodes',
+    TopicEntry('grasp', _POSE, SMALL, (_GRASP,), (), 'the best'),
+    TopicEntry('pre_grasp', _POSE, SMALL, (_GRASP,), (), 'where its approach begins'),
+    TopicEntry('grasp_markers', _MARKERS, SMALL, (_GRASP,), (), 'grippers at the best grasps'),
+    TopicEntry('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', SMALL, ('all nodes',),
                (_GRASP,), 'rates, latency, drops, errors, back end, once a second'),
 )
 
@@ -95,6 +103,8 @@ PRESETS = {
 # node: its services (std_srvs/srv/Trigger), and what each does
 SERVICES = {
     _DRIVER: (('~/capture', 'take a picture; answers when it has been published, or why not'),),
+    _SWEEP: (('~/start', 'begin a sweep; one that is not finished is forgotten'),
+             ('~/finish', 'publish what there is of it; again: publish it again')),
     _PMCL: (('~/localize', 'search once more in the last volume'),
             ('~/reset', 'forget all that has come; the next search is as the first')),
 }

@@ -1,10 +1,13 @@
 """A parameter file is for the nodes that its author meant, or that is told."""
 
 import pytest
+import rclpy
 from harness import ROOT
+from rclpy.context import Context
+from rclpy.node import Node
 
 from pmcl_ros.errors import SettingsError
-from pmcl_ros.nodes.parameter_file import check_parameter_file
+from pmcl_ros.nodes.parameter_file import check_parameter_file, parameter_file
 
 
 @pytest.fixture
@@ -41,3 +44,22 @@ def test_who_else_has_parameters_in_it_is_told(write, text, others):
 def test_what_ros_would_pass_over_in_silence_is_refused(write, text, reason):
     with pytest.raises(SettingsError, match=reason):
         check_parameter_file(write(text))
+
+
+@pytest.mark.parametrize('namespace', ['', '/arm', '/left/arm'])
+def test_values_for_one_node_reach_it_in_every_namespace_and_no_other(namespace):
+    context = Context()
+    with parameter_file({'grasp_node': {'grasps': 'a.yaml'}, 'sweep_driver': {'plan': None}}
+                        ) as arguments:
+        rclpy.init(args=arguments, context=context)
+        nodes = [Node(name, context=context, namespace=namespace, allow_undeclared_parameters=True,
+                      automatically_declare_parameters_from_overrides=True)
+                 for name in ('grasp_node', 'sweep_driver')]
+        found = [each.get_parameter_or('grasps').value for each in nodes]
+        rclpy.shutdown(context=context)
+    assert found == ['a.yaml', None]
+
+
+def test_no_values_are_no_arguments():
+    with parameter_file({'grasp_node': {'grasps': None}}) as arguments:
+        assert arguments == []

@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes.parameters import Parameters
-from pmcl_ros.nodes.table import GRASPS, NODES
+from pmcl_ros.nodes.table import ALL
 from pmcl_ros.settings import Settings
 
 
@@ -105,7 +105,7 @@ def test_a_name_that_another_node_knows_may_be_for_all_of_them(make, capfd):
     assert 'use_sim_time' not in error
 
 
-@pytest.mark.parametrize('entry', [*NODES, GRASPS], ids=lambda entry: entry.name)
+@pytest.mark.parametrize('entry', ALL, ids=lambda entry: entry.name)
 def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
     values = shipped[f'/**/{entry.name}']['ros__parameters']
@@ -124,4 +124,4 @@ def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
 
 def test_shipped_parameters_are_of_no_other_node():
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
-    assert list(shipped) == [f'/**/{entry.name}' for entry in [*NODES, GRASPS]]
+    assert list(shipped) == [f'/**/{entry.name}' for entry in ALL]

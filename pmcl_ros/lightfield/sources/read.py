@@ -5,7 +5,7 @@ from pathlib import Path
 from pmcl_ros.errors import LightFieldError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.sources import folder, hci, stanford
+from pmcl_ros.lightfield.sources import folder, hci, stanford, sweep_folder
 from pmcl_ros.lightfield.sources.npz import read_npz
 from pmcl_ros.lightfield.sources.reduction import Reduction
 
@@ -23,8 +23,9 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
     """Read views of known geometry, rectified.
 
     path: an NPZ file as `pmcl decode` writes, or the folder with it (views.npz); a folder of
-        pictures with light_field.yaml (or that file), see `folder.GridSettings`; a scene's folder
-        of the 4D Light Field Benchmark (parameters.cfg).
+        pictures with light_field.yaml (or that file), see `folder.GridSettings`; one of a moved
+        camera's pictures with sweep.yaml (or that file), see `sweep_folder.SweepFolder`; a scene's
+        folder of the 4D Light Field Benchmark (parameters.cfg).
     every, shrink: take each `every`-th view, make `shrink` x `shrink` pixels one.
     header: whose light field it is; by default the stamp is the file's modification time.
     Raises LightFieldError or SettingsError saying which file is wrong, and how.
@@ -38,6 +39,8 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
         return _read_folder(path, header, reduction)
     if path.suffix.lower() == _NPZ:
         return read_npz(path, header, reduction)
+    if path.name == sweep_folder.NAME:
+        return sweep_folder.read_sweep(path, header, reduction)
     if path.suffix.lower() in _YAML:
         return folder.read_folder(path, header, reduction)
     raise LightFieldError(f'{path} is no light field: expected an .npz, a {folder.NAME} or a '
@@ -47,6 +50,8 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
 def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField:
     if (path / folder.NAME).is_file():
         return folder.read_folder(path / folder.NAME, header, reduction)
+    if (path / sweep_folder.NAME).is_file():
+        return sweep_folder.read_sweep(path / sweep_folder.NAME, header, reduction)
     if (path / hci.NAME).is_file():
         return hci.read_hci(path, header, reduction)
     if (path / 'views.npz').is_file():

@@ -19,6 +19,7 @@ from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 
 MOST_OFFSETS, MOST_KNOTS = 8, 9  # of a profile
+_BLURRED = 42  # labels at once: OpenCV 5 takes 128 channels
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
@@ -90,9 +91,12 @@ def smoothed(tensor: NDArray[np.float32], blur: float) -> NDArray[np.float32]:
     if blur == 0:
         return tensor
     height, width, labels, _ = tensor.shape
-    channels = np.ascontiguousarray(tensor).reshape(height, width, 3 * labels)
-    blurred = cv2.GaussianBlur(channels, (0, 0), blur).reshape(tensor.shape)
-    return np.asarray(blurred, np.float32)
+    blurred = np.empty(tensor.shape, np.float32)
+    for first in range(0, labels, _BLURRED):
+        part = np.ascontiguousarray(tensor[:, :, first:first + _BLURRED])
+        blurred[:, :, first:first + _BLURRED] = cv2.GaussianBlur(
+            part.reshape(height, width, -1), (0, 0), blur).reshape(part.shape)
+    return blurred
 
 
 def check_profile(profile: ContourProfile) -> None:

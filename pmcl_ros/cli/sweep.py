@@ -1,0 +1,121 @@
+"""`pmcl sweep`: light fields from an ordinary camera that an arm moves."""
+
+from pathlib import Path
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from pmcl_ros.cli.base import STDERR
+from pmcl_ros.evaluation.scenes.settings import KINDS, SceneSettings
+from pmcl_ros.evaluation.sweep_study import Arm, Found, compare
+from pmcl_ros.lightfield.sweep.plan import (
+    MATCHING,
+    SweepPlan,
+    depth_resolution,
+    pose_of,
+    width_for,
+)
+
+_Pose = tuple[float, float, float, float, float, float, float]
+
+
+@click.group()
+def sweep() -> None:
+    """Light fields from an ordinary camera that an arm moves."""
+
+
+@sweep.command()
+@click.option('--distance', required=True, type=click.FloatRange(0, min_open=True),
+              help='Of what is looked for [m].')
+@click.option('--resolution', required=True, type=click.FloatRange(0, min_open=True),
+              help='Standard deviation of depth that is wanted there [m].')
+@click.option('--fx', required=True, type=click.FloatRange(1), help='Focal length [px].')
+@click.option('--size', type=click.IntRange(16), nargs=2, metavar='WIDTH HEIGHT',
+              help='Of the images [px]: tells how much all views show.')
+@click.option('--matching', type=click.FloatRange(0, min_open=True), default=MATCHING,
+              show_default=True, help='Standard deviation of a displacement [px].')
+@click.option('--views', type=click.IntRange(2, 99), nargs=2, default=(5, 5), show_default=True,
+              metavar='ROWS COLUMNS', help='Of the grid.')
+@click.option('--pose', type=float, nargs=7, metavar='X Y Z QX QY QZ QW',
+              help="The camera's optical frame at the grid's middle, in --frame; left out: poses "
+              'are told in that of the camera itself.')
+@click.option('--frame', default='base_link', show_default=True, help='In which --pose is told.')
+@click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
+              help='The plan, YAML.')
+def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | None,
+         matching: float, views: tuple[int, int], pose: _Pose | None, frame: str, out: Path
+         ) -> None:
+    """Write the poses of a sweep for a wanted depth resolution.
+
+    sigma_z = z^2 sigma_d / (f B): the width B of the sweep, from its first view to its last,
+    follows from the distance z, the focal length f and the error sigma_d of a displacement.
+    """
+    width = width_for(distance, fx, resolution, matching)
+    rows, columns = views
+    step = width / (max(rows, columns) - 1)
+    middle = None if pose is None else pose_of(pose[:3], pose[3:], '--pose')
+    made = SweepPlan.of(rows, columns, round(step, 6), middle, frame if pose else '')
+    width = made.baseline * (max(rows, columns) - 1)
+    sigma = depth_resolution(distance, fx, width, matching)
+    made.save(out, f'{rows}x{columns} views for a depth resolution of {1e3 * sigma:.2f} mm at '
+              f'{distance} m\nframe: {made.frame or "that of the camera at the middle"}')
+    click.echo(f'{len(made.poses)} poses in {out}: {rows}x{columns} views, '
+               f'{1e3 * made.baseline:.2f} mm apart, {1e3 * width:.1f} mm wide')
+    click.echo(f'depth resolution at {distance} m: {1e3 * sigma:.2f} mm (z^2 sigma_d / (f B), '
+               f'sigma_d {matching} px, f {fx:g} px); neighbouring views move by '
+               f'{fx * made.baseline / distance:.1f} px')
+    if size:
+        shares = [1 - (count - 1) * made.baseline * fx / distance / pixels
+                  for count, pixels in zip((columns, rows), size, strict=True)]
+        click.echo(f'at {distance} m {100 * max(shares[0], 0) * max(shares[1], 0):.0f} % of the '
+                   "centre view's picture are in all views")
+
+
+@sweep.command('compare')
+@click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True, help='Of the first.')
+@click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS),
+              default=('opaque', 'glass'), show_default=True, help='Of scenes; may be repeated.')
+@click.option('--width', 'widths', multiple=True, type=click.FloatRange(0.001, 2),
+              default=(0.03, 0.1), show_default=True, help='Of a sweep [m]; may be repeated.')
+@click.option('--views', type=click.IntRange(3, 31), default=5, show_default=True,
+              help='Of a row and a column of a sweep.')
+@click.option('--size', type=click.IntRange(64), default=328, show_default=True,
+              help='Side of a view [px].')
+@click.option('--unknown', type=click.FloatRange(0), default=0.0, show_default=True,
+              help="Standard deviation of what is wrong with each told place of the sweep's "
+              'camera, on each axis [m].')
+@click.option('--unknown-turn', type=click.FloatRange(0), default=0.0, show_default=True,
+              help='Likewise of its direction, about each axis [rad].')
+def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple[float, ...],
+                    views: int, size: int, unknown: float, unknown_turn: float) -> None:
+    """How much better poses get: made-up scenes, seen by a light-field camera and by sweeps."""
+    settings = SceneSettings.make({'kinds': kinds, 'empty': 0, 'outside': 0, 'size': size},
+                                  'pmcl sweep compare')
+    arm = Arm(unknown=unknown, unknown_turn=unknown_turn)
+    found: list[Found] = []
+    with STDERR.status('scenes') as status:
+        for each in compare(count, seed, widths, views, settings, arm):
+            found.append(each)
+            status.update(f'{each.seed}: {each.scene}, {each.camera}')
+    table = Table('camera', 'kind', 'depth error', 'pose error', 'along the ray', 'axis error',
+                  'told sigma along the ray', 'lost')
+    for kind in kinds:
+        for camera in dict.fromkeys(each.camera for each in found):
+            of = [each for each in found
+                  if each.camera == camera and each.scene.partition(':')[0] == kind]
+            if of:
+                table.add_row(camera, kind, *_row(of))
+    Console(width=140).print(table)
+
+
+def _row(found: list[Found]) -> list[str]:
+    """Medians over scenes."""
+    def middle(name: str, factor: float = 1e3) -> float:
+        return factor * float(np.nanmedian([abs(getattr(each, name)) for each in found]))
+
+    return [f'{middle("depth"):.2f} mm', f'{middle("translation"):.2f} mm',
+            f'{middle("ray"):.2f} mm', f'{middle("rotation", 180 / np.pi):.2f}°',
+            f'{middle("sigma"):.2f} mm', f'{sum(each.lost for each in found)} of {len(found)}']

@@ -1,0 +1,177 @@
+"""Frames of a sweep -> a light field, as if all had been taken at once."""
+
+import logging
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import LightFieldError
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.sources.reduction import Reduction
+from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
+from pmcl_ros.lightfield.sweep.layout import Layout
+from pmcl_ros.lightfield.sweep.rectify import Rectification, largest_window, linear_light
+from pmcl_ros.lightfield.sweep.residual import Tracker
+from pmcl_ros.lightfield.sweep.selection import good_pictures, one_for_each_cell
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+
+_LOG = logging.getLogger(__name__)
+_TOLD = 8  # frames that one line names
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A light field, and what it was made of.
+
+    light_field: stamp and optical frame are those of the reference frame. reference: its name.
+    used: (row, column) of a view -> the name of its frame. left_out: all other frames. residual:
+    median over the views of how far corners are from where the poses allow them [px]; NaN where
+    nothing could be tracked.
+    """
+
+    light_field: LightField
+    reference: str
+    used: dict[tuple[int, int], str]
+    left_out: tuple[LeftOut, ...]
+    residual: float
+
+    def describe(self) -> str:
+        """One line."""
+        rows, columns = self.light_field.grid.shape
+        pinhole = self.light_field.grid.pinhole
+        text = (f'{len(self.used)} of {rows}x{columns} views of {pinhole.width}x{pinhole.height} '
+                f'px, reference {self.reference}, residual {self.residual:.2f} px')
+        return f'{text}; left out: {told(self.left_out)}' if self.left_out else text
+
+
+def told(left_out: Sequence[LeftOut]) -> str:
+    """The first few frames that were left out, and how many others; spare ones are counted."""
+    named = [str(each) for each in left_out if not each.spare]
+    spare = len(left_out) - len(named)
+    parts = named[:_TOLD]
+    parts += [f'{len(named) - _TOLD} more'] if len(named) > _TOLD else []
+    parts += [f'{spare} of places with a better one'] if spare else []
+    return '; '.join(parts)
+
+
+def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: str,
+             middle: NDArray[np.float64] | None = None, left_out: Sequence[LeftOut] = ()
+             ) -> Sweep:
+    """The light field of a sweep.
+
+    frame_id: the camera's optical frame. middle: (4, 4) the planned pose of the grid's middle;
+    None: where most
+    cells have a frame. The views are parallel to the reference, the frame nearest to
+    the centre cell, whose stamp and optical frame are the light field's. Every view has the true
+    position of its frame; a cell without one has weight 0. Shown is what all views show.
+    left_out: frames that were left out before.
+    Raises LightFieldError, with the frames that were left out, when fewer than two are good, or
+    when the poses of most do not fit what they show.
+    """
+    good, left = good_pictures(frames, settings)
+    left = [*left_out, *left]
+    if len(good) < 2:
+        raise LightFieldError(f'of {len(frames) + len(left_out)} frames {len(good)} are good, two '
+                              f'or more are needed: {told(left) or "none came"}')
+    layout = Layout.of([each.pose for each in good], settings, middle)
+    if not layout.inside.any():
+        nearest = settings.baseline * layout.away.min()
+        raise LightFieldError(
+            f'no frame lies in the grid of {settings.rows}x{settings.columns} views, '
+            f'{settings.baseline} m apart: the nearest is {nearest:.3f} m off its middle; do plan '
+            'and poses belong together?')
+    reference = good[int(np.argmin(np.where(layout.inside, layout.away, np.inf)))]
+    seen: dict[str, Rectification] = {}
+    fitting: list[int] = []
+    for number, each in enumerate(good):
+        rectified = Rectification.of(each, reference, settings)
+        reason = _unfit(rectified, each, reference, settings)
+        if reason:
+            left.append(LeftOut(each.name, reason))
+        else:
+            seen[each.name] = rectified
+            fitting.append(number)
+    kept = [good[number] for number in fitting]
+    chosen, others = one_for_each_cell(
+        kept, Layout(layout.cells[fitting], layout.aside[fitting], layout.away[fitting],
+                     layout.shape), kept.index(reference))
+    left += others
+    return _build(chosen, seen, reference, left, settings, frame_id)
+
+
+def _unfit(rectified: Rectification, frame: SweepFrame, reference: SweepFrame,
+           settings: SweepSettings) -> str:
+    """Why a frame cannot be made parallel to the reference; empty where it can."""
+    pinhole = reference.lens.pinhole
+    error = rectified.error(pinhole, settings)
+    if error > settings.plane:
+        return (f'{1e3 * abs(rectified.offset[2]):.1f} mm off the plane of the views: wrong by '
+                f'{error:.2f} px at {settings.near} m, {settings.plane:g} are allowed')
+    share = rectified.inside(frame).mean()
+    if share < settings.overlap:
+        return (f'turned away: it shows {100 * share:.0f} % of the reference '
+                f'{reference.name}, {100 * settings.overlap:.0f} are needed')
+    return ''
+
+
+def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectification],
+           reference: SweepFrame, left: list[LeftOut], settings: SweepSettings, frame_id: str
+           ) -> Sweep:
+    whole = np.logical_and.reduce([seen[each.name].inside(each) for each in chosen.values()])
+    window = largest_window(whole)
+    pinhole = _seen_by(reference.lens.pinhole, window)
+    reduction = Reduction(1, settings.shrink)
+    reduction.check_memory(settings.rows, settings.columns, pinhole.height, pinhole.width)
+    small = reduction.pinhole(pinhole)
+    shape = (settings.rows, settings.columns)
+    views = np.zeros((*shape, small.height, small.width, 3), np.float32)
+    weights = np.zeros(shape, np.float32)
+    positions = nominal_positions(*shape)
+    centre = settings.rows // 2, settings.columns // 2
+    tracker: Tracker | None = None
+    residuals: list[float] = []
+    wrong: list[LeftOut] = []
+    used: dict[tuple[int, int], str] = {}
+    for cell, frame in sorted(chosen.items(), key=lambda each: each[0] != centre):
+        rectified = seen[frame.name]
+        view = reduction.shrunk(rectified.picture(linear_light(frame.image, settings.gamma),
+                                                  window))
+        if tracker is None:
+            tracker = Tracker(view, settings.gamma)
+        else:
+            residual = tracker.residual(view, rectified.offset, small, settings.near)
+            if residual is None:
+                _LOG.info('%s: too little can be tracked to check its pose', frame.name)
+            else:
+                residuals.append(residual)
+                if residual > settings.residual:
+                    wrong.append(LeftOut(frame.name, f'its pose does not fit what it shows: '
+                                         f'{residual:.1f} px off, {settings.residual:g} are '
+                                         'allowed'))
+                    continue
+        views[cell], weights[cell], used[cell] = view, 1, frame.name
+        positions[cell] = rectified.offset[:2] / settings.baseline
+    typical = float(np.median(residuals)) if residuals else math.nan
+    if len(wrong) > len(used) or len(used) < 2:
+        raise LightFieldError(
+            f'of {len(chosen)} frames {len(wrong)} show things {typical:.1f} px from where their '
+            'poses allow them (median): are the poses those of the optical frame, at the time of '
+            f'the exposure, and is the camera calibrated? {told([*wrong, *left])}')
+    grid = ViewGrid(small, settings.baseline, positions, weights)
+    light_field = LightField(Header(reference.stamp_ns, frame_id), views, grid,
+                             1 / settings.gamma)
+    return Sweep(light_field, reference.name, used, (*left, *wrong), typical)
+
+
+def _seen_by(pinhole: Pinhole, window: tuple[slice, slice]) -> Pinhole:
+    rows, columns = window
+    height, width = rows.stop - rows.start, columns.stop - columns.start
+    if width < 1 or height < 1:
+        raise LightFieldError('the frames have no part of the scene in common: they are turned '
+                              'too far from each other')
+    return pinhole.crop(columns.start, rows.start, width, height)

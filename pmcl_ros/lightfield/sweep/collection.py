@@ -1,0 +1,78 @@
+"""The frames of a sweep while it goes on: good ones are kept, not too many of one place."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.errors import LightFieldError
+from pmcl_ros.lightfield.sweep.assemble import Sweep, assemble
+from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
+from pmcl_ros.lightfield.sweep.layout import Layout
+from pmcl_ros.lightfield.sweep.selection import moves, relative_sharpness
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+
+_APART = 0.25  # view steps: of two frames nearer to each other the sharper one is kept
+MOST_BYTES = 2 ** 30  # of the images of all frames
+
+
+class Collection:
+    """Frames as they come. middle: (4, 4) of the planned grid, or None: see `assemble`."""
+
+    def __init__(self, settings: SweepSettings, middle: NDArray[np.float64] | None = None) -> None:
+        self._settings, self._middle = settings, middle
+        self.frames: list[SweepFrame] = []
+        self.left_out: list[LeftOut] = []
+
+    def add(self, frame: SweepFrame) -> bool:
+        """Take a frame; whether it is kept. `left_out` grows by this or another one otherwise.
+
+        Raises LightFieldError when it has no room any more.
+        """
+        reason = moves(frame, self._settings)
+        if reason:
+            self.leave_out(frame.name, reason)
+            return False
+        for number, other in enumerate(self.frames):
+            apart = self._apart(frame, other)
+            if apart < _APART * self._settings.baseline:
+                old, new = relative_sharpness([other, frame])
+                worse, better = (other, frame) if new > old else (frame, other)
+                self.leave_out(worse.name, f'{better.name} is sharper, {1e3 * apart:.1f} mm '
+                               'beside it', True)
+                self.frames[number] = better
+                return better is frame
+        size = sum(each.image.nbytes for each in (*self.frames, frame))
+        if size > MOST_BYTES:
+            self.leave_out(frame.name, 'no room')
+            raise LightFieldError(
+                f'{frame.name} is given up: {len(self.frames)} frames, '
+                f'{size / 2 ** 30:.1f} GiB, are kept already, {self.filled} of {self.cells} views '
+                'are there; finish the sweep, move over a smaller area, or set a larger baseline')
+        self.frames.append(frame)
+        return True
+
+    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
+        """Note a frame that is not used."""
+        self.left_out.append(LeftOut(name, reason, spare))
+
+    @property
+    def cells(self) -> int:
+        """Of the grid."""
+        return self._settings.rows * self._settings.columns
+
+    @property
+    def filled(self) -> int:
+        """Cells of the grid that have a frame."""
+        if not self.frames:
+            return 0
+        poses = [each.pose for each in self.frames]
+        return Layout.of(poses, self._settings, self._middle).filled
+
+    def assemble(self, frame_id: str) -> Sweep:
+        """The light field of what has come; all frames are kept. Errors: of `assemble`."""
+        return assemble(self.frames, self._settings, frame_id, self._middle, self.left_out)
+
+    def _apart(self, one: SweepFrame, other: SweepFrame) -> float:
+        """Metres between two places, a turn as what it moves at `near`."""
+        cosine = (np.trace(one.pose[:3, :3].T @ other.pose[:3, :3]) - 1) / 2
+        return float(np.linalg.norm(one.position - other.position)
+                     + self._settings.near * np.arccos(np.clip(cosine, -1, 1)))

@@ -1,0 +1,116 @@
+"""Where to take the pictures of a sweep, and how well depth is known from them."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.errors import LightFieldError, SettingsError
+from pmcl_ros.lightfield.geometry import nominal_positions
+from pmcl_ros.settings import Settings
+
+MATCHING = 0.25  # px: how exactly a displacement is known, its standard deviation
+
+
+def depth_resolution(distance: float, fx: float, width: float, matching: float = MATCHING
+                     ) -> float:
+    """Standard deviation of depth [m] of a stereo rig: sigma_z = z^2 sigma_d / (f B).
+
+    From d = f B / z: a displacement's error sigma_d is one of z^2 / (f B) times as much of z.
+    distance: z [m]. fx: f [px]. width: B, of the sweep, from its first to its last view [m].
+    matching: sigma_d [px]. The centre view is compared with views B / 2 to both sides; together
+    those tell sqrt(2) times less than one pair B apart, all the other views make up for it.
+    """
+    return distance ** 2 * matching / (fx * width)
+
+
+def width_for(distance: float, fx: float, resolution: float, matching: float = MATCHING) -> float:
+    """The width of a sweep [m] whose `depth_resolution` is `resolution` [m]."""
+    return distance ** 2 * matching / (fx * resolution)
+
+
+class PlannedView(Settings):
+    """One pose of the camera's optical frame (x right, y down, z forward)."""
+
+    row: int = Field(ge=0, description='of the view')
+    column: int = Field(ge=0, description='of the view')
+    position: tuple[float, float, float] = Field(description='[m]')
+    orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """(4, 4)."""
+        return pose_of(self.position, self.orientation, f'row {self.row}, column {self.column}')
+
+
+class SweepPlan(Settings):
+    """A grid of parallel poses in one plane, in the order in which an arm best goes through.
+
+    frame: in which the poses are told; empty: in that of the camera at the middle of the grid.
+    """
+
+    frame: str = Field('', description="frame of the poses; empty: the camera's at the grid's "
+                       'middle')
+    rows: int = Field(ge=1, le=99, description='rows of views')
+    columns: int = Field(ge=1, le=99, description='views of a row')
+    baseline: float = Field(gt=0, le=10, description='between neighbouring views [m]')
+    poses: list[PlannedView] = Field(min_length=2, description='to take pictures at')
+
+    @model_validator(mode='after')
+    def _whole(self) -> 'SweepPlan':
+        if len({(each.row, each.column) for each in self.poses}) != self.rows * self.columns:
+            raise ValueError(f'{len(self.poses)} poses are not the {self.rows}x{self.columns} of '
+                             'the grid, one for each row and column')
+        return self
+
+    @classmethod
+    def of(cls, rows: int, columns: int, baseline: float,
+           middle: NDArray[np.float64] | None = None, frame: str = '') -> 'SweepPlan':
+        """A plan about `middle` (4, 4), every second row from right to left."""
+        middle = np.eye(4) if middle is None else middle
+        steps = nominal_positions(rows, columns) - nominal_positions(rows, columns).mean((0, 1))
+        x, y, z, w = Rotation.from_matrix(middle[:3, :3]).as_quat(canonical=True).tolist()
+        poses = []
+        for row in range(rows):
+            for column in range(columns) if row % 2 == 0 else reversed(range(columns)):
+                place = middle[:3, :3] @ [*(baseline * steps[row, column]), 0] + middle[:3, 3]
+                a, b, c = (round(each, 6) + 0.0 for each in place.tolist())
+                poses.append(PlannedView(row=row, column=column, position=(a, b, c),
+                                         orientation=(x, y, z, w)))
+        return cls(frame=frame, rows=rows, columns=columns, baseline=baseline, poses=poses)
+
+    @classmethod
+    def read(cls, path: Path) -> 'SweepPlan':
+        """Read a plan; SettingsError says what is wrong with it."""
+        plan = cls.load(path)
+        try:
+            _ = [each.pose for each in plan.poses]
+        except LightFieldError as error:
+            raise SettingsError(f'{path}: {error}') from None
+        return plan
+
+    @property
+    def middle(self) -> NDArray[np.float64] | None:
+        """(4, 4) of the grid in `frame`; None where the poses are relative to it."""
+        if not self.frame:
+            return None
+        poses = np.array([each.pose for each in self.poses])
+        middle = np.eye(4)
+        middle[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
+        middle[:3, 3] = poses[:, :3, 3].mean(axis=0)
+        return middle
+
+
+def pose_of(position: tuple[float, float, float], orientation: tuple[float, float, float, float],
+            name: str) -> NDArray[np.float64]:
+    """(4, 4) of a position [m] and a quaternion x, y, z, w; LightFieldError names what is none."""
+    length = float(np.linalg.norm(orientation))
+    if not abs(length - 1) < 1e-3:
+        raise LightFieldError(f'{name}: the quaternion {list(orientation)} has length '
+                              f'{length:.4f}, not 1')
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_quat(orientation).as_matrix()
+    pose[:3, 3] = position
+    return pose

@@ -1,0 +1,197 @@
+"""Images of a moved camera and its poses -> LightField."""
+
+import sys
+import time
+from collections import deque
+from typing import NamedTuple
+
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, Image
+
+from pmcl_ros import conversions
+from pmcl_ros.errors import LightFieldError, PmclError, SettingsError
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.sweep.collection import Collection
+from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
+from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.nodes.audience import Audience
+from pmcl_ros.nodes.base import StageNode
+from pmcl_ros.nodes.camera_messages import colours_from, lens_from
+from pmcl_ros.nodes.camera_poses import camera_poses
+from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.view_outputs import view_outputs
+from pmcl_ros.resources import resolve
+
+_LOOK = 0.05  # s between two looks for poses of images that wait
+_WAITING = 100  # images that may wait for a pose
+
+
+class _Waiting(NamedTuple):
+    """An image whose pose has not come yet. came: on the monotonic clock."""
+
+    name: str
+    header: Header
+    image: Image
+    came: float
+
+
+class SweepDriver(StageNode):
+    """Collects the frames of a sweep and publishes them as one light field."""
+
+    name = 'sweep_driver'
+    settings_class = SweepDriverSettings
+
+    def set_up(self, settings: SweepDriverSettings) -> None:
+        """Read the plan, if there is one."""
+        self._middle = None
+        if settings.plan:
+            plan = SweepPlan.read(resolve(settings.plan, 'plan'))
+            if plan.frame and plan.frame != settings.fixed_frame:
+                raise SettingsError(f'{settings.plan} is told in {plan.frame!r}, the poses come '
+                                    f'in fixed_frame {settings.fixed_frame!r}: change one')
+            settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
+                                                   'baseline': plan.baseline})
+            self._middle = plan.middle
+        self._settings = settings
+        self._poses = camera_poses(self, settings)
+        self._outputs = view_outputs(self)
+        self.get_logger().info(
+            f'a sweep is {settings.rows}x{settings.columns} views, {settings.baseline} m apart, '
+            + ('at the planned poses' if self._middle is not None else 'wherever the camera goes'))
+
+    def start(self) -> None:
+        """Listen."""
+        self._lens: Lens | None = None
+        self._waiting: deque[_Waiting] = deque()
+        self._collecting, self._number = False, 0
+        self._audience = Audience(self, self._outputs, 'a sweep: nobody listens to views')
+        self._poses.start()
+        self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
+            depth=10, reliability=self._reliability))
+        self.subscribe(Image, 'image', self._on_image, QoSProfile(
+            depth=10, reliability=self._reliability))
+        self.every(_LOOK, self._take_waiting)
+        self.serve('~/start', self._start_sweep)
+        self.serve('~/finish', self._finish)
+        self._collection = Collection(self._settings, self._middle)
+        self._frame_id: str | None = None
+        if self._settings.at_once:
+            self._start_sweep()
+        self._tell()
+
+    @property
+    def _reliability(self) -> ReliabilityPolicy:
+        return (ReliabilityPolicy.RELIABLE if self._settings.reliable
+                else ReliabilityPolicy.BEST_EFFORT)
+
+    # in
+
+    def _start_sweep(self) -> str:
+        forgotten = len(self._collection.frames) if self._collecting else 0
+        self._collection = Collection(self._settings, self._middle)
+        self._waiting.clear()
+        self._collecting, self._auto, self._frame_id = True, self._settings.auto_finish, None
+        self._number = 0
+        self._tell()
+        return 'collecting' + (f'; {forgotten} frames of an unfinished sweep are forgotten'
+                               if forgotten else '')
+
+    def _on_info(self, message: CameraInfo) -> None:
+        self._lens = lens_from(message, self._settings.rectified)
+
+    def _on_image(self, message: Image) -> None:
+        self.health.frames_in += 1
+        if not self._collecting:
+            self.health.count('frames outside of sweeps')
+            return
+        self._number += 1
+        name = f'frame {self._number}'
+        header = conversions.header_from(message.header)
+        self._frame_id = self._frame_id or header.frame_id
+        if header.frame_id != self._frame_id:
+            raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '
+                                  f'{self._frame_id!r}: a sweep is of one camera')
+        self._waiting.append(_Waiting(name, header, message, time.monotonic()))
+        self._take_waiting()
+        if len(self._waiting) > _WAITING:
+            self._give_up(self._waiting.popleft(), f'{_WAITING} younger ones wait too')
+
+    def _take_waiting(self) -> None:
+        """Collect the images whose poses are known by now, in their order."""
+        taken = False
+        while self._waiting:
+            first = self._waiting[0]
+            lens = self._lens
+            try:
+                moving = self._poses.at(first.header.stamp_ns, first.header.frame_id)
+            except LightFieldError as error:
+                self._give_up(self._waiting.popleft(), str(error))
+                continue
+            if lens is None or moving is None:
+                if time.monotonic() - first.came < self._settings.patience:
+                    break
+                self._give_up(self._waiting.popleft(), 'no camera_info has come' if lens is None
+                              else self._poses.missing)
+                continue
+            self._waiting.popleft()
+            try:
+                frame = SweepFrame(first.name, first.header.stamp_ns, colours_from(first.image),
+                                   lens, moving.pose, moving.speed, moving.turning)
+            except PmclError as error:
+                self._collection.leave_out(first.name, str(error))
+                raise LightFieldError(f'{first.name} is left out: {error}') from None
+            taken = self._collection.add(frame) or taken
+        if taken:
+            self._tell()
+            if self._auto and self._collection.filled == self._collection.cells:
+                self._auto = False  # what fails now is the user's to finish, or to start again
+                self._finish()
+
+    def _give_up(self, waiting: _Waiting, reason: str) -> None:
+        self._collection.leave_out(waiting.name, reason)
+        self.dropped(f'{waiting.name}, {waiting.header.stamp_ns}: {reason}')
+
+    # out
+
+    def _finish(self) -> str:
+        """Publish what there is; after a sweep has ended, the same again."""
+        if not self._collecting and not self._collection.frames:
+            raise LightFieldError('no sweep is going on: call ~/start')
+        auto, self._auto = self._auto, False
+        self._take_waiting()
+        while self._waiting:
+            self._give_up(self._waiting.popleft(), 'its pose had not come when the sweep ended')
+        try:
+            sweep = self._collection.assemble(self._frame_id or '')
+        except LightFieldError as error:  # the frames are kept: more may mend it
+            self._auto = auto
+            raise LightFieldError(f'no light field of this sweep yet: {error}') from None
+        self._collecting = False
+        made = sweep.light_field
+        self.get_logger().info(f'sweep: {sweep.describe()}')
+        for each in sweep.left_out:
+            self.get_logger().debug(f'left out {each}')
+        self._audience.tell(lambda: made, f'sweep {made.header.stamp_ns}')
+        self._tell()
+        self.health.extra['last sweep'] = sweep.describe()
+        self.tell_health()
+        return sweep.describe()
+
+    def _tell(self) -> None:
+        """Progress, for /diagnostics."""
+        self.health.extra = {
+            'sweep': 'collecting' if self._collecting else 'none',
+            'views': f'{self._collection.filled} of {self._collection.cells}',
+            'frames kept': len(self._collection.frames),
+            'frames left out': len(self._collection.left_out)}
+
+
+def main() -> int:
+    """Entry point."""
+    return run(SweepDriver)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""A folder of pictures and poses is a light field for every command."""
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from sweep_scene import PINHOLE, frame, raster
+
+from pmcl_ros import bags
+from pmcl_ros.cli import main
+from pmcl_ros.errors import LightFieldError, SettingsError
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.sources.sweep_folder import write_sweep
+from pmcl_ros.lightfield.sweep.assemble import assemble
+from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+
+SETTINGS = SweepSettings(rows=1, columns=3, baseline=0.01, near=0.4, far=1.0)
+LENS = Lens(PINHOLE, (-0.1, 0.02, 0.0, 0.001))
+
+
+@pytest.fixture
+def folder(tmp_path):
+    frames = [frame(f'{number}', pose, LENS) for number, pose
+              in enumerate(raster(1, 3, 0.01, 0.0005, 0.2))]
+    write_sweep(tmp_path / 'sweep', frames, SETTINGS)
+    return tmp_path / 'sweep', frames
+
+
+def changed(path, **values):
+    found = yaml.safe_load(path.read_text())
+    found.update(values)
+    path.write_text(yaml.safe_dump(found))
+
+
+def test_it_is_read_as_it_was_taken(folder):
+    path, frames = folder
+    expected = assemble(frames, SETTINGS, '').light_field
+    for source in (path, path / 'sweep.yaml'):
+        assert is_light_field(source)
+        found = read_light_field(source, header=Header(5, 'eye'))
+        assert found.header == Header(5, 'eye')
+        assert found.grid.pinhole == expected.grid.pinhole
+        np.testing.assert_allclose(found.grid.positions, expected.grid.positions, atol=1e-9)
+        np.testing.assert_array_equal(found.views, expected.views)
+        assert found.gamma == pytest.approx(1 / 2.2)
+    small = read_light_field(path, shrink=2)
+    assert small.grid.pinhole.width == expected.grid.pinhole.width // 2
+    inner = expected.views[0, 1][:2, :2].mean(axis=(0, 1))
+    np.testing.assert_allclose(small.views[0, 1][0, 0], inner, rtol=1e-5)
+
+
+def test_frames_that_are_left_out_are_named(folder, caplog):
+    path, _ = folder
+    found = yaml.safe_load((path / 'sweep.yaml').read_text())
+    found['frames'][2]['position'][2] += 0.1
+    (path / 'sweep.yaml').write_text(yaml.safe_dump(found))
+    assert read_light_field(path).grid.weights.sum() == 2
+    assert '2.png: ' in caplog.text
+    assert 'off the plane' in caplog.text
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    ({'frames': [{'file': 'no.png', 'position': [0, 0, 0], 'orientation': [0, 0, 0, 1]}] * 2},
+     'no.png is no picture'),
+    ({'frames': [{'file': '0.png', 'position': [0, 0, 0], 'orientation': [0, 0, 0, 3]}] * 2},
+     'has length 3'),
+    ({'camera': {'fx': 200.0, 'cx': 80.0}}, r'camera.cy: Field required'),
+    ({'near': 2.0}, 'near 2.0 m must be smaller'),
+])
+def test_what_is_wrong_is_told(folder, change, reason):
+    path, _ = folder
+    changed(path / 'sweep.yaml', **change)
+    with pytest.raises((LightFieldError, SettingsError), match=reason):
+        read_light_field(path)
+
+
+def test_each_kth_view_of_no_grid_is_refused(folder):
+    with pytest.raises(LightFieldError, match='are no grid'):
+        read_light_field(folder[0], every=2)
+
+
+def test_it_becomes_a_bag_as_other_light_fields_do(folder, tmp_path):
+    bag = tmp_path / 'bag'
+    result = CliRunner().invoke(main, ['bag', 'record', str(folder[0]), str(bag)])
+    assert result.exit_code == 0, result.output
+    assert [each.name for each in bags.topics(bag)] == [
+        '/center/camera_info', '/center/image', '/views/camera_info', '/views/pupil', '/views']

@@ -1,0 +1,243 @@
+"""A sweep of an ordinary camera, replayed from a bag through real nodes, gives a pose."""
+
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Process
+from rclpy.serialization import serialize_message
+from scipy.spatial.transform import Rotation
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from pmcl_ros import bags
+from pmcl_ros import conversions as cv
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.scenes.moved import photographs, seen_from
+from pmcl_ros.evaluation.scenes.random_scene import random_scene
+from pmcl_ros.evaluation.scenes.settings import SceneSettings
+from pmcl_ros.header import Header
+from pmcl_ros.lightfield.sweep.assemble import assemble
+from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.nodes.grasp_messages import pose_to_message
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+STEP = 0.03
+NEAR, FAR = 0.3, 1.0
+BASE = np.eye(4)  # of the grid's middle in the robot's base
+BASE[:3, :3] = Rotation.from_euler('xyz', [170, 20, -40], degrees=True).as_matrix()
+BASE[:3, 3] = 0.5, -0.2, 0.9
+
+
+@pytest.fixture(scope='module')
+def scene():
+    settings = SceneSettings(kinds=('opaque',), empty=0, outside=0, clutter=0, size=128)
+    return random_scene(np.random.default_rng(3), settings)
+
+
+@pytest.fixture(scope='module')
+def frames(scene):
+    """Nine pictures of a hand-eye camera near the planned places, a second apart."""
+    rng = np.random.default_rng(0)
+    poses = []
+    for each in SweepPlan.of(3, 3, STEP).poses:
+        pose = each.pose
+        if (each.row, each.column) != (1, 1):
+            pose[:3, 3] += 0.001 * rng.standard_normal(3) * [1, 1, 0.2]
+            pose[:3, :3] = Rotation.from_rotvec(0.005 * rng.standard_normal(3)).as_matrix()
+        poses.append(pose)
+    taken = photographs(scene, poses, rng, stamp_ns=START)
+    return [replace(each, pose=BASE @ each.pose) for each in taken]
+
+
+def image_of(frame, frame_id='wrist_camera'):
+    return cv.picture_to_message(Header(frame.stamp_ns, frame_id), frame.image)
+
+
+def info_of(frame):
+    return cv.pinhole_to_message(Header(frame.stamp_ns, 'wrist_camera'), frame.lens.pinhole)
+
+
+def pose_of(stamp_ns, pose, frame_id='base_link'):
+    return PoseStamped(header=cv.header_to_message(Header(stamp_ns, frame_id)),
+                       pose=pose_to_message(pose))
+
+
+def record(bag, frames):
+    """What a robot's bag has: poses at 20 Hz while the arm goes from stop to stop, images at
+    each stop and on each way."""
+    messages = []
+    for each, after in zip(frames, [*frames[1:], frames[-1]], strict=True):
+        messages += [(each.stamp_ns, '/camera_info', info_of(each)),
+                     (each.stamp_ns, '/image', image_of(each)),
+                     (each.stamp_ns + SECOND // 2, '/image',
+                      image_of(replace(each, stamp_ns=each.stamp_ns + SECOND // 2)))]
+        for tick in range(-2, 18):  # it stands for 0.2 s, then it moves for 0.8 s
+            part = np.clip((tick - 2) / 16, 0, 1)
+            pose = each.pose.copy()
+            pose[:3, 3] += part * (after.position - each.position)
+            messages.append((each.stamp_ns + tick * SECOND // 20, '/camera_pose', pose))
+    lines = []
+    for time_ns, topic, message in sorted(messages, key=lambda each: each[0]):
+        if topic == '/camera_pose':
+            message = pose_of(time_ns, message)
+        kind = f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
+        lines.append(bags.Recorded(topic, kind, time_ns, serialize_message(message)))
+    bags.record(bag, lines)
+
+
+def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
+    record(tmp_path / 'bag', frames)
+    target = scene.targets[0]
+    trimesh.Trimesh(target.vertices, target.faces, process=False).export(tmp_path / 'model.obj')
+    SweepPlan.of(3, 3, STEP, BASE, 'base_link').save(tmp_path / 'plan.yaml')
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(yaml.safe_dump({
+        'sweep_driver': {'ros__parameters': {'near': NEAR, 'far': FAR, 'poses': 'topic',
+                                             'exposure': 0.1, 'movement': 1.0}},
+        'dlv_node': {'ros__parameters': {'near': NEAR, 'far': FAR, 'labels': 50,
+                                         'edge_labels': 40}},
+        'pmcl_node': {'ros__parameters': {
+            'object': str(tmp_path / 'model.obj'), 'roi_center': list(target.roi_center),
+            'roi_size': list(target.roi_size)}}}))
+    with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters, '--sweep',
+                 tmp_path / 'plan.yaml', checked=False) as chain:
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--rate', '4'):
+            user.wait(lambda: poses or not chain.alive(), 'a pose')
+        assert chain.alive(), chain.log
+    assert 'lytro_driver' not in chain.log
+    assert 'sweep: 9 of 3x3 views' in chain.log
+    assert 'frame 2: moved by' in chain.log
+    header, pose = cv.pose_from(poses[0])
+    # of the reference, the picture nearest to the grid's middle, in its camera's frame
+    middle = next(each for each in frames if np.allclose(each.pose, BASE))
+    assert header == Header(middle.stamp_ns, 'wrist_camera')
+    error = pose_error(pose, target.pose, target.axis)
+    assert error.translation < 0.01
+    assert np.degrees(error.rotation) < 10 or np.degrees(error.rotation) > 170
+
+
+def test_the_truth_moves_with_the_camera(scene):
+    by = np.eye(4)
+    by[:3, :3] = Rotation.from_euler('y', 10, degrees=True).as_matrix()
+    by[:3, 3] = 0.05, -0.02, 0.01
+    moved = seen_from(scene, by)
+    np.testing.assert_allclose(by @ moved.targets[0].pose, scene.targets[0].pose, atol=1e-12)
+    np.testing.assert_allclose(moved.world_from_camera, scene.world_from_camera @ by[:3, :3])
+
+
+class Robot:
+    """A camera and an arm."""
+
+    def __init__(self, user):
+        self.user = user
+        self.image = user.publisher(Image, 'image', BIG)
+        self.info = user.publisher(CameraInfo, 'camera_info', SMALL)
+        self.pose = user.publisher(PoseStamped, 'camera_pose', SMALL)
+
+    def shoot(self, frame, frame_id='wrist_camera', posed=True):
+        self.image.publish(image_of(frame, frame_id))
+        self.user.delivered(self.image)
+        if posed:  # after its image, of its very stamp
+            self.pose.publish(pose_of(frame.stamp_ns, frame.pose))
+            self.user.delivered(self.pose)
+
+    def ask(self, service):
+        return self.user.call(Trigger, f'/sweep_driver/{service}', Trigger.Request())
+
+
+def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, user, frames):
+    settings = {'poses': 'topic', 'rows': 3, 'columns': 3, 'baseline': STEP, 'near': NEAR,
+                'far': FAR, 'at_once': False, 'patience': 1.0, 'gap': 2.0, 'movement': 5.0}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        views, infos, pupils, centres = (user.listen(kind, topic, qos) for kind, topic, qos in (
+            (Image, 'views', BIG), (CameraInfo, 'views/camera_info', SMALL),
+            (Image, 'views/pupil', SMALL), (Image, 'center/image', SMALL)))
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+
+        def values(key):
+            found = {each.key: each.value for each in states[-1].status[0].values}
+            return found.get(key)
+
+        refused = robot.ask('finish')
+        assert not refused.success
+        assert 'call ~/start' in refused.message
+        robot.shoot(frames[0])
+        user.wait(lambda: states and values('frames outside of sweeps') == '1', 'it to be counted')
+
+        assert robot.ask('start').success
+        robot.shoot(frames[0])
+        user.wait(lambda: 'no camera_info has come' in node.log, 'the first to be given up')
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        for each in frames[:-1]:
+            robot.shoot(each)
+        robot.shoot(frames[-1], 'other_camera', posed=False)
+        user.wait(lambda: "is of 'other_camera', those before it" in node.log, 'its refusal')
+        user.wait(lambda: values('views') == '8 of 9', 'eight views')
+        robot.shoot(frames[-1], posed=False)
+        answer = robot.ask('finish')  # one is missing, the sweep is published all the same
+        assert answer.success, answer.message
+        assert answer.message.startswith('8 of 3x3 views')
+        assert 'frame 1: no camera_info has come' in answer.message
+        assert 'frame 11: its pose had not come when the sweep ended' in answer.message
+        user.wait(lambda: views and infos and pupils and centres, 'the light field')
+
+        found = cv.light_field_from(infos[0], pupils[0], views[0])
+        of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
+        expected = assemble(frames[:-1], of, 'wrist_camera').light_field
+        assert found.header == expected.header
+        assert found.grid.pinhole == expected.grid.pinhole
+        np.testing.assert_allclose(found.grid.positions, expected.grid.positions, atol=1e-6)
+        np.testing.assert_array_equal(found.grid.weights, expected.grid.weights)
+        np.testing.assert_allclose(found.views, expected.views, atol=1e-4)
+        assert found.grid.weights.sum() == 8
+
+        # for who listens only now: the same again
+        assert robot.ask('finish').message == answer.message
+        user.wait(lambda: len(views) == 2, 'the same again')
+        assert views[1] == views[0]
+
+        # too few: told, and more may come
+        assert robot.ask('start').message == 'collecting'
+        robot.shoot(frames[0])
+        user.wait(lambda: values('views') == '1 of 9', 'one view')
+        refused = robot.ask('finish')
+        assert not refused.success
+        assert 'no light field of this sweep yet: of 1 frames 1 are good' in refused.message
+        for each in frames[1:]:
+            robot.shoot(each)
+        user.wait(lambda: len(views) == 3, 'the sweep to finish as it is complete')
+        assert '9 of 3x3 views' in node.log
+        assert all(user.change('sweep_driver', DEACTIVATE, ACTIVATE, DEACTIVATE, CLEANUP))
+        assert 'Traceback' not in node.log
+
+
+def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
+    plan = tmp_path / 'plan.yaml'
+    SweepPlan.of(2, 2, 0.01, BASE, 'base_link').save(plan)
+    wrong = [({'near': 2.0}, {'near': 0.3}, 'near 2.0 m must be smaller'),
+             ({'plan': '/nowhere.yaml'}, {'plan': ''}, 'there is no /nowhere.yaml'),
+             ({'plan': str(plan), 'fixed_frame': 'map'}, {'fixed_frame': 'base_link'},
+              "is told in 'base_link', the poses come in fixed_frame 'map'")]
+    if find_spec('tf2_ros') is None:
+        wrong.append(({'poses': 'tf'}, {'poses': 'auto'}, 'tf2_ros cannot be imported'))
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver') as node:
+        for bad, good, reason in wrong:
+            assert user.set('sweep_driver', **bad) == []
+            assert not user.change('sweep_driver', CONFIGURE)
+            assert reason in node.log
+            assert user.set('sweep_driver', **good) == []
+        assert user.change('sweep_driver', CONFIGURE), node.log
+        assert 'a sweep is 2x2 views, 0.01 m apart, at the planned poses' in node.log
