@@ -55,6 +55,7 @@ class Soak:
     tell on /diagnostics, by node. unreported: captures of which nothing came and nobody told.
     latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
     each time the graph had run empty. left: files in /dev/shm that outlived the graph.
+    told: what each node last said of itself on /diagnostics.
     """
 
     captures: int = 0
@@ -73,6 +74,7 @@ class Soak:
     descriptors: dict[str, list[int]] = field(default_factory=dict)
     threads: dict[str, list[int]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
+    told: dict[str, dict[str, str]] = field(default_factory=dict)
     status: int = 0
     tracebacks: int = 0
 
@@ -196,7 +198,7 @@ class _Run:
         made.seconds = monotonic() - self._began
         until = monotonic() + _TOLD
         self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
-        made.unreported = self._balance(made)
+        made.unreported, made.told = self._balance(made), self._graph.told
         times = [1e-9 * (arrived - stamp) for stamp, arrived, _ in self._graph.poses]
         if times:
             made.latency = {f'{each} %': float(np.percentile(times, each))
