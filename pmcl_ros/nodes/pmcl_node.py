@@ -167,24 +167,13 @@ class PmclNode(StageNode):
         self._worker.resume()
         return f'the next volume is searched as the first, with seed {self._settings.seed}'
 
-    # on the worker's thread
-
     def _search(self, volume: DepthLikelihoodVolume) -> None:
         self._last = volume
-        replaced = self._worker.offer(partial(self._localize, volume, time.monotonic()))
+        replaced = self._worker.offer(partial(self._localize, volume, time.monotonic(),
+                                              self._camera_at(volume)))
         if replaced is not None:
             self.dropped(f'capture {replaced.args[0].header.stamp_ns}: a newer one came before '
                          'it was searched')
-
-    def _localize(self, volume: DepthLikelihoodVolume, began: float, _: Localizer) -> None:
-        with self.watched('search'):
-            estimate = self._tracker.track(volume, self._random,
-                                           lambda _: not self._worker.stopping,
-                                           self._camera_at(volume))
-            if self._worker.stopping:
-                self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
-            else:
-                self._publish(estimate, volume, time.monotonic() - began)
 
     def _camera_at(self, volume: DepthLikelihoodVolume) -> NDArray[np.float64] | None:
         if self._camera_poses is None:
@@ -194,6 +183,18 @@ class PmclNode(StageNode):
         except LocalizationError as error:
             self.get_logger().warning(str(error))
             return None
+
+    # on the worker's thread
+
+    def _localize(self, volume: DepthLikelihoodVolume, began: float,
+                  camera: NDArray[np.float64] | None, _: Localizer) -> None:
+        with self.watched('search'):
+            estimate = self._tracker.track(volume, self._random,
+                                           lambda _: not self._worker.stopping, camera)
+            if self._worker.stopping:
+                self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
+            else:
+                self._publish(estimate, volume, time.monotonic() - began)
 
     # out
 

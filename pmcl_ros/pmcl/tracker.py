@@ -81,8 +81,8 @@ class Tracker:
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
             return estimate
         if was_seen:
-            _LOG.warning('lost in capture %d: the whole region is searched until it is found',
-                         volume.header.stamp_ns)
+            _LOG.info('lost in capture %d: the whole region is searched until it is found',
+                      volume.header.stamp_ns)
         self._state = expected
         if expected is None:
             self._supports.clear()
