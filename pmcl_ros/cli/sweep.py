@@ -89,8 +89,10 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
               'camera, on each axis [m].')
 @click.option('--unknown-turn', type=click.FloatRange(0), default=0.0, show_default=True,
               help='Likewise of its direction, about each axis [rad].')
+@click.option('--each', 'singly', is_flag=True, help='A row for each scene, not their medians.')
 def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple[float, ...],
-                    views: int, size: int, unknown: float, unknown_turn: float) -> None:
+                    views: int, size: int, unknown: float, unknown_turn: float, singly: bool
+                    ) -> None:
     """How much better poses get: made-up scenes, seen by a light-field camera and by sweeps."""
     settings = SceneSettings.make({'kinds': kinds, 'empty': 0, 'outside': 0, 'size': size},
                                   'pmcl sweep compare')
@@ -100,15 +102,15 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
         for each in compare(count, seed, widths, views, settings, arm):
             found.append(each)
             status.update(f'{each.seed}: {each.scene}, {each.camera}')
-    table = Table('camera', 'kind', 'depth error', 'pose error', 'along the ray', 'axis error',
+    table = Table('scenes', 'camera', 'depth error', 'pose error', 'along the ray', 'axis error',
                   'told sigma along the ray', 'lost')
-    for kind in kinds:
-        for camera in dict.fromkeys(each.camera for each in found):
-            of = [each for each in found
-                  if each.camera == camera and each.scene.partition(':')[0] == kind]
-            if of:
-                table.add_row(camera, kind, *_row(of))
-    Console(width=140).print(table)
+    groups: dict[tuple[str, str], list[Found]] = {}
+    for each in found:
+        name = f'{each.seed}: {each.scene}' if singly else each.scene.partition(':')[0]
+        groups.setdefault((name, each.camera), []).append(each)
+    for (name, camera), of in sorted(groups.items(), key=lambda group: group[0][0]):
+        table.add_row(name, camera, *_row(of))
+    Console(width=150).print(table)
 
 
 def _row(found: list[Found]) -> list[str]:
