@@ -1,22 +1,24 @@
 """`pmcl coverage`, `pmcl learn`: what the posterior rests on, measured and learned again."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import click
 import numpy as np
 from rich.progress import track
 
-from pmcl_ros.cli.base import STDERR
+from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evaluation.contour_errors import LEVEL, fitted_error
 from pmcl_ros.evaluation.coverage import run_coverage
-from pmcl_ros.evaluation.learning import Example, fitted, samples, supports
-from pmcl_ros.evaluation.scenes.random_scene import random_scene
-from pmcl_ros.evaluation.scenes.render import render
-from pmcl_ros.evaluation.scenes.settings import SceneSettings
+from pmcl_ros.evaluation.learning import Example, Samples, fitted, profiles
+from pmcl_ros.evaluation.searches import Search, Supports, searches
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.back_end import make_renderer
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 
 _LARGEST = 0.14  # m: radius of any generated object
 _FALSE_ALARMS = 0.05
@@ -45,40 +47,52 @@ def coverage(trials: int, seed: int, near: bool) -> None:
 
 
 @click.command()
-@click.option('--scenes', type=click.IntRange(1), default=40, show_default=True,
-              help='To learn the profile from.')
-@click.option('--further', type=click.IntRange(2), default=20, show_default=True,
-              help='To learn from when an object is lost.')
-@click.option('--views', type=click.IntRange(3), default=5, show_default=True,
-              help='Side of the square of views of a scene.')
-@click.option('--seed', type=click.IntRange(0), default=7, show_default=True)
-def learn(scenes: int, further: int, views: int, seed: int) -> None:
-    """Learn the contour's profile, and what support it takes, from generated scenes; print both.
+@click.argument('folder', type=FOLDER)
+@click.option('--views', type=click.IntRange(3), default=7, show_default=True,
+              help='Side of the square of views that are used.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+def learn(folder: Path, views: int, seed: int) -> None:
+    """Learn what the posterior rests on from captures with truth, as `pmcl scenes render` makes.
 
-    The profile is for pmcl/contour_profile.py, the least support for pmcl/support.py.
+    Prints the contour's profile (for pmcl/contour_profile.py), how far contours lie off (for
+    pmcl/model_error.py), and from what support on an object is found (for pmcl/support.py).
     """
-    profile = fitted(samples(_examples(range(scenes), views, seed), make_renderer('numba'),
-                             np.random.default_rng(seed)))
+    captures = find_captures(folder)
+    halves: list[list[Samples]] = [[], []]
+    for number, each in enumerate(_examples(captures, views, 'profiles')):
+        rng = np.random.default_rng([seed, number])
+        halves[number % 2] += profiles(each, NumbaRenderer(), rng)
+    profile = fitted(Samples.joined(halves[0] + halves[1]))
     click.echo('rows: offsets; columns: knots')
     for row in profile.tables:
         click.echo(f'    ({", ".join(f"{each + 0:.2f}" for each in row.round(2))}),')
     click.echo(f'bias {profile.bias:.2f}')
-    # Of scenes that the profile has not seen.
-    found = supports(_examples(range(scenes, scenes + further), views, seed), profile, seed)
-    least = found.threshold(_FALSE_ALARMS)
-    click.echo(f'support of objects there: {found.there.round(2).tolist()}')
-    click.echo(f'support of objects that are elsewhere: {found.elsewhere.round(2).tolist()}')
+    # Each half is searched with what the other half teaches.
+    looked: list[Search] = []
+    for half in range(2):
+        chosen = _examples(captures[half::2], views, f'searches {half + 1} of 2')
+        looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
+    supports = Supports.of(looked)
+    least = supports.threshold(_FALSE_ALARMS)
+    click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
+    click.echo('support of objects that are elsewhere: '
+               f'{np.sort(supports.elsewhere).round(2).tolist()}')
     click.echo(f'least support {least:.2f}, at {100 * _FALSE_ALARMS:.0f} % false alarms; '
-               f'{100 * found.missed(least):.0f} % of what is there has less')
+               f'{100 * supports.missed(least):.0f} % of what is there has less')
+    deviations = [each.deviation for each in looked
+                  if each.deviation is not None and each.support >= least]
+    error = fitted_error(deviations)
+    levels = np.array([each.level(error.common, error.local) for each in deviations])
+    click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
+    for level in (0.5, LEVEL):
+        click.echo(f'truths in the {100 * level:.0f} % region: '
+                   f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
 
 
-def _examples(numbers: Iterable[int], views: int, seed: int) -> Iterator[Example]:
-    for number in track(numbers, console=STDERR, description='scenes', transient=True):
-        rng = np.random.default_rng([seed, number])
-        # A ray for each pixel and view: there are many views, and blurred ones.
-        capture = render(random_scene(rng, SceneSettings(empty=0.0, views=views)), rng, samples=1)
-        target = capture.targets[0]
-        region = Region(target.roi_center, target.roi_size)
+def _examples(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:
+    for each in track(captures, console=STDERR, description=told, transient=True):
+        truth = each.truth
+        region = Region(truth.roi_center, truth.roi_size)
         labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)
-        yield Example(edge_volume(capture.light_field, labels, views), capture.model(),
-                      target.pose, region)
+        yield Example(edge_volume(each.light_field(None), labels, views),
+                      ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -4,6 +4,8 @@ A second layer behind glass pulls the likelihood of a contour's rays towards its
 an edge that is sharp when refocused at its own depth stays where the edge is (docs/method.md).
 """
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numba import prange
@@ -34,7 +36,7 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
 
     depths: (labels,) [m], far to near, uniform in inverse depth.
 
-    The views (gamma encoded, brought to the centre view's mean) are summed at each label, sampled
+    The views (linear, brought to the centre view's mean) are summed at each label, sampled
     between pixels by noise-neutral weights; a Gaussian's derivatives follow. The tensor is divided
     by its own mean over a neighbourhood plus its median over the image and the labels.
     Raises VolumeError when no view has light or the depths shift views out of the image.
@@ -44,7 +46,8 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     shifts = chosen.shifts(depths)
     runs = Runs.neutral(shifts)
     pad = int(np.ceil(np.abs(shifts).max())) + TAPS
-    planes, brightness = colour_planes(light_field, chosen.indices, pad)
+    # Linear light: encoded, a blurred edge is steepest beside its place, on the darker side.
+    planes, brightness = colour_planes(replace(light_field, gamma=1.0), chosen.indices, pad)
     centre = (chosen.indices == grid.centre).all(axis=1)
     # Without a centre view (dark) the mean over the views does as well: the tensor is normalised.
     target = brightness[centre].mean() if centre.any() else brightness.mean()

@@ -1,41 +1,48 @@
 """What an edge profile across a contour tells, learned from scenes with known poses."""
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import expit
+from scipy.special import expit, softmax
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.contour_profile import ContourProfile
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.energies import energies_across
 from pmcl_ros.pmcl.motion import perturb, uniform_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.pmcl.settings import PmclSettings
 
 OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
 KNOTS = np.array([0, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.5], np.float32)
+SHIFTS = np.arange(-3, 3.01, 0.5)  # px: of a contour from where it is, along its normals
 _RIDGE = 3e-3  # of the squared coefficients, relative to the mean loss of a point
 _NEAR = np.array([0.003, 0.003, 0.02]), 0.07  # m, rad: of poses that nearly fit
 _POSES = 12  # wrong ones for a scene: half of them near the true one
-_POINTS = 600  # of a contour, at most
-_OTHERS = 2  # objects looked for in a scene that are in others
+_POINTS = 150  # of a contour, at most
 
 
 @dataclass(frozen=True)
 class Example:
-    """An edge volume in which an object is at a known pose (4, 4)."""
+    """An edge volume in which an object is at a known pose (4, 4), or is not (`there`)."""
 
     edges: EdgeVolume
     model: ObjectModel
     pose: NDArray[np.float64]
     region: Region
+    there: bool = True
+
+    @property
+    def scene(self) -> Scene:
+        """What a renderer scores poses of the object in."""
+        near, far = self.region.grown(self.model.radius)
+        window = self.region.window(self.edges.pinhole, self.model.radius)
+        return Scene(self.model, self.edges.pinhole, window, near, far)
 
 
 @dataclass(frozen=True)
@@ -43,45 +50,71 @@ class Samples:
     """Profiles across contours: energies (n, j), whether the object ends there (n,), weights (n,).
 
     Of each scene contours that are there and contours that are not weigh alike, in all one.
+    shifted: (m, k, j) of points that are there, moved along their normals by SHIFTS (k,);
+    shares: (m,) their weights, in all one for a scene.
     """
 
     energies: NDArray[np.float64]
     there: NDArray[np.bool_]
     weights: NDArray[np.float64]
+    shifted: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((0, len(SHIFTS), len(OFFSETS))))
+    shares: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def joined(cls, parts: 'Sequence[Samples]') -> 'Samples':
+        """Of several scenes."""
+        return cls(*(np.concatenate([getattr(each, name.name) for each in parts])
+                     for name in fields(cls)))
 
 
 def samples(examples: Iterable[Example], renderer: Renderer, rng: np.random.Generator) -> Samples:
-    """Profiles at the true poses, and at wrong ones: random in the region, and near misses."""
-    profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
-    energies, there, weights = [], [], []
-    for each in examples:
-        near, far = each.region.grown(each.model.radius)
-        window = each.region.window(each.edges.pinhole, each.model.radius)
-        scene = Scene(each.model, each.edges.pinhole, window, near, far)
-        wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
-            np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
-        with renderer.contour_score(scene, each.edges, profile) as score:
-            for truly, poses in ((True, each.pose[None]), (False, wrong)):
-                found = np.concatenate([score.points(pose).energies for pose in poses])
-                if not len(found):
-                    continue
-                found = found[rng.permutation(len(found))[:_POINTS * len(poses)]]
-                energies.append(found)
-                there.append(np.full(len(found), truly))
-                weights.append(np.full(len(found), 0.5 / len(found)))
-    if not energies:
+    """Profiles at the true poses, and at wrong ones: random in the region, and near misses.
+
+    Raises LocalizationError where no example shows a contour.
+    """
+    found = [each for example in examples for each in profiles(example, renderer, rng)]
+    if not found:
         raise LocalizationError('no scene to learn from shows a contour')
-    return Samples(np.concatenate(energies), np.concatenate(there), np.concatenate(weights))
+    return Samples.joined(found)
+
+
+def profiles(each: Example, renderer: Renderer, rng: np.random.Generator) -> list[Samples]:
+    """As `samples` of one scene; empty where no contour of its object is in the image."""
+    if not each.there:
+        return []
+    profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
+    wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
+        np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
+    with renderer.contour_score(each.scene, each.edges, profile) as score:
+        points = score.points(each.pose)
+        others = np.concatenate([score.points(pose).energies for pose in wrong])
+    if not len(points.lengths):
+        return []
+    chosen = rng.permutation(len(points.lengths))[:_POINTS]
+    others = others[rng.permutation(len(others))[:_POINTS * _POSES]]
+    shifted = energies_across(each.edges, points.pixels[chosen], points.normals[chosen],
+                              points.depths[chosen], np.add.outer(SHIFTS, OFFSETS).ravel())
+    count = len(chosen)
+    return [Samples(np.concatenate([points.energies[chosen], others]),
+                    np.arange(count + len(others)) < count,
+                    np.concatenate([np.full(count, 0.5 / count),
+                                    np.full(len(others), 0.5 / max(len(others), 1))]),
+                    shifted.reshape(count, len(SHIFTS), len(OFFSETS)),
+                    np.full(count, 1 / count))]
 
 
 def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
     """The profile whose evidence is the log odds that the object ends there.
 
-    Logistic regression, with tables that are linear between knots, their squares held down.
+    Tables are linear between knots, their squares held down. Two likelihoods count alike: that of
+    a contour's being there or not (logistic regression), and that of its being where it is, among
+    places up to 3 px aside (conditional logit): the former alone says that it is near.
     """
-    design = np.concatenate([_hats(column) for column in given.energies.T], axis=1)
-    design = np.concatenate([design, np.ones((len(design), 1))], axis=1)
+    design = np.concatenate([_hats(given.energies), np.ones((len(given.energies), 1))], axis=1)
+    shifted, here = _hats(given.shifted), int(np.abs(SHIFTS).argmin())
     weights = given.weights / given.weights.sum()
+    shares = given.shares / max(given.shares.sum(), 1e-9)
     sign = np.where(given.there, 1.0, -1.0)
     held = np.append(np.full(design.shape[1] - 1, ridge), 0)
 
@@ -89,57 +122,19 @@ def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
         margin = sign * (design @ coefficients)
         value = weights @ np.logaddexp(0, -margin) + 0.5 * held @ coefficients ** 2
         slope = design.T @ (-weights * sign * expit(-margin)) + held * coefficients
+        chances = softmax(shifted @ coefficients[:-1], axis=1)
+        value -= shares @ np.log(np.maximum(chances[:, here], 1e-300))
+        chances[:, here] -= 1
+        slope[:-1] += np.tensordot(shares[:, None] * chances, shifted, 2)
         return float(value), slope
 
     best = minimize(loss, np.zeros(design.shape[1]), jac=True, method='L-BFGS-B',
-                    options={'maxiter': 500}).x
+                    options={'maxiter': 200}).x
     tables = best[:-1].reshape(given.energies.shape[1], len(KNOTS))
     return ContourProfile(OFFSETS, KNOTS, tables.astype(np.float32), float(best[-1]))
 
 
-@dataclass(frozen=True)
-class Supports:
-    """Of the best pose found for objects (`pmcl.support`): there (n,), elsewhere (m,)."""
-
-    there: NDArray[np.float64]
-    elsewhere: NDArray[np.float64]
-
-    def threshold(self, false_alarms: float) -> float:
-        """The least support that only this share of the objects that are elsewhere has."""
-        return float(np.quantile(self.elsewhere, 1 - false_alarms))
-
-    def missed(self, least: float) -> float:
-        """Share of the objects there whose support is less."""
-        return float((self.there < least).mean())
-
-
-def supports(examples: Iterable[Example], profile: ContourProfile, seed: int) -> Supports:
-    """Look in each scene for its own object, and for those of the scenes before.
-
-    The edge volumes must reach as far as any of the objects does.
-    """
-    there, elsewhere = [], []
-    before: list[ObjectModel] = []
-    for each in examples:
-        there.append(_support(each, each.model, profile, seed))
-        elsewhere += [_support(each, other, profile, seed) for other in before]
-        before = [*before, each.model][-_OTHERS:]
-    if not elsewhere:
-        raise LocalizationError('it takes two scenes to look for an object that is not there')
-    return Supports(np.array(there), np.array(elsewhere))
-
-
-def _support(example: Example, model: ObjectModel, profile: ContourProfile, seed: int) -> float:
-    edges = example.edges
-    nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
-    volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
-                                   edges)
-    settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
-                            renderer='numba')
-    with Localizer(model, settings, profile) as localizer:
-        return localizer.localize(volume, np.random.default_rng(seed)).support
-
-
 def _hats(energies: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, knots) weights by which a table is read at energies (n,)."""
-    return np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=1)
+    """(..., j * knots) weights by which the tables are read at energies (..., j)."""
+    each = np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=-1)
+    return each.reshape(*energies.shape[:-1], energies.shape[-1] * len(KNOTS))

@@ -11,7 +11,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 _ARC = 20.0
 _PART = 0.2  # of a contour: its weakest part
 # One in twenty objects has more that are looked for in generated scenes where they are not
-# (`evaluation.learning.Supports`, `pmcl learn`; docs/method.md).
+# (`evaluation.searches.Supports`, `pmcl learn`; docs/method.md).
 LEAST_SUPPORT = -1.2
 
 

@@ -12,9 +12,9 @@ def edge_volume(field, depths, views):
     pinhole, half = field.grid.pinhole, views // 2
     row, column = field.grid.centre
     square = np.s_[row - half:row + half + 1, column - half:column + half + 1]
-    pictures = np.clip(field.views[square].astype(float), 0, 1) ** field.gamma
+    pictures = np.clip(field.views[square].astype(float), 0, 1)  # linear light
     pictures = pictures.reshape(-1, *pictures.shape[2:])
-    centre = np.clip(field.centre_view.astype(float), 0, 1) ** field.gamma
+    centre = np.clip(field.centre_view.astype(float), 0, 1)
     pictures *= centre.mean() / pictures.mean(axis=(1, 2, 3), keepdims=True)
     padded = np.pad(pictures, ((0, 0), (PAD, PAD), (PAD, PAD), (0, 0)), mode='reflect')
     spectra = scipy.fft.fft2(padded, axes=(1, 2)).transpose(0, 3, 1, 2)

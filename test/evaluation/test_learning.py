@@ -7,13 +7,13 @@ from pmcl_ros.evaluation.edge_scenes import random_edge_scene
 from pmcl_ros.evaluation.learning import (
     KNOTS,
     OFFSETS,
+    SHIFTS,
     Example,
     Samples,
-    Supports,
     fitted,
     samples,
-    supports,
 )
+from pmcl_ros.evaluation.searches import Supports, searches
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.model_error import ModelError
 from pmcl_ros.pmcl.region import Region
@@ -47,12 +47,34 @@ def test_what_is_learned_prefers_true_poses():
     assert unseen.weights.sum() == pytest.approx(1)
 
 
+def test_what_is_learned_is_largest_where_the_contour_is():
+    # Edges everywhere along the contour, so that alone where they lie tells anything: energies of
+    # an edge 1.2 px wide, of any strength.
+    rng = np.random.default_rng(0)
+    strength = rng.uniform(0.5, 3, 3000)
+    away = np.add.outer(SHIFTS, OFFSETS)
+    shifted = strength[:, None, None] * np.exp(-0.5 * (away / 1.2) ** 2)
+    here = shifted[:, len(SHIFTS) // 2]
+    noise = rng.exponential(0.3, here.shape)
+    there = np.arange(2 * len(here)) < len(here)
+    weights = np.full(len(there), 0.5 / len(here))
+    given = Samples(np.concatenate([here, noise]), there, weights, shifted,
+                    np.full(len(here), 1 / len(here)))
+    profile = fitted(given)
+    said = profile.evidence(shifted.reshape(-1, len(OFFSETS))).reshape(len(here), -1).mean(axis=0)
+    assert SHIFTS[said.argmax()] == 0
+    alone = fitted(Samples(given.energies, there, weights))
+    loose = alone.evidence(shifted.reshape(-1, len(OFFSETS))).reshape(len(here), -1).mean(axis=0)
+    assert np.ptp(said[4:9]) > np.ptp(loose[4:9])
+
+
 def test_objects_that_are_elsewhere_have_less_support():
-    found = supports([example(k) for k in range(2)], ContourProfile.learned(), 0)
+    found = Supports.of(list(searches([example(k) for k in range(2)],
+                                      ContourProfile.learned(), 0)))
     assert (len(found.there), len(found.elsewhere)) == (2, 1)  # the first has none before it
     assert np.median(found.there) > np.median(found.elsewhere)
     with pytest.raises(LocalizationError):
-        supports([], ContourProfile.learned(), 0)
+        Supports.of([])
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():
