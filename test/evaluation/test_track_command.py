@@ -10,7 +10,7 @@ from pmcl_ros.evaluation.sequences.report import picture, recoveries, recovery, 
 from pmcl_ros.evaluation.sequences.sequence import Sequence
 from pmcl_ros.evaluation.sequences.settings import SequenceSettings
 
-TINY = SequenceSettings(frames=5, occluded=1, size=128)
+TINY = SequenceSettings(frames=5, occluded=1, size=128, object_speed=0.008)
 
 
 def outcome(mm, lost=False, seconds=0.1, way='followed'):
@@ -63,7 +63,7 @@ def test_the_picture_shows_errors_where_something_is_claimed():
 
 
 def test_a_sequence_is_tracked_beside_single_shots():
-    sequence = Sequence(5, TINY)
+    sequence = Sequence(4, TINY)
     told = []
     frames = play(sequence, 'constant_pose', 3, told=told.append)
     assert told == frames

@@ -63,7 +63,7 @@ class Session:
 
 @pytest.fixture(scope='module')
 def sequence():
-    return Sequence(5, SequenceSettings(frames=6, occluded=2, size=128))
+    return Sequence(4, SequenceSettings(frames=6, occluded=2, size=128, object_speed=0.008))
 
 
 @pytest.fixture
@@ -83,7 +83,7 @@ def session(tmp_path, user, sequence):
 
 
 def test_an_object_is_followed_lost_and_found_again(session, user, sequence):
-    node = session(tracking='constant_velocity')
+    node = session(tracking='constant_pose', track_sigma_translation=0.006)
     assert list(sequence.hidden) == list(HIDDEN)
     said = [node.show(number) for number in range(5)]
     assert [level for level, _, _ in said] == [
