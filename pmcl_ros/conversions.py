@@ -52,6 +52,7 @@ from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
 
 VIEW_WHITE = 32768  # `views` counts at the sensor's white: room for twice that, then clipped
 
@@ -507,20 +508,27 @@ def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStampe
 
 
 def mesh_to_marker(model: ObjectModel) -> Marker:
-    """The object as triangles in its own frame; `place_marker` says where it is."""
+    """The object as triangles in its own frame; `place_markers` says where it is."""
     corners = model.vertices[model.faces.ravel()].tolist()
     return Marker(ns=model.name, type=Marker.TRIANGLE_LIST, scale=Vector3(x=1.0, y=1.0, z=1.0),
                   color=ColorRGBA(r=0.1, g=0.6, b=1.0, a=0.6),
                   points=[Point(x=x, y=y, z=z) for x, y, z in corners])
 
 
-def place_marker(marker: Marker, estimate: PoseEstimate) -> MarkerArray:
-    """`marker` at the estimated pose, or nothing where the object is lost."""
-    if estimate.lost:
-        return no_markers()
-    marker.header = header_to_message(estimate.header)
-    marker.pose = _poses(estimate.pose[None])[0]
-    return MarkerArray(markers=[marker])
+def region_to_marker(region: Region) -> Marker:
+    """The box that the object's origin is looked for in; `place_markers` says of which capture."""
+    x, y, z = region.center
+    return Marker(ns='region', type=Marker.CUBE, color=ColorRGBA(r=1.0, g=0.8, b=0.2, a=0.15),
+                  scale=Vector3(**dict(zip('xyz', region.size, strict=True))),
+                  pose=Pose(position=Point(x=x, y=y, z=z)))
+
+
+def place_markers(mesh: Marker, region: Marker, estimate: PoseEstimate) -> MarkerArray:
+    """The region, and `mesh` at the estimated pose; no mesh where the object is lost."""
+    mesh.header = region.header = header_to_message(estimate.header)
+    mesh.action = Marker.DELETE if estimate.lost else Marker.ADD
+    mesh.pose = _poses(estimate.pose[None])[0]
+    return MarkerArray(markers=[region, mesh])
 
 
 def no_markers() -> MarkerArray:

@@ -29,6 +29,7 @@ from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
 
 HEADER = Header(1_700_000_000_123_456_789, 'lytro_optical_frame')
 PINHOLE = Pinhole(7, 5, 1000 / 3, 1001 / 3, 3.1, 2 / 7)
@@ -439,18 +440,25 @@ def test_a_volume_is_no_edge_volume(volume, edges):
         cv.volume_from(cv.edges_to_message(edges))
 
 
-def test_a_marker_is_the_mesh_at_the_pose(estimate):
+def test_markers_are_the_mesh_at_the_pose_and_the_region(estimate):
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     marker = cv.mesh_to_marker(ObjectModel('thing', corners, faces, axis=None, closed=True))
-    placed, = wired(cv.place_marker(marker, estimate)).markers
+    box = cv.region_to_marker(Region((0.1, 0.2, 0.6), (0.2, 0.3, 0.4)))
+    region, placed = wired(cv.place_markers(marker, box, estimate)).markers
     assert (placed.ns, placed.type, placed.action) == ('thing', Marker.TRIANGLE_LIST, Marker.ADD)
     assert cv.header_from(placed.header) == HEADER
     points = np.array([[p.x, p.y, p.z] for p in placed.points])
     np.testing.assert_array_equal(points, corners[faces.ravel()])
     assert placed.pose == cv.estimate_to_messages(estimate).pose.pose
-    gone, = cv.place_marker(marker, replace(estimate, lost=True)).markers
-    assert gone.action == Marker.DELETEALL
+    kept, gone = cv.place_markers(marker, box, replace(estimate, lost=True)).markers
+    assert (gone.ns, gone.action) == ('thing', Marker.DELETE)
+    assert kept.action == Marker.ADD
+    assert (region.ns, region.type) == ('region', Marker.CUBE)
+    assert cv.header_from(region.header) == HEADER
+    place, size = region.pose.position, region.scale
+    assert [place.x, place.y, place.z, size.x, size.y, size.z] == [0.1, 0.2, 0.6, 0.2, 0.3, 0.4]
+    assert region.pose.orientation.w == 1
 
 
 # poses and cameras refused

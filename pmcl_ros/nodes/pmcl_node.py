@@ -29,6 +29,7 @@ from pmcl_ros.nodes.worker import Worker
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracker import PREDICTED, Tracker
 from pmcl_ros.resources import resolve
 
@@ -70,6 +71,7 @@ class PmclNode(StageNode):
         self._markers = self.publisher(MarkerArray, 'markers', SMALL)
         self._overlay = self.publisher(Image, 'overlay', SMALL)
         self._marker: Marker | None = None  # made when somebody wants it
+        self._box = conversions.region_to_marker(Region(settings.roi_center, settings.roi_size))
 
     def start(self) -> None:
         """Listen."""
@@ -226,7 +228,7 @@ class PmclNode(StageNode):
             self.done(latency, f'found {name} in capture {stamp}')
         if self._markers.get_subscription_count():
             self._marker = self._marker or conversions.mesh_to_marker(self._model)
-            self._markers.publish(conversions.place_marker(self._marker, estimate))
+            self._markers.publish(conversions.place_markers(self._marker, self._box, estimate))
         self.tell_health()
 
     def _publish_overlay(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume) -> None:

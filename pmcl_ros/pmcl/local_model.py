@@ -25,6 +25,7 @@ _STEP = 1.0  # px: along the normals, for differences; about half the width of a
 _REACH = 20.0
 _STRETCH = 3.0  # px: of a contour that counts as one point where pairs of points are looked at
 _LEAST_CURVATURE = 0.02  # of the evidence [nat / px^3]: where there is no peak, little is known
+_LEAST_FREE = 0.25  # share of the slopes that a pose may leave, however short its contour
 _LEAST_VARIANCE = 0.05  # of a contribution's slope along the normal: no capture is without noise
 _WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
 _FARTHEST = 1.0  # px (rms along the contour) that one step goes: beyond that nothing is known
@@ -90,7 +91,10 @@ class LocalModel:
             distance = cdist(pixels, pixels)
             same_side = normals @ normals.T > FACING
             together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0)
-            variability = each.T @ (together @ each) + _LEAST_VARIANCE * moments
+            # At the best pose the slopes are smaller than about the true one, as residuals are: d
+            # directions of them are fitted. What lies within _REACH counts as one of them.
+            free = max(1 - len(gradient) * _REACH / length, _LEAST_FREE)
+            variability = each.T @ (together @ each) / free + _LEAST_VARIANCE * moments
             # What the model gets wrong moves the contour; the pose follows as by least squares.
             follow = np.linalg.solve(information, told.T)
             off = follow @ (error.covariance(distance, same_side) @ follow.T)
