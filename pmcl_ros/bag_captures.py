@@ -12,11 +12,11 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import BagError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import views_of_mosaic
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
-_VIEW_WHITE = 32768  # as in conversions, which cannot be imported without ROS
 _RAW = ('/metadata', '/image_raw')
 _VIEWS = ('/views/camera_info', '/views/pupil', '/views')
 _PIXELS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), '32FC3': ('<f4', 3)}
@@ -59,11 +59,9 @@ def _light_field(info: Any, pupil: Any, views: Any) -> LightField:
     if mosaic.shape[:2] != (rows * height, columns * width):
         raise BagError(f'/views is {mosaic.shape[1]}x{mosaic.shape[0]} pixels, expected '
                        f'{columns}x{rows} views of {width}x{height}')
-    tiles = mosaic.reshape(rows, height, columns, width, 3).transpose(0, 2, 1, 3, 4)
     grid = ViewGrid(pinhole, -float(info.p[3] / info.k[0]), light[..., 1:].astype(float),
                     light[..., 0].copy())
-    linear = np.ascontiguousarray(tiles, np.float32) * np.float32(1 / _VIEW_WHITE)
-    return LightField(_header(views), linear, grid)
+    return LightField(_header(views), views_of_mosaic(mosaic, rows, columns), grid)
 
 
 def _header(message: Any) -> Header:

@@ -35,12 +35,12 @@ from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.errors import BagError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import mosaic_of_views
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
 
 _TYPES = get_typestore(Stores.ROS2_JAZZY)
 _FORMAT: Literal[9] = 9  # rosbag2's version of metadata.yaml as of Jazzy
-_VIEW_WHITE = 32768  # as in conversions, which cannot be imported without ROS
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE
 
 
@@ -192,7 +192,8 @@ def light_field_messages(light_field: LightField) -> list[Recorded]:
             _recorded('/views/camera_info', _camera_info(header, grid.pinhole, grid.baseline),
                       header),
             _recorded('/views/pupil', _image(header, '32FC3', light), header),
-            _recorded('/views', _image(header, 'rgb16', _mosaic(light_field)), header)]
+            _recorded('/views', _image(header, 'rgb16', mosaic_of_views(light_field.views)),
+                      header)]
 
 
 def pose_message(topic: str, header: Header, pose: NDArray[np.float64]) -> Recorded:
@@ -223,14 +224,6 @@ def _image(header: Header, encoding: str, pixels: NDArray[Any]) -> Any:
     return _TYPES.types['sensor_msgs/msg/Image'](
         header=_header(header), height=height, width=width, encoding=encoding, is_bigendian=0,
         step=pixels.nbytes // height, data=pixels.reshape(-1).view(np.uint8))
-
-
-def _mosaic(light_field: LightField) -> NDArray[np.uint16]:
-    """As `conversions.light_field_to_messages`."""
-    rows, columns, height, width = light_field.views.shape[:4]
-    counts = np.clip(light_field.views * np.float32(_VIEW_WHITE) + np.float32(0.5), 0, 65535)
-    tiles = counts.astype('<u2').transpose(0, 2, 1, 3, 4)
-    return tiles.reshape(rows * height, columns * width, 3)
 
 
 def _camera_info(header: Header, pinhole: Pinhole, baseline: float) -> Any:

@@ -48,13 +48,12 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import MessageError, PmclError
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import VIEW_WHITE, views_of_mosaic
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-
-VIEW_WHITE = 32768  # `views` counts at the sensor's white: room for twice that, then clipped
 
 # encoding: type of one value, values per pixel
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
@@ -281,9 +280,7 @@ def light_field_from(camera_info: CameraInfo, pupil: Image, views: Image) -> Lig
             f'views is {mosaic.shape[1]}x{mosaic.shape[0]} pixels, but {columns}x{rows} views '
             f'(views/pupil) of {pinhole.width}x{pinhole.height} (views/camera_info) make '
             f'{expected[1]}x{expected[0]}')
-    tiles = mosaic.reshape(rows, pinhole.height, columns, pinhole.width, 3)
-    linear = np.multiply(tiles.transpose(0, 2, 1, 3, 4), np.float32(1 / VIEW_WHITE), order='C',
-                         dtype=np.float32)
+    linear = views_of_mosaic(mosaic, rows, columns)
     with _promised_by('views'):
         grid = ViewGrid(pinhole, baseline, light[..., 1:].astype(float), light[..., 0].copy())
         return LightField(header, linear, grid)

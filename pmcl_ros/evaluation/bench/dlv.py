@@ -18,6 +18,7 @@ from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
 from pmcl_ros.evaluation.bench.result import Bench, best_ms
 from pmcl_ros.gl import GlContext
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import linear_views
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
 
@@ -162,5 +163,4 @@ def _noise() -> NDArray[np.uint8]:
 
 def _light_field(grid: ViewGrid, counts: NDArray[np.uint8]) -> LightField:
     """Of pictures as displays show them: their values are encoded already."""
-    return LightField(Header(), np.multiply(counts, np.float32(1 / 255), dtype=np.float32), grid,
-                      gamma=1)
+    return LightField(Header(), linear_views(counts, 255), grid, gamma=1)
