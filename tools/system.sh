@@ -6,7 +6,8 @@
 set -u
 PYTHON=${PYTHON:-python3}
 missing='' who='pmcl_ros needs' failure=1
-have() { ldconfig -p 2>/dev/null | grep -q "$1" || ls /usr/lib/*/"$1"* >/dev/null 2>&1; }
+any() { for each in "$@"; do [ -e "$each" ] && return 0; done; return 1; }
+have() { ldconfig -p 2>/dev/null | grep -q "$1" || any /usr/lib/*/"$1"*; }
 
 if [ "${1:-}" = test ]; then
     who='the tests of pmcl report want' failure=0
@@ -21,8 +22,8 @@ else
     have libEGL.so.1 || missing="$missing libegl1"
     have libGL.so.1 || missing="$missing libgl1"
     # A vendor's driver (NVIDIA) or Mesa's: without either EGL finds no device.
-    ls /usr/share/glvnd/egl_vendor.d/*.json /etc/glvnd/egl_vendor.d/*.json >/dev/null 2>&1 &&
-        ls /usr/lib/*/dri/*_dri.so /usr/lib/*/libnvidia-eglcore.so.* >/dev/null 2>&1 ||
+    any /usr/share/glvnd/egl_vendor.d/*.json /etc/glvnd/egl_vendor.d/*.json &&
+        any /usr/lib/*/dri/*_dri.so /usr/lib/*/libnvidia-eglcore.so.* ||
         missing="$missing libgl1-mesa-dri libegl-mesa0"
     "$PYTHON" -c 'import ensurepip, venv' 2>/dev/null || missing="$missing python3-venv"
 fi
