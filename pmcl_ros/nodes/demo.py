@@ -34,7 +34,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.resources import resolve
 
 _ROOT = Path(__file__).parents[2]
-_PATIENCE = 180.0  # s: for the pose; the first run compiles its kernels
+_PATIENCE = 300.0  # s: for the nodes, and the pose; the first run compiles its kernels
 _CONSOLE = Console()
 
 
@@ -134,7 +134,8 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
                             str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
                             *_parameters(bag, truth, camera))]
         if not simulate:
-            processes.append(_start(stack, 'pmcl_ros.nodes.replay', str(bag)))
+            processes.append(_start(stack, 'pmcl_ros.nodes.replay', str(bag), '--timeout',
+                                    str(_PATIENCE)))
         deadline = time.monotonic() + _PATIENCE
 
         def alive(*_: object) -> None:
