@@ -51,11 +51,12 @@ class DlvNode(StageNode):
 
     def start(self) -> None:
         """Listen."""
-        self._matching = Matching(list(_INPUTS), 2, self.dropped, 'views')
+        self._matching = Matching(list(_INPUTS), 2, self.dropped)
         self._audience = Audience(self, self._outputs, 'views: nobody listens to dlv')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, conversions.part_from(check),
-                            partial(self._on_part, topic), qos, each_a_capture=topic == 'views')
+                            partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
+                            announced=True)
 
     def _on_part(self, topic: str, part: LightField | conversions.Part) -> None:
         self.health.frames_in += topic == 'views'

@@ -65,11 +65,12 @@ class ValuePublisher(Generic[T]):
 
 def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any], T],
                     callback: Callable[[T], None], qos: QoSProfile,
-                    each_a_capture: bool = True) -> Subscription:
+                    each_a_capture: bool = True, announced: bool = False) -> Subscription:
     """As `node.subscribe`, for `start` of a node, to values: `read` makes them of messages.
 
     each_a_capture: whether a value that is overwritten before it was taken is a capture lost,
-    which counts as dropped; false where that shows in another topic.
+    which counts as dropped; false where that shows in another topic. announced: captures are
+    joined from several topics, and what did not come as a message counts there, by its stamp.
     """
     ways: set[str] = set()
 
@@ -98,7 +99,8 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
 
     # What is handed over may be sent to others too, and so come twice: one of the two counts.
     subscription = node.subscribe(kind, topic, received, qos, raw=True,
-                                  missed=lambda count: missed(0 if taker.given else count))
+                                  missed=lambda count: missed(
+                                      0 if announced or taker.given else count))
     bell = node.create_guard_condition(woken)
     node.active.callback(node.destroy_guard_condition, bell)
     taker = node.active.enter_context(node.hand_over.taking(

@@ -136,8 +136,7 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
     assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
 
 
-# Not with --processes: there captures are lost of which nobody tells (docs/endurance.md, open).
-@pytest.mark.parametrize('arguments', [[], ['--flood']], ids=['in turn', 'flood'])
+@pytest.mark.parametrize('arguments', [[], ['--flood', '--processes']], ids=['in turn', 'flood'])
 def test_soak(tmp_path, arguments):
     done = subprocess.run(
         [sys.executable, '-m', 'pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out',
