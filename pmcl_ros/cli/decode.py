@@ -11,7 +11,8 @@ import numpy as np
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, FOLDER, PATH, open_decoders
+from pmcl_ros.cli.base import FILE, FOLDER, PATH
+from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.evaluation.pictures import write_png
 from pmcl_ros.evaluation.view_comparison import IdealViews, compare_views, table
 from pmcl_ros.lightfield.calibration import Calibration

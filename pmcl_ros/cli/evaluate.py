@@ -12,8 +12,9 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
-from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR, open_decoders
+from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR
 from pmcl_ros.cli.calibrate import run_calibration
+from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.curves import pictures
 from pmcl_ros.evaluation.pictures import write_png

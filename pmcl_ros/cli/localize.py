@@ -9,7 +9,8 @@ import click
 import numpy as np
 from rich.progress import Progress
 
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR, open_source, source_options
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.sources import open_source, source_options
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.errors import pose_error

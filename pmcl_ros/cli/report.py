@@ -10,7 +10,8 @@ from rich.progress import Progress
 
 from pmcl_ros.bag_captures import is_bag, read_bag
 from pmcl_ros.camera.files import is_picture, read_metadata
-from pmcl_ros.cli.base import FILE, STDERR, open_decoders, open_source, source_options
+from pmcl_ros.cli.base import FILE, STDERR
+from pmcl_ros.cli.sources import open_decoders, open_source, source_options
 from pmcl_ros.errors import PmclError, SettingsError
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page

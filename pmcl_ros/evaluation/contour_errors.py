@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq, minimize
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.learning import Example
@@ -58,7 +58,7 @@ class Deviation:
     def level(self, common: float, local: float) -> float:
         """Of the smallest credible region that holds the truth (`summary.credible_level`)."""
         off = self.deviation @ np.linalg.solve(self.spread(common, local), self.deviation)
-        return float(chi2.cdf(off, len(self.deviation)))
+        return float(chdtr(len(self.deviation), off))
 
 
 def fitted_error(given: Sequence[Deviation]) -> ModelError:

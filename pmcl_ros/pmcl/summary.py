@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
+from scipy.special import chdtr
 
 from pmcl_ros.pmcl.weights import Weights
 
@@ -118,7 +118,7 @@ def credible_level(pose: NDArray[np.float64], mean: NDArray[np.float64],
     scale = 1 / np.sqrt(np.maximum(np.diag(spread), 1e-30))
     correlation = spread * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
     distance = (deviation * scale) @ np.linalg.solve(correlation, deviation * scale)
-    return float(chi2.cdf(distance, basis.shape[1]))
+    return float(chdtr(basis.shape[1], distance))
 
 
 def covariance(poses: NDArray[np.float64], weights: Weights, mean: NDArray[np.float64],
