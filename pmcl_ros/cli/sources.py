@@ -1,0 +1,59 @@
+"""What is looked at: a raw picture with its camera, or any other light field."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import click
+
+from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.cli.base import FILE, PATH, STDERR
+from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.decode import VIEWS
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
+
+_CALIBRATION = "The camera's calibration, YAML."
+_WHITE = ("The camera's white image, RAW[.xz] with its TXT, or a folder of such: the one that "
+          'fits the picture is chosen.')
+
+
+def source_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The arguments of every command that takes a raw picture or a light field."""
+    for option in (
+            click.argument('source', type=PATH),
+            click.option('--calibration', type=FILE, help=f'Of a raw picture: {_CALIBRATION}'),
+            click.option('--white', type=PATH, help=f'Of a raw picture: {_WHITE}'),
+            click.option('--every', type=click.IntRange(1), default=1, metavar='K',
+                         help='Of a light field: each K-th view alone.'),
+            click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
+                         help='Of a light field: make NxN pixels one.')):
+        command = option(command)
+    return command
+
+
+def open_source(source: Path, calibration: Path | None, white: Path | None, every: int,
+                shrink: int) -> Callable[[], LightField]:
+    """What makes a light field of a raw picture, or of any other source.
+
+    All that belongs to the camera, not to the picture, has been read when this returns.
+    """
+    if is_light_field(source):
+        return partial(read_light_field, source, every, shrink)
+    if calibration is None or white is None:
+        raise click.UsageError(f'{source} is a raw picture: it needs --calibration and --white')
+    if (every, shrink) != (1, 1):
+        raise click.UsageError(f'{source} is a raw picture: --every and --shrink are for light '
+                               'fields')
+    decoder, frame = open_decoders(Calibration.load(calibration), white), read_raw_frame(source)
+    decoder.of(frame.metadata)
+    return partial(decoder.decode, frame)
+
+
+def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
+                  size: tuple[int, int] | None = None) -> Decoders:
+    """Decoders that tell the user each choice among a folder's white images."""
+    told = (lambda why: STDERR.print(f'white image: {why}', markup=False, soft_wrap=True)
+            ) if white.is_dir() else None
+    return Decoders(calibration, white, told, views, size)
