@@ -15,7 +15,7 @@ demo: $(RUN)
 
 test: $(TEST) lint
 	@tools/system.sh test
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: $(TEST)
 	$(BIN)/ruff check .

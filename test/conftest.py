@@ -34,6 +34,11 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
 
+def pytest_collection_modifyitems(items):
+    """The nodes' tests first: they wait much, and no worker shall be left alone with them."""
+    items.sort(key=lambda item: 'nodes' not in item.path.parts)
+
+
 @pytest.fixture(scope='session')
 def camera_text():
     """A function (width, height) -> the JSON that an F01 writes beside a picture of that size."""

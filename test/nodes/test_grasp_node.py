@@ -20,7 +20,7 @@ from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import SMALL
+from pmcl_ros.nodes.base import BIG, SMALL
 from pmcl_ros.nodes.grasp_messages import pose_to_message
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
@@ -58,7 +58,7 @@ class Planner:
 
     @cached_property
     def arm(self):
-        return self.user.publisher(PoseStamped, 'arm_pose', SMALL)
+        return self.user.publisher(PoseStamped, 'arm_pose', BIG)  # acknowledged at once
 
     def grasps(self, stamp=STAMP):
         """The next `grasps`, all topics heard; what came before is forgotten."""

@@ -141,8 +141,9 @@ class Robot:
     def __init__(self, user):
         self.user = user
         self.image = user.publisher(Image, 'image', BIG)
-        self.info = user.publisher(CameraInfo, 'camera_info', SMALL)
-        self.pose = user.publisher(PoseStamped, 'camera_pose', SMALL)
+        # Of depth 1, as then what is delivered is told at once, not by the next heartbeat (3 s).
+        self.info = user.publisher(CameraInfo, 'camera_info', BIG)
+        self.pose = user.publisher(PoseStamped, 'camera_pose', BIG)
 
     def shoot(self, frame, frame_id='wrist_camera', posed=True):
         self.image.publish(image_of(frame, frame_id))

@@ -105,7 +105,7 @@ def test_an_object_is_followed_lost_and_found_again(session, user, sequence):
 def test_the_camera_s_poses_are_taken_from_their_topic(session, user, sequence):
     node = session(tracking='camera', track_camera='topic', track_frame=FIXED_FRAME,
                    track_sigma_translation=0.02)
-    publisher = user.publisher(PoseStamped, 'camera_pose', SMALL)
+    publisher = user.publisher(PoseStamped, 'camera_pose', BIG)  # acknowledged at once
     for number in (0, 1):
         stamp = sequence.header(number).stamp_ns
         publisher.publish(bags.pose_message('/camera_pose', Header(stamp, FIXED_FRAME),
