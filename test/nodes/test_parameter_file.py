@@ -26,6 +26,9 @@ def test_the_shipped_file_is_for_our_nodes():
 @pytest.mark.parametrize(('text', 'others'), [
     ('/**: {ros__parameters: {use_sim_time: true}}', []),
     ('/left/dlv_node: {ros__parameters: {}}', []),
+    ('/**/dlv_node: {ros__parameters: {use_sim_time: true, qos_overrides./dlv.publisher.depth: 2,'
+     ' qos_overrides: {/dlv/depth: {publisher: {depth: 3}}}}}', []),
+    ('/**: {ros__parameters: {labels: 5, move_group_has_it: 1}}', []),  # each node judges
     ('/left: {pmcl_node: {ros__parameters: {seed: 3}}}', []),
     ('dlv_node: {ros__parameters: {}}\nmove_group: {ros__parameters: {}}', ['move_group']),
     ('/arm: {/controller: {ros__parameters: {}}}', ['arm/controller']),
@@ -38,6 +41,10 @@ def test_who_else_has_parameters_in_it_is_told(write, text, others):
     ('/**/dlv_nod: {ros__parameters: {labels: 5}}',
      r"'\*\*/dlv_nod', but there is no node 'dlv_nod'; did you mean 'dlv_node'\?"),
     ('/left: {lytro-driver: {ros__parameters: {}}}', "did you mean 'lytro_driver'"),
+    ('dlv_node: {ros__parameters: {labls: 5}}',
+     "gives 'dlv_node' an unknown parameter 'labls'; did you mean 'labels'"),
+    ('/arm: {pmcl_node: {ros__parameters: {labels: 5}}}',
+     "gives 'arm/pmcl_node' an unknown parameter 'labels'; dlv_node has it"),
     ('dlv_node: {labels: 5}', 'has no parameters: expected NODE: {ros__parameters: '),
     ('- 1', 'holds list, expected a mapping'),
 ])
