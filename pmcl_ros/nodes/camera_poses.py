@@ -10,7 +10,7 @@ from pmcl_ros import conversions
 from pmcl_ros.errors import LightFieldError, SettingsError
 from pmcl_ros.grasps.frames import transform
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
-from pmcl_ros.lightfield.sweep.trajectory import Moving, Trajectory, between
+from pmcl_ros.lightfield.sweep.trajectory import Moving, Trajectory
 from pmcl_ros.nodes.arms import matrix_of, tf2
 from pmcl_ros.nodes.base import MANY, StageNode
 
@@ -87,7 +87,7 @@ class TfPoses:
         except self._tf.TransformException as error:
             self.missing = f'/tf has no {self._settings.fixed_frame} -> {camera}: {error}'
             return None
-        return between(before, now, _BEFORE, 1)
+        return Moving.between(before, now, _BEFORE, 1)
 
 
 def camera_poses(node: StageNode, settings: SweepDriverSettings) -> CameraPoses:

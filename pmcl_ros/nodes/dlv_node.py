@@ -51,7 +51,8 @@ class DlvNode(StageNode):
 
     def start(self) -> None:
         """Listen."""
-        self._matching = Matching(list(_INPUTS), 2, self.dropped)
+        # The small topics bring as many captures as their history holds before the big one's turn.
+        self._matching = Matching(list(_INPUTS), SMALL.depth, self.dropped)
         self._audience = Audience(self, self._outputs, 'views: nobody listens to dlv')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, conversions.part_from(check),

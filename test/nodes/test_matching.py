@@ -65,3 +65,19 @@ def test_what_the_subscription_of_the_main_topic_counts_is_told_with_a_count_of_
     for topic, stamp in (('b', 1), ('a', 2), ('a', 3)):
         assert matching.add(topic, stamp, None) is None
     assert told == [('capture 1: no a came with it', 0), ('capture 2: no b came with it',)]
+
+
+def test_what_still_comes_of_a_capture_that_was_given_up_is_left_alone():
+    matching, told = make(depth=1)
+    for topic, stamp in (('a', 1), ('a', 2), ('b', 1), ('c', 1), ('b', 2)):
+        assert matching.add(topic, stamp, topic) is None
+    assert told == ['capture 1: no b or c came with it']
+    assert matching.add('c', 2, 'c') == ('a', 'b', 'c')
+
+
+def test_a_capture_that_was_given_up_may_come_again():
+    matching, told = make(depth=1)
+    for topic, stamp in (('a', 1), ('a', 2), ('a', 1), ('b', 1)):
+        assert matching.add(topic, stamp, topic) is None
+    assert matching.add('c', 1, 'c') == ('a', 'b', 'c')
+    assert told == ['capture 1: no b or c came with it', 'capture 2: no b or c came with it']
