@@ -19,7 +19,14 @@ _TABLES = (
     (0.72, -0.02, -0.26, -0.17, -0.16, 0.10, 0.03, -0.23),
 )
 _BIAS = -1.23
-
+# Of creases, as `pmcl learn --creases` prints it: the offsets on one side, the crease itself last.
+_CREASES = (
+    (0.47, 0.02, 0.02, -0.09, -0.06, -0.21, -0.37, 0.22),
+    (0.5, 0.6, 0.48, -0.14, -0.52, -0.16, 0.17, -0.93),
+    (-1.02, -1.35, -0.31, -0.04, 0.49, 1.07, 1.5, -0.33),
+    (-0.77, -0.86, -0.26, 0.01, 0.21, 0.36, 0.53, 0.79),
+)
+_CREASES_BIAS = -0.61
 
 # A first guess: the best poses among noise have less.
 _LEAST_CONTRAST = 0.5
@@ -74,3 +81,12 @@ class ContourProfile:
         """
         return cls(np.array(_OFFSETS, np.float32), np.array(_KNOTS, np.float32),
                    np.array(_TABLES, np.float32), _BIAS)
+
+    @classmethod
+    def of_creases(cls) -> 'ContourProfile':
+        """The log odds that a sharp edge of the mesh is there, inside the outline; alike on both
+        sides.
+        """
+        tables = np.array(_CREASES + _CREASES[-2::-1], np.float32)
+        return cls(np.array(_OFFSETS, np.float32), np.array(_KNOTS, np.float32), tables,
+                   _CREASES_BIAS)

@@ -127,7 +127,8 @@ def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, world
 def _target(rng: np.random.Generator, thing: Thing, pose: Pose, side: float, empty: bool
             ) -> Target:
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
-    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty)
+    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty,
+                  thing.discrete)
 
 
 def _room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
