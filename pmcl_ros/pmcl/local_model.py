@@ -66,7 +66,7 @@ class LocalModel:
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
         said = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                shifts)
-        if creases is not None:
+        if creases is not None and creases.shown:
             said = np.concatenate([said, creases.evidence(edges, shifts)])
             points = points.joined(creases.points)
         before, inside, here, outside, after = said.T

@@ -37,7 +37,7 @@ class SlidingContour:
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
         table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                 shifts)
-        if creases is not None:
+        if creases is not None and creases.shown:
             table = np.concatenate([table, creases.evidence(edges, shifts)])
             points = points.joined(creases.points)
         return cls(np.ascontiguousarray(normal_motion(points, edges.pinhole, pose[:3, 3])),

@@ -16,7 +16,7 @@ class SceneSettings(Settings):
 
     kinds: tuple[Kind, ...] = Field(
         ('glass', 'glass', 'opaque', 'glass film', 'opaque film', 'opaque film'), min_length=1,
-        description='kinds of scenes, one of which is drawn: of glass or opaque, vessels or blocks '
+        description='kinds of scenes, one of which is drawn: glass or opaque, vessels or blocks '
         'with sharp edges, with or without a translucent film before everything')
     empty: float = Field(0.1, ge=0, le=1, description='share of scenes without their object')
     targets: int = Field(1, ge=1, le=8, description='things to look for in a scene')

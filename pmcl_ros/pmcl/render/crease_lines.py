@@ -1,5 +1,9 @@
 """The creases that a pose shows inside its outline, and what edges say along them: the kernels.
 
+The creases of an object may show in a picture or not, as light and colours are: a priori either is
+as likely. So with s, the sum of the evidence along them, a pose has log(1 + exp(s)) more than its
+contour, which is max(s, 0) but for a nat: what does not show says nothing against a pose.
+
 Seen is a crease with both sides towards the camera (else it is occluding contour), where the
 z-buffer has nothing nearer. Within 3 px of an occluding contour that contour is what shows in the
 picture: a crease does not count there.
@@ -82,6 +86,11 @@ class CreasePoints:
                                rows[:, 7])
         return cls(points, profile)
 
+    @property
+    def shown(self) -> bool:
+        """Whether their evidence counts: their sum is for the pose."""
+        return bool(self.points.lengths @ self.points.evidence > 0)
+
     def evidence(self, edges: EdgeVolume, shifts: NDArray[np.floating]) -> NDArray[np.float64]:
         """(n, k) of the points moved along their normals by `shifts` (k,) [nat / px]."""
         return evidence_across(edges, self.points.pixels, self.points.normals, self.points.depths,
@@ -95,7 +104,8 @@ def sums_of_images(poses, images, lines, edges, result):  # type: ignore[no-unty
     for n in prange(len(poses)):
         z = np.full((height + 2 * MARGIN, width + 2 * MARGIN), np.float32(-1))
         z[MARGIN:-MARGIN, MARGIN:-MARGIN] = images[n]
-        result[n] += crease_sum(poses[n], (0, 0, width, height), z.ravel(), lines, edges)
+        said = crease_sum(poses[n], (0, 0, width, height), z.ravel(), lines, edges)
+        result[n] += max(said, 0.0)
 
 
 @compiled(inlined=True)
@@ -162,7 +172,7 @@ def _line(pose, k, lines):  # type: ignore[no-untyped-def]
     u, v = fx * ax / az + cx, fy * ay / az + cy
     du, dv = fx * bx / bz + cx - u, fy * by / bz + cy - v
     extent = math.sqrt(du * du + dv * dv)
-    count = int(math.ceil(extent / lines.scale))
+    count = math.ceil(extent / lines.scale)
     if count == 0:
         return none
     # The sign of the normal means nothing, but neighbours in a ring must agree: away from the
@@ -198,8 +208,8 @@ def _seen(box, z, x, y, closeness, lines, keep):  # type: ignore[no-untyped-def]
     """Whether a point of the image is on the surface that is drawn there, clear of contours."""
     left, top, right, bottom = box
     begin, above, scale, clear = lines.left, lines.top, lines.scale, lines.clear
-    column = int(math.floor((x - begin + 0.5) / scale)) - left
-    row = int(math.floor((y - above + 0.5) / scale)) - top
+    column = math.floor((x - begin + 0.5) / scale) - left
+    row = math.floor((y - above + 0.5) / scale) - top
     if not (0 <= column < right - left and 0 <= row < bottom - top):
         return False
     stride = right - left + 2 * MARGIN

@@ -212,7 +212,7 @@ def _contours_and_creases(drawing, poses, room, edges, found,  # type: ignore[no
         z = room.z[thread]
         box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
         total, result[n, 1] = sums(box, z, edges, found[thread])
-        result[n, 0] = total + crease_sum(poses[n], box, z, lines, marks)
+        result[n, 0] = total + max(crease_sum(poses[n], box, z, lines, marks), 0.0)
 
 
 @compiled(parallel=True)
