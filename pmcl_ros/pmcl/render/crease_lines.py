@@ -28,6 +28,7 @@ from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 
 _CLEAR = 3  # image px to the nearest occluding contour; no more than MARGIN
+_STEP = 2  # pixels of the z-buffer: from one point of a crease to the next
 _BEHIND = 0.1  # of what counts as an occlusion: how far below the z-buffer a crease is still seen
 
 
@@ -153,7 +154,7 @@ def _rows(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
 
 @compiled(inlined=True)
 def _line(pose, k, lines):  # type: ignore[no-untyped-def]
-    """A crease in the image, in stretches as long as a pixel of the z-buffer.
+    """A crease in the image, in stretches of `_STEP` pixels of the z-buffer.
 
     How many (0: it does not show), where it begins and how far it goes [image px], its 1/z there
     and how much that changes (it is affine in the image), its normal, and a stretch's length.
@@ -172,7 +173,7 @@ def _line(pose, k, lines):  # type: ignore[no-untyped-def]
     u, v = fx * ax / az + cx, fy * ay / az + cy
     du, dv = fx * bx / bz + cx - u, fy * by / bz + cy - v
     extent = math.sqrt(du * du + dv * dv)
-    count = math.ceil(extent / lines.scale)
+    count = math.ceil(extent / (_STEP * lines.scale))
     if count == 0:
         return none
     # The sign of the normal means nothing, but neighbours in a ring must agree: away from the

@@ -42,7 +42,7 @@ def test_blocks_are_closed_and_look_as_their_symmetries_say(glass):
 def test_a_block_is_written_with_its_symmetries(tmp_path):
     settings = SceneSettings(views=3, size=16, clutter=0, kinds=('opaque block', 'glass block'))
     written = 0
-    for seed in range(2):
+    for seed in (1, 2):
         rng = np.random.default_rng(seed)
         scene = random_scene(rng, settings)
         target = scene.targets[0]
@@ -57,4 +57,4 @@ def test_a_block_is_written_with_its_symmetries(tmp_path):
             assert model.axis is None
             assert len(model.discrete) == len(target.discrete)
             assert len(Creases.of(model).ends) >= 9
-    assert written
+    assert written == 1
