@@ -14,8 +14,16 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.contour_errors import LEVEL, fitted_error
 from pmcl_ros.evaluation.coverage import run_coverage
+from pmcl_ros.evaluation.crease_study import (
+    Result,
+    crease_profile,
+    table,
+    with_and_without,
+)
 from pmcl_ros.evaluation.learning import Example, Samples, fitted, profiles
 from pmcl_ros.evaluation.searches import Search, Supports, searches
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
@@ -51,22 +59,24 @@ def coverage(trials: int, seed: int, near: bool) -> None:
 @click.option('--views', type=click.IntRange(3), default=7, show_default=True,
               help='Side of the square of views that are used.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
-def learn(folder: Path, views: int, seed: int) -> None:
+@click.option('--creases', is_flag=True, help='Learn what edges across creases of objects '
+              'without an axis say, and what that adds, instead.')
+def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
     """Learn what the posterior rests on from captures with truth, as `pmcl scenes render` makes.
 
     Prints the contour's profile (for pmcl/contour_profile.py), how far contours lie off (for
     pmcl/model_error.py), and from what support on an object is found (for pmcl/support.py).
     """
     captures = find_captures(folder)
+    if creases:
+        _learn_creases(captures, views, seed)
+        return
     halves: list[list[Samples]] = [[], []]
     for number, each in enumerate(_examples(captures, views, 'profiles')):
         rng = np.random.default_rng([seed, number])
         halves[number % 2] += profiles(each, NumbaRenderer(), rng)
     profile = fitted(Samples.joined(halves[0] + halves[1]))
-    click.echo('rows: offsets; columns: knots')
-    for row in profile.tables:
-        click.echo(f'    ({", ".join(f"{each + 0:.2f}" for each in row.round(2))}),')
-    click.echo(f'bias {profile.bias:.2f}')
+    _print(profile)
     # Each half is searched with what the other half teaches.
     looked: list[Search] = []
     for half in range(2):
@@ -87,6 +97,38 @@ def learn(folder: Path, views: int, seed: int) -> None:
     for level in (0.5, LEVEL):
         click.echo(f'truths in the {100 * level:.0f} % region: '
                    f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
+
+
+def _learn_creases(captures: Sequence[Capture], views: int, seed: int) -> None:
+    """Print their profile, and what searches by the other half's find with it and without."""
+    halves: list[list[Samples]] = [[], []]
+    for number, each in enumerate(_examples(captures, views, 'profiles')):
+        rng = np.random.default_rng([seed, number])
+        halves[number % 2] += profiles(each, NumbaRenderer(), rng, of_creases=True)
+    _print(crease_profile(halves[0] + halves[1]))
+    results: dict[str, list[tuple[Result, Result]]] = {}
+    for half in range(2):
+        profile = crease_profile(halves[1 - half])
+        chosen = captures[half::2]
+        for capture, each in zip(chosen, _examples(chosen, views, f'searches {half + 1} of 2'),
+                                 strict=True):
+            if each.there and Creases.of(each.model) is not None:
+                pair = with_and_without(each, profile, seed)
+                results.setdefault(capture.truth.name.partition(':')[0], []).append(pair)
+                click.echo(f'{capture.truth.name or capture.name}: ' + '; '.join(
+                    f'{1e3 * one.translation:.1f} mm, {np.rad2deg(one.rotation):.1f} deg'
+                    + (', lost' if one.lost else '') for one in pair))
+    for kind, pairs in results.items():
+        click.echo(f'{kind}:')
+        for line in table(pairs):
+            click.echo(f'    {line}')
+
+
+def _print(profile: ContourProfile) -> None:
+    click.echo('rows: offsets; columns: knots')
+    for row in profile.tables:
+        click.echo(f'    ({", ".join(f"{each + 0:.2f}" for each in row.round(2))}),')
+    click.echo(f'bias {profile.bias:.2f}')
 
 
 def _examples(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:

@@ -11,11 +11,13 @@ from scipy.special import expit, softmax
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.energies import energies_across
 from pmcl_ros.pmcl.motion import perturb, uniform_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.scene import Scene
 
 OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
@@ -68,6 +70,14 @@ class Samples:
                      for name in fields(cls)))
 
 
+    def mirrored(self) -> 'Samples':
+        """These and their mirror images, each by half: of what has no inside."""
+        return Samples(np.concatenate([self.energies, self.energies[:, ::-1]]),
+                       np.tile(self.there, 2), np.tile(self.weights, 2) / 2,
+                       np.concatenate([self.shifted, self.shifted[:, ::-1, ::-1]]),
+                       np.tile(self.shares, 2) / 2)
+
+
 def samples(examples: Iterable[Example], renderer: Renderer, rng: np.random.Generator) -> Samples:
     """Profiles at the true poses, and at wrong ones: random in the region, and near misses.
 
@@ -79,16 +89,27 @@ def samples(examples: Iterable[Example], renderer: Renderer, rng: np.random.Gene
     return Samples.joined(found)
 
 
-def profiles(each: Example, renderer: Renderer, rng: np.random.Generator) -> list[Samples]:
-    """As `samples` of one scene; empty where no contour of its object is in the image."""
+def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
+             of_creases: bool = False) -> list[Samples]:
+    """As `samples` of one scene; empty where no contour of its object is in the image.
+
+    of_creases: profiles across those instead, mirrored too; empty where none is seen.
+    """
     if not each.there:
         return []
     profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
     wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
         np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
-    with renderer.contour_score(each.scene, each.edges, profile) as score:
-        points = score.points(each.pose)
-        others = np.concatenate([score.points(pose).energies for pose in wrong])
+    creases = Creases.of(each.model, profile) if of_creases else None
+    if of_creases and creases is None:
+        return []
+    with renderer.contour_score(each.scene, each.edges, profile, creases=creases) as score:
+        def points_of(pose: NDArray[np.float64]) -> ContourPoints:
+            seen = score.creases(pose)
+            return score.points(pose) if seen is None else seen.points
+
+        points = points_of(each.pose)
+        others = np.concatenate([points_of(pose).energies for pose in wrong])
     if not len(points.lengths):
         return []
     chosen = rng.permutation(len(points.lengths))[:_POINTS]
@@ -96,12 +117,13 @@ def profiles(each: Example, renderer: Renderer, rng: np.random.Generator) -> lis
     shifted = energies_across(each.edges, points.pixels[chosen], points.normals[chosen],
                               points.depths[chosen], np.add.outer(SHIFTS, OFFSETS).ravel())
     count = len(chosen)
-    return [Samples(np.concatenate([points.energies[chosen], others]),
+    found = Samples(np.concatenate([points.energies[chosen], others]),
                     np.arange(count + len(others)) < count,
                     np.concatenate([np.full(count, 0.5 / count),
                                     np.full(len(others), 0.5 / max(len(others), 1))]),
                     shifted.reshape(count, len(SHIFTS), len(OFFSETS)),
-                    np.full(count, 1 / count))]
+                    np.full(count, 1 / count))
+    return [found.mirrored() if of_creases else found]
 
 
 def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:

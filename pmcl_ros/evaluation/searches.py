@@ -12,6 +12,7 @@ from pmcl_ros.evaluation.contour_errors import Deviation
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.learning import Example
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -42,15 +43,15 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
     """
     before: list[ObjectModel] = []
     for each in examples:
-        found = _found(each, each.model, profile, seed)
+        estimate = found(each, each.model, profile, seed)
         deviation = None
         if each.there:
-            error = pose_error(found.pose, each.pose, each.model.axis)
+            error = pose_error(estimate.pose, each.pose, each.model.axis)
             if error.translation < _NEAR[0] and error.rotation < _NEAR[1]:
-                deviation = Deviation.of(each, found, profile, NumbaRenderer())
-        yield Search(each.there, found.support, deviation)
+                deviation = Deviation.of(each, estimate, profile, NumbaRenderer())
+        yield Search(each.there, estimate.support, deviation)
         for other in before:
-            yield Search(False, _found(each, other, profile, seed).support)
+            yield Search(False, found(each, other, profile, seed).support)
         before = [*before, each.model][-_OTHERS:]
 
 
@@ -79,13 +80,14 @@ class Supports:
         return float((self.there < least).mean())
 
 
-def _found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
-           ) -> PoseEstimate:
+def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int,
+          creases: Creases | None = None) -> PoseEstimate:
+    """What the search makes of a model in an example's edge volume."""
     edges = example.edges
     nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
     volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
                                    edges)
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba')
-    with Localizer(model, settings, profile) as localizer:
+    with Localizer(model, settings, profile, creases) as localizer:
         return localizer.localize(volume, np.random.default_rng(seed))

@@ -15,6 +15,7 @@ class Truth:
     """pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
 
     empty: the object is not there; its pose means nothing. film: whether the object is behind one.
+    name: of the scene.
     """
 
     pose: NDArray[np.float64]
@@ -22,6 +23,7 @@ class Truth:
     roi_size: tuple[float, float, float]
     empty: bool
     film: bool = False
+    name: str = ''
 
     @classmethod
     def load(cls, path: Path | str) -> 'Truth':
@@ -32,6 +34,6 @@ class Truth:
             x, y, z = (float(each) for each in values['roi']['center'])
             width, height, depth = (float(each) for each in values['roi']['size'])
             return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
-                       bool(values.get('film', False)))
+                       bool(values.get('film', False)), str(values.get('name', '')))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None

@@ -19,7 +19,14 @@ _TABLES = (
     (0.72, -0.02, -0.26, -0.17, -0.16, 0.10, 0.03, -0.23),
 )
 _BIAS = -1.23
-
+# Of creases, as `pmcl learn --creases` prints it: the offsets on one side, the crease itself last.
+_CREASES = (
+    (0.57, 0.21, 0.18, -0.01, -0.17, -0.34, -0.41, -0.03),
+    (0.34, 0.62, 0.55, -0.21, -0.51, -0.15, 0.07, -0.71),
+    (-0.72, -1.30, -0.36, -0.15, 0.45, 1.03, 1.41, -0.37),
+    (-0.67, -0.92, -0.34, 0.06, 0.20, 0.41, 0.46, 0.80),
+)
+_CREASES_BIAS = -0.80
 
 # A first guess: the best poses among noise have less.
 _LEAST_CONTRAST = 0.5
@@ -74,3 +81,12 @@ class ContourProfile:
         """
         return cls(np.array(_OFFSETS, np.float32), np.array(_KNOTS, np.float32),
                    np.array(_TABLES, np.float32), _BIAS)
+
+    @classmethod
+    def of_creases(cls) -> 'ContourProfile':
+        """The log odds that a sharp edge of the mesh is there, inside the outline; alike on both
+        sides.
+        """
+        tables = np.array(_CREASES + _CREASES[-2::-1], np.float32)
+        return cls(np.array(_OFFSETS, np.float32), np.array(_KNOTS, np.float32), tables,
+                   _CREASES_BIAS)

@@ -17,6 +17,7 @@ from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.energies import evidence_across
 from pmcl_ros.pmcl.model_error import FACING, ModelError
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.summary import tangent_basis
 
 _STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
@@ -55,18 +56,22 @@ class LocalModel:
     @classmethod
     def of(cls, pose: NDArray[np.float64], axis: NDArray[np.float64] | None,
            points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
-           error: ModelError | None) -> 'LocalModel':
+           error: ModelError | None, creases: CreasePoints | None = None) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points are `points`.
 
         axis: (3,) of the object's symmetry. error: of the model; None: noise and error do not
-        matter, only where to go, which costs a tenth.
+        matter, only where to go, which costs a tenth. creases: seen in this pose, if any count.
         """
         basis = tangent_basis(pose, axis)
+        shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
+        said = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
+                               shifts)
+        if creases is not None and creases.shown:
+            said = np.concatenate([said, creases.evidence(edges, shifts)])
+            points = points.joined(creases.points)
+        before, inside, here, outside, after = said.T
         length = float(points.lengths.sum())
         motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
-        before, inside, here, outside, after = evidence_across(
-            edges, points.pixels, points.normals, points.depths, profile,
-            _STEP * np.array([-1, -0.5, 0, 0.5, 1])).T
         slope = (outside - inside) / _STEP
         weight = points.lengths[:, None]
         bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2

@@ -14,6 +14,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.faithful import faithful_filter
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
@@ -53,14 +54,17 @@ class Localizer:
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
     profile: of the contour, in the mode default; by default the learned one.
+    creases: that count too; by default the model's where `profile` is left out, else none.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
     def __init__(self, model: ObjectModel, settings: PmclSettings,
-                 profile: ContourProfile | None = None) -> None:
+                 profile: ContourProfile | None = None,
+                 creases: Creases | None = None) -> None:
         self._model = model
         self._settings = settings
         self._profile = profile or ContourProfile.learned()
+        self._creases = creases or (Creases.of(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
         self.renderer = self._renderer.name
@@ -134,6 +138,8 @@ class Localizer:
                     watch: Watch | None) -> PoseEstimate:
         edges, profile = self._edges(volume)
         contrast = ContourProfile.contrast()
+        # Their tables were learned on sharp edge volumes, as the contour's.
+        creases = None if volume.edges is None else self._creases
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
             start, scores = self._proposals.propose(edges, self._settings.proposals)
@@ -141,14 +147,15 @@ class Localizer:
                 watch(Generation('proposals', start, scores, len(start)))
         scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
         with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
-              self._renderer.contour_score(scenes[1], edges, profile) as fine,
-              self._renderer.contour_score(scenes[2], edges, profile) as exact):
+              self._renderer.contour_score(scenes[1], edges, profile, 0, creases) as fine,
+              self._renderer.contour_score(scenes[2], edges, profile, 0, creases) as exact):
             def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
                 return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
-                                     CONTOUR_ERROR if sure else None)
+                                     CONTOUR_ERROR if sure else None, exact.creases(pose))
 
             def near(pose: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(pose, exact.points(pose), edges, profile)
+                return SlidingContour.of(pose, exact.points(pose), edges, profile,
+                                         exact.creases(pose))
 
             search = ContourSearch(
                 self._model, self._settings, self._in_region(coarse, -np.inf),

@@ -11,6 +11,7 @@ from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.energies import evidence_across
 from pmcl_ros.pmcl.local_model import normal_motion
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 
 _FARTHEST, _STEP = 4.0, 0.5  # px: the table's ends, and its steps
 
@@ -30,11 +31,15 @@ class SlidingContour:
 
     @classmethod
     def of(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EdgeVolume,
-           profile: ContourProfile) -> 'SlidingContour':
-        """About `pose` (4, 4), whose contour's points are `points`."""
+           profile: ContourProfile, creases: CreasePoints | None = None) -> 'SlidingContour':
+        """About `pose` (4, 4), whose contour's points are `points`; creases: seen, if any count.
+        """
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
         table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                 shifts)
+        if creases is not None and creases.shown:
+            table = np.concatenate([table, creases.evidence(edges, shifts)])
+            points = points.joined(creases.points)
         return cls(np.ascontiguousarray(normal_motion(points, edges.pinhole, pose[:3, 3])),
                    points.lengths[:, None] * table)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+import yaml
 
 from pmcl_ros.evaluation.pictures import write_png
 from pmcl_ros.evaluation.scenes.render import SyntheticCapture
@@ -18,6 +19,7 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
     """Write views.npz, model.obj, truth.json, centre.png, depth.npz into a folder.
 
     model.obj and truth.json are of the first target; the other ones' are in numbered subfolders.
+    A target with discrete symmetries has a model.yaml too.
     Views are kept with 11 bits of precision, far below their noise.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -30,9 +32,17 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
         place.mkdir(exist_ok=True)
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
         mesh.export(place / 'model.obj', digits=7)
+        if len(target.discrete) > 1:
+            (place / 'model.yaml').write_text(yaml.safe_dump(_object(target)))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
         truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target)
         (place / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+
+
+def _object(target: Target) -> dict[str, Any]:
+    """As `ObjectSettings` reads it."""
+    return {'mesh': 'model.obj', 'symmetries_continuous': [],
+            'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
 
 
 def _truth(target: Target) -> dict[str, Any]:

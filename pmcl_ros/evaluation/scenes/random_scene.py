@@ -4,11 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.evaluation.scenes.blocks import random_block
 from pmcl_ros.evaluation.scenes.environment import random_environment
 from pmcl_ros.evaluation.scenes.poses import Pose, camera_above, pose_of, resting
 from pmcl_ros.evaluation.scenes.pupil import pupil_views
 from pmcl_ros.evaluation.scenes.scene import Scene, Sensor, Sheet, Solid, Target
-from pmcl_ros.evaluation.scenes.settings import SceneSettings
+from pmcl_ros.evaluation.scenes.settings import Kind, SceneSettings
 from pmcl_ros.evaluation.scenes.textures import random_texture
 from pmcl_ros.evaluation.scenes.things import (
     Thing,
@@ -34,8 +35,7 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
     """
     of = settings or SceneSettings()
     kind = of.kinds[int(rng.integers(len(of.kinds)))]
-    make = random_transparent if kind.startswith('glass') else random_opaque
-    things = things or tuple(make(rng) for _ in range(of.targets))
+    things = things or tuple(_thing(rng, kind) for _ in range(of.targets))
     empty = bool(rng.random() < of.empty)
     spots = _spots(rng, things, of.clutter)
     sensor = random_sensor(rng, of)
@@ -62,6 +62,13 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
     name = f'{kind}: {things[0].name}' + (', empty' if empty else '')
     return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(owners))
+
+
+def _thing(rng: np.random.Generator, kind: Kind) -> Thing:
+    glass = kind.startswith('glass')
+    if 'block' in kind:
+        return random_block(rng, glass)
+    return random_transparent(rng) if glass else random_opaque(rng)
 
 
 def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
@@ -120,7 +127,8 @@ def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, world
 def _target(rng: np.random.Generator, thing: Thing, pose: Pose, side: float, empty: bool
             ) -> Target:
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
-    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty)
+    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty,
+                  thing.discrete)
 
 
 def _room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:

@@ -36,7 +36,8 @@ class SyntheticCapture:
     def model(self, number: int = 0) -> ObjectModel:
         """A target as the localiser takes it."""
         target = self.targets[number]
-        return ObjectModel(f'target {number}', target.vertices, target.faces, target.axis, True)
+        return ObjectModel(f'target {number}', target.vertices, target.faces, target.axis, True,
+                           target.discrete)
 
 
 def render(scene: Scene, rng: np.random.Generator, samples: int = 2,

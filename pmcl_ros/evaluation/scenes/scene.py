@@ -1,6 +1,6 @@
 """A scene: things in a room before a light-field camera. Frozen values, camera's frame, metres."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +71,7 @@ class Target:
 
     vertices: (n, 3) [m], faces: (m, 3), closed, outward. axis: of its rotational symmetry, or
     None. pose: (4, 4), object to camera. roi_center, roi_size: camera's frame [m].
-    empty: it is not in the scene.
+    empty: it is not in the scene. discrete: (k, 4, 4) as of `ObjectModel`.
     """
 
     vertices: NDArray[np.float64]
@@ -81,6 +81,7 @@ class Target:
     roi_center: tuple[float, float, float]
     roi_size: tuple[float, float, float]
     empty: bool
+    discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
 
 @dataclass(frozen=True)

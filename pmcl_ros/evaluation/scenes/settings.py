@@ -1,13 +1,14 @@
 """What kinds of scenes are made, and how they are photographed."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 from pydantic import Field, field_validator
 
 from pmcl_ros.settings import Settings
 
-Kind = Literal['glass', 'opaque', 'glass film', 'opaque film']
-KINDS: tuple[Kind, ...] = ('glass', 'opaque', 'glass film', 'opaque film')
+Kind = Literal['glass', 'opaque', 'glass film', 'opaque film', 'glass block', 'opaque block',
+               'glass block film', 'opaque block film']
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 class SceneSettings(Settings):
@@ -15,8 +16,8 @@ class SceneSettings(Settings):
 
     kinds: tuple[Kind, ...] = Field(
         ('glass', 'glass', 'opaque', 'glass film', 'opaque film', 'opaque film'), min_length=1,
-        description='kinds of scenes, one of which is drawn: of glass or opaque, with or without '
-        'a translucent film before everything')
+        description='kinds of scenes, one of which is drawn: glass or opaque, vessels or blocks '
+        'with sharp edges, with or without a translucent film before everything')
     empty: float = Field(0.1, ge=0, le=1, description='share of scenes without their object')
     targets: int = Field(1, ge=1, le=8, description='things to look for in a scene')
     outside: float = Field(0.15, ge=0, le=1,

@@ -1,6 +1,6 @@
 """Random things: vessels of glass, filled or empty, matt or glossy bodies, boxes."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
@@ -22,6 +22,7 @@ class Thing:
 
     solids: their poses are in the thing's frame. vertices, faces: its outer surface, closed [m].
     axis: of its rotational symmetry, or None. upright: it holds something that would run out.
+    discrete: (k, 4, 4) as of `ObjectModel`.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Thing:
     faces: NDArray[np.int64]
     axis: NDArray[np.float64] | None
     upright: bool = False
+    discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
         """The solids, with the thing at a pose (4, 4), thing to camera."""

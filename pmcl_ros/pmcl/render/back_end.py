@@ -13,7 +13,9 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
@@ -49,7 +51,7 @@ class ContourScore(Protocol):
         ...
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n,) sum of the evidence along the contours of poses (n, 4, 4) [nat]."""
+        """(n,) sum of the evidence along contours, and creases, of poses (n, 4, 4) [nat]."""
         ...
 
     def evaluate(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -57,7 +59,11 @@ class ContourScore(Protocol):
         ...
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
-        """The points that are summed, of one pose (4, 4)."""
+        """The contour's points that are summed, of one pose (4, 4)."""
+        ...
+
+    def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
+        """Likewise of the creases; None where there are none."""
         ...
 
     def __enter__(self) -> 'ContourScore': ...
@@ -82,11 +88,12 @@ class Renderer(Protocol):
         ...
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0) -> ContourScore:
+                      blur: float = 0.0, creases: Creases | None = None) -> ContourScore:
         """Of an edge volume; the scene's scale is the step of the contour [image px].
 
         blur: of the edge energy [image px]. It widens the basin of attraction for the coarse part
         of a search: the profile's offsets are multiplied by it, if it is more than 1.
+        creases: count too, in energies that are not blurred.
         """
         ...
 

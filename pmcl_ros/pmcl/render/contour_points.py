@@ -1,6 +1,6 @@
 """The contour of one pose, point by point in the order in which a finger would follow it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +51,13 @@ class ContourPoints:
         along = middles - (ends - lengths)[first]
         return cls(values[:, :2] + shift, values[:, 2:4], 1 / values[:, 4], lengths, energies,
                    profile.evidence(energies), piece, along)
+
+    def joined(self, other: 'ContourPoints') -> 'ContourPoints':
+        """These points, then those of another set, read at as many offsets."""
+        both = {each.name: np.concatenate([getattr(self, each.name), getattr(other, each.name)])
+                for each in fields(self)}
+        both['piece'][len(self.piece):] += self.piece.max(initial=-1) + 1
+        return ContourPoints(**both)
 
 
 @compiled()

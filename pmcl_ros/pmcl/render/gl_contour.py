@@ -7,9 +7,12 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
+from pmcl_ros.kernels import LOCK
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, sums_of_images
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
@@ -160,11 +163,14 @@ class GlContourScore:
     """
 
     def __init__(self, context: GlContext, scene: Scene, edges: EdgeVolume,
-                 profile: ContourProfile, blur: float = 0.0, capacity: int = 96) -> None:
+                 profile: ContourProfile, blur: float = 0.0, capacity: int = 96,
+                 creases: Creases | None = None) -> None:
         check_profile(profile)
         self.evaluations = 0
         self._scene, self._profile = scene, profile
         self._edges = Edges.of(scene, edges, profile, blur)
+        self._creases = creases
+        self._lines = None if creases is None else Lines.of(scene, edges, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._tensor = _texture(
             context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))
@@ -204,11 +210,21 @@ class GlContourScore:
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
         self.evaluations += 1
-        self.zbuffers.draw(pose[None])
-        z = np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
         window = self._scene.window
         shift = window.left - self._edges.left, window.top - self._edges.top
-        return ContourPoints.of((0, 0, *window.size), z, self._edges, self._profile, shift)
+        return ContourPoints.of((0, 0, *window.size), self._drawn(pose), self._edges,
+                                self._profile, shift)
+
+    def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
+        """See `ContourScore`."""
+        if self._creases is None or self._lines is None:
+            return None
+        return CreasePoints.of(np.asarray(pose, np.float32), (0, 0, *self._scene.window.size),
+                               self._drawn(pose), *self._lines, self._creases.profile)
+
+    def _drawn(self, pose: NDArray[np.floating]) -> NDArray[np.float32]:
+        self.zbuffers.draw(pose[None])
+        return np.pad(self.zbuffers.closeness(1)[0], MARGIN, constant_values=-1).ravel()
 
     def _batch(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         self.zbuffers.draw(poses)
@@ -218,7 +234,13 @@ class GlContourScore:
         self._program.run(group_x=len(poses))
         self.zbuffers.context.gl.memory_barrier()
         sums = np.frombuffer(self._sums.read(len(poses) * 8), np.float32)
-        return sums.reshape(-1, 2).astype(np.float64)
+        result = sums.reshape(-1, 2).astype(np.float64)
+        if self._lines is not None:  # on the processor: they are few, and the z-buffers are here
+            images = self.zbuffers.closeness(len(poses))
+            with LOCK:
+                sums_of_images(np.ascontiguousarray(poses, np.float32), images, *self._lines,
+                               result[:, 0])
+        return result
 
     def __enter__(self) -> 'GlContourScore':
         return self

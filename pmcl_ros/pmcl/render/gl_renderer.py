@@ -7,6 +7,7 @@ from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore
 from pmcl_ros.pmcl.render.gl_likelihood import GlLikelihoodScore
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
@@ -37,9 +38,9 @@ class GlRenderer:
         return depths
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0) -> GlContourScore:
+                      blur: float = 0.0, creases: Creases | None = None) -> GlContourScore:
         """See `Renderer`."""
-        return GlContourScore(self.context, scene, edges, profile, blur)
+        return GlContourScore(self.context, scene, edges, profile, blur, creases=creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
                          ) -> GlLikelihoodScore:

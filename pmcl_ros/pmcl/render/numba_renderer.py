@@ -15,9 +15,11 @@ from pmcl_ros.header import Header
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, crease_sum
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
 
@@ -37,9 +39,9 @@ class NumbaRenderer:
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0) -> 'NumbaContourScore':
+                      blur: float = 0.0, creases: Creases | None = None) -> 'NumbaContourScore':
         """See `Renderer`."""
-        return NumbaContourScore(scene, edges, profile, blur)
+        return NumbaContourScore(scene, edges, profile, blur, creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
                          ) -> 'NumbaLikelihoodScore':
@@ -62,9 +64,13 @@ class NumbaRenderer:
         self.depths(scene, pose[None])
         if likelihoods:
             self.likelihood_score(scene, volume)(pose[None])
-        score = self.contour_score(scene, edges, ContourProfile.contrast())
-        score(pose[None])
-        score.points(pose)
+        creases = Creases(np.zeros((0, 2, 3)), np.zeros((0, 2, 3)), True,
+                          ContourProfile.contrast())
+        for each in (None, creases):
+            score = self.contour_score(scene, edges, ContourProfile.contrast(), creases=each)
+            score(pose[None])
+            score.points(pose)
+            score.creases(pose)
 
     def use(self) -> None:
         """Nothing to do."""
@@ -77,7 +83,7 @@ class NumbaContourScore:
     """See `ContourScore`."""
 
     def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                 blur: float = 0.0) -> None:
+                 blur: float = 0.0, creases: Creases | None = None) -> None:
         check_profile(profile)
         self._scene, self._profile = scene, profile
         self.evaluations = 0
@@ -85,6 +91,8 @@ class NumbaContourScore:
         self._edges = Edges.of(scene, edges, profile, blur)
         self._room = _room(self._drawing)
         self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
+        self._creases = creases
+        self._lines = None if creases is None else Lines.of(scene, edges, creases)
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
@@ -94,20 +102,37 @@ class NumbaContourScore:
         """See `ContourScore`."""
         self.evaluations += len(poses)
         result = np.zeros((len(poses), 2))
+        given = self._drawing, _float32(poses), self._room, self._edges, self._found
         with LOCK:
-            _contours(self._drawing, _float32(poses), self._room, self._edges, self._found, result)
+            if self._lines is None:
+                _contours(*given, result)
+            else:
+                _contours_and_creases(*given, *self._lines, result)
         return result
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
         self.evaluations += 1
         with LOCK:
-            z = self._room.z[0]
-            box = draw(self._drawing, _float32(pose), self._room.corners[0],
-                       self._room.exact[0], z)
+            box, z = self._drawn(pose)
             shift = (self._scene.window.left - self._edges.left,
                      self._scene.window.top - self._edges.top)
             return ContourPoints.of(box, z, self._edges, self._profile, shift)
+
+    def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
+        """See `ContourScore`."""
+        if self._creases is None or self._lines is None:
+            return None
+        with LOCK:
+            return CreasePoints.of(_float32(pose), *self._drawn(pose), *self._lines,
+                                   self._creases.profile)
+
+    def _drawn(self, pose: NDArray[np.floating]
+               ) -> tuple[tuple[int, int, int, int], NDArray[np.float32]]:
+        """Box and z-buffer; the lock is held."""
+        room = self._room
+        return draw(self._drawing, _float32(pose), room.corners[0], room.exact[0],
+                    room.z[0]), room.z[0]
 
     def __enter__(self) -> 'NumbaContourScore':
         return self
@@ -177,6 +202,17 @@ def _contours(drawing, poses, room, edges, found, result):  # type: ignore[no-un
         z = room.z[thread]
         box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
         result[n, 0], result[n, 1] = sums(box, z, edges, found[thread])
+
+
+@compiled(parallel=True)
+def _contours_and_creases(drawing, poses, room, edges, found,  # type: ignore[no-untyped-def]
+                          lines, marks, result):
+    for n in prange(len(poses)):
+        thread = thread_id()
+        z = room.z[thread]
+        box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
+        total, result[n, 1] = sums(box, z, edges, found[thread])
+        result[n, 0] = total + max(crease_sum(poses[n], box, z, lines, marks), 0.0)
 
 
 @compiled(parallel=True)
