@@ -161,7 +161,7 @@ def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
     """Write each picture of a bag as the camera has it, RAW and TXT; their paths.
 
     The inverse of `record_capture`, for every `/image_raw` with the `/metadata` before it. Raises
-    BagError when there is none.
+    BagError when there is none, or a picture of that name is there already.
     """
     text = ''
     paths: list[Path] = []
@@ -172,6 +172,8 @@ def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
             image: Any = _TYPES.deserialize_cdr(each.cdr, each.type)
             counts = image.data.view('<u2').reshape(image.height, image.width)
             paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
+            if paths[-1].exists():
+                raise BagError(f'{paths[-1]} is already there; choose another folder')
             write_picture(paths[-1], pack12(counts), text)
     if not paths:
         raise BagError(f'{bag} holds no /image_raw with /metadata before it')

@@ -1,6 +1,7 @@
 """Starts the chain, in one process or one for each node, and takes it to active."""
 
 import argparse
+import ctypes
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from pmcl_ros.nodes.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
+_PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 class Running(Protocol):
@@ -45,7 +47,7 @@ class NodeProcess:
         try:
             # sys.executable: the pip build of ROS sets its library path for this interpreter alone
             self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
-                                             start_new_session=True)
+                                             start_new_session=True, preexec_fn=_end_with_parent)
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
@@ -66,6 +68,11 @@ class NodeProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+
+
+def _end_with_parent() -> None:
+    """Of a process: interrupt it when this one ends, also where that can do nothing more."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:

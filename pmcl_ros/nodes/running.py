@@ -23,12 +23,12 @@ from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes import shared_memory
 from pmcl_ros.nodes.base import StageNode
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NOTED, _NOTE = socket.socketpair()
 
 
 class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
-    """SIGINT or SIGTERM came."""
+    """One of SIGNALS came."""
 
 
 @contextmanager
@@ -65,12 +65,14 @@ def _note_signals() -> None:
     _NOTE.setblocking(False)
     signal.set_wakeup_fd(_NOTE.fileno(), warn_on_full_buffer=False)
     for each in SIGNALS:
-        signal.signal(each, lambda *_: None)
+        # What nohup has turned off stays off.
+        if each != signal.SIGHUP or signal.getsignal(each) != signal.SIG_IGN:
+            signal.signal(each, lambda *_: None)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # bring-up starts processes with a mask
 
 
 def pause(seconds: float) -> None:
-    """Let `seconds` pass; Interrupted when SIGINT or SIGTERM comes, or has come."""
+    """Let `seconds` pass; Interrupted when one of SIGNALS comes, or has come."""
     came, _, _ = select.select([_NOTED], [], [], max(seconds, 0))
     if came:
         raise Interrupted

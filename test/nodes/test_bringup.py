@@ -77,6 +77,25 @@ def test_a_node_process_that_ends_ends_the_chain(tmp_path, user, write):
     assert 'pmcl_bringup: dlv_node has ended' in chain.log
 
 
+def runs(pid):
+    """Whether there is such a process, and it has not ended unnoticed."""
+    stat = Path(f'/proc/{pid}/stat')
+    return stat.exists() and stat.read_text().rpartition(')')[2].split()[0] != 'Z'
+
+
+def test_nodes_do_not_outlive_a_bring_up_that_is_killed(tmp_path, user, write):
+    with Process(tmp_path, BRINGUP, '--params-file', write(), '--processes', '--without',
+                 'pmcl_node', '--without', 'dlv_node', status=-signal.SIGKILL) as chain:
+        user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the chain')
+        pid = chain.popen.pid
+        children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+        assert len(children) == 2
+        chain.popen.kill()
+        ends(chain, -signal.SIGKILL)
+        user.wait(lambda: not any(map(runs, children)), 'the nodes to end')
+    assert 'Traceback' not in chain.log
+
+
 def test_without_autostart_nodes_wait_for_their_manager(tmp_path, user, write):
     with Process(tmp_path, BRINGUP, '--params-file', write(), '--no-autostart', '--without',
                  'subaperture_node', '--without', 'pmcl_node', '--without',

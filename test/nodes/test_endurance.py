@@ -136,12 +136,22 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
     assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
 
 
-@pytest.mark.parametrize('arguments', [[], ['--flood', '--processes']], ids=['in turn', 'flood'])
-def test_soak(tmp_path, arguments):
+def with_shared_memory(size, *arguments):
+    """What to run for a module of Python in a /dev/shm of `size`; skips where that cannot be."""
+    if subprocess.run(['unshare', '-m', 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('no mount namespace of its own: not root')
+    script = f'mount -t tmpfs -o size={size} none /dev/shm && exec "$0" -m "$@"'
+    return ['unshare', '-m', 'sh', '-c', script, sys.executable, *arguments]
+
+
+@pytest.mark.parametrize(('size', 'arguments'), [
+    ('', []), ('', ['--flood', '--processes']), ('1m', ['--flood', '--processes'])],
+    ids=['in turn', 'flood', 'flood, little shared memory'])
+def test_soak(tmp_path, size, arguments):
+    program = ['pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out', tmp_path, *arguments]
     done = subprocess.run(
-        [sys.executable, '-m', 'pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out',
-         tmp_path, *arguments], cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE,
-        check=False)
+        with_shared_memory(size, *program) if size else [sys.executable, '-m', *program], cwd=ROOT,
+        capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     found = json.loads((tmp_path / 'soak.json').read_text())
     dropped = sum(found['dropped'].values())
@@ -154,12 +164,10 @@ def test_soak(tmp_path, arguments):
 @pytest.mark.parametrize('size', ['16k', '1m'])
 def test_messages_come_without_room_in_shared_memory(size):
     """16k: no process gets any; 1m: the first one does."""
-    if subprocess.run(['unshare', '-m', 'true'], capture_output=True, check=False).returncode:
-        pytest.skip('no mount namespace of its own: not root')
-    script = (f'mount -t tmpfs -o size={size} none /dev/shm && exec "$0" -m '
-              'pmcl_ros.nodes.transport --messages 5 --side 164 --copies 1')
-    done = subprocess.run(['unshare', '-m', 'sh', '-c', script, sys.executable], cwd=ROOT,
-                          capture_output=True, text=True, timeout=PATIENCE, check=False)
+    done = subprocess.run(
+        with_shared_memory(size, 'pmcl_ros.nodes.transport', '--messages', '5', '--side', '164',
+                           '--copies', '1'), cwd=ROOT, capture_output=True, text=True,
+        timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)

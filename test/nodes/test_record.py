@@ -73,7 +73,8 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, paramet
         np.testing.assert_allclose(pose, first[1], atol=1e-6)
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['INT', 'TERM'])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
+                         ids=['INT', 'TERM', 'HUP'])
 def test_a_signal_leaves_a_bag_of_all_that_came(tmp_path, user, number):
     """In the middle of a stream, whatever chunk it hits."""
     def image(second):

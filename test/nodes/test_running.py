@@ -37,7 +37,8 @@ def test_a_file_that_ros_refuses_is_told_in_a_line(tmp_path):
     assert 'Traceback' not in node.log
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM], ids=['INT', 'TERM'])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
+                         ids=['INT', 'TERM', 'HUP'])
 @pytest.mark.parametrize('soon', [[], ['soon']], ids=['later', 'at once'])
 def test_a_signal_is_noted_while_the_program_does_something_else(number, soon):
     with subprocess.Popen([sys.executable, '-c', PROGRAM, *soon], cwd=ROOT, stdin=subprocess.PIPE,
