@@ -8,6 +8,7 @@ from harness import ACTIVATE, CONFIGURE, ROOT, Process
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
+from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros import bags
 from pmcl_ros import conversions as cv
@@ -16,10 +17,11 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evaluation.pictures import layers_picture
+from pmcl_ros.evaluation.pictures import layers_picture, overlay
 from pmcl_ros.lightfield.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.pmcl.object_model import ObjectModel
 
 CAMERA = ROOT / 'config' / 'cameras'
 WINE_GLASS = ROOT / 'bags' / 'wine_glass'
@@ -157,9 +159,13 @@ def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, parameters, t
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', file,
                  '--without', 'lytro_driver', *arguments, checked=False) as chain:
         poses = user.listen(PoseStamped, 'pose', SMALL)
+        pictures = user.listen(Image, 'center/image', SMALL)
+        infos = user.listen(CameraInfo, 'center/camera_info', SMALL)
         overlays = user.listen(Image, 'overlay', SMALL)
+        markers = user.listen(MarkerArray, 'markers', SMALL)
         with play(tmp_path, ROOT / 'bags' / name):
-            user.wait(lambda: (poses and overlays) or not chain.alive(), 'a pose')
+            user.wait(lambda: (poses and overlays and markers and len(markers[-1].markers) == 2)
+                      or not chain.alive(), 'a pose, and what is drawn of it')
         assert chain.alive(), chain.log
         header, pose = cv.pose_from(poses[0])
     assert header.stamp_ns == stamp_of(ROOT / 'bags' / name)
@@ -168,4 +174,19 @@ def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, parameters, t
     assert distance < 0.02
     assert cv.header_from(overlays[0].header) == header
     assert len(poses) == len(overlays) == 1
+
+    # What viewers show lies where the pose says, which is near the truth.
+    model = ObjectModel.load(ROOT / 'models' / f'{name}.obj')
+    expected = overlay(cv.picture_from(pictures[0]), cv.pinhole_from(infos[0]), model, pose)
+    differs = (cv.picture_from(overlays[0]) != expected).any(axis=2)
+    assert differs.mean() < 1e-4  # a pixel, where the pose's last digit moves it
+    box, mesh = markers[-1].markers
+    assert cv.header_from(mesh.header) == cv.header_from(box.header) == header
+    placed = cv.pose_from(PoseStamped(header=mesh.header, pose=mesh.pose))[1]
+    np.testing.assert_allclose(placed, pose, atol=1e-9)
+    corners = np.array([[each.x, each.y, each.z] for each in mesh.points])
+    np.testing.assert_array_equal(corners, model.vertices[model.faces.ravel()])
+    centre, size = box.pose.position, box.scale
+    np.testing.assert_allclose([centre.x, centre.y, centre.z], region['center'])
+    np.testing.assert_allclose([size.x, size.y, size.z], region['size'])
     assert 'Traceback' not in chain.log

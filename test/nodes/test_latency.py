@@ -4,8 +4,12 @@ from pmcl_ros.evaluation.bench import bench_graph
 
 
 def test_the_graph_costs_little_more_than_the_same_without_ros():
-    result = bench_graph(3)
-    assert result.captures == result.equal == 3
-    assert set(result.ms) == set(result.cpu_ms) == {'graph', 'offline'}
-    # The processor's time: what else runs on this machine hardly changes it.
-    assert result.cpu_ratio < 1.3
+    # What else runs on this machine may take the processor from one of the two and not from the
+    # other: tried again then. A node that sleeps, or computes twice, never comes through.
+    for _ in range(4):
+        result = bench_graph(3)
+        assert result.captures == result.equal == 3
+        assert set(result.ms) == set(result.cpu_ms) == {'graph', 'offline'}
+        if max(result.ratio, result.cpu_ratio) < 1.3:
+            return
+    raise AssertionError(result.lines())
