@@ -58,7 +58,10 @@ def keep(node):
 
 def start(context):
     """The nodes and the events that take them to active, one after the other."""
-    without = LaunchConfiguration('without').perform(context).split(',')
+    without = [each.strip() for each in LaunchConfiguration('without').perform(context).split(',')]
+    names = [entry.name for entry in NODES]
+    if unknown := [each for each in without if each not in ('', *names)]:
+        raise RuntimeError(f'without: there is no node {unknown[0]!r}; known: {", ".join(names)}')
     respawn = LaunchConfiguration('respawn').perform(context).lower() == 'true'
     sweep = LaunchConfiguration('sweep').perform(context)
     without += SWEPT if sweep else ()

@@ -107,6 +107,11 @@ def test_nodes_can_be_left_out_and_left_alone(launch):
     assert not chained
 
 
+def test_a_node_that_is_not_there_cannot_be_left_out(launch):
+    with pytest.raises(RuntimeError, match="no node 'lytro_drivr'; known: lytro_driver"):
+        started(launch, without='dlv_node, lytro_drivr')
+
+
 def test_a_grasp_file_starts_the_grasp_node_first(launch):
     nodes, first, _ = started(launch, grasps='glass.yaml')
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']

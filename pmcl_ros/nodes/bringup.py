@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
@@ -18,7 +17,11 @@ from rclpy.node import Node
 from pmcl_ros.errors import PmclError
 from pmcl_ros.nodes.hand_over import HandOver
 from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
-from pmcl_ros.nodes.parameter_file import check_parameter_file, parameter_file
+from pmcl_ros.nodes.parameter_file import (
+    check_parameter_file,
+    parameter_file,
+    parameter_files,
+)
 from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
@@ -185,8 +188,8 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     told = {GRASPS.name: {'grasps': options.grasps}, SWEEP.name: {'plan': options.sweep}}
     try:
-        files = [file for before, file in pairwise(ros_args) if before == '--params-file']
-        others = [(file, node) for file in files for node in check_parameter_file(file)]
+        others = [(file, node) for file in parameter_files(ros_args)
+                  for node in check_parameter_file(file)]
         with parameter_file(told) as last, ros([given[0], *ros_args, *last]):
             for file, node in others:
                 get_logger('pmcl_bringup').warning(

@@ -1,8 +1,9 @@
 """For whom the values of a ROS parameter file are."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,21 +21,21 @@ _WILD = ('*', '**')
 _EVERY = ('qos_overrides', 'use_sim_time', 'start_type_description_service')
 
 
-def check_parameter_file(path: Path | str) -> list[str]:
+def check_parameter_file(path: Path | str, node: str = '') -> list[str]:
     """The names of nodes in a file that are none of this package's: a file may serve others too.
 
     SettingsError for a name that is one of ours but for a slip, for a parameter given to a node
     that does not have it, and for a file that holds no parameters: ROS would start every node
     with its defaults, without a word. What is given to all nodes each judges for itself.
+    node: judge the parameters of this one alone.
     """
     known, others, found = {each.name: each for each in ALL}, [], False
     for section, values in _sections(read_yaml(path), ''):
         found = True
         name = section.rpartition('/')[2]
-        if name in known:
+        if name in known and node in ('', name):
             _check_names(path, section, known[name], values)
-            continue
-        if name in _WILD:
+        if name in (*known, *_WILD):
             continue
         if close := get_close_matches(name, known, 1):
             raise SettingsError(f'{path} has parameters for {section!r}, but there is no node '
@@ -44,6 +45,11 @@ def check_parameter_file(path: Path | str) -> list[str]:
         raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: '
                             f'VALUE}}}} with a NODE of {", ".join(known)}')
     return others
+
+
+def parameter_files(arguments: Sequence[str]) -> list[str]:
+    """The files that a command line names."""
+    return [file for before, file in pairwise(arguments) if before == '--params-file']
 
 
 @contextmanager

@@ -22,6 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from pmcl_ros.errors import SettingsError
 from pmcl_ros.nodes import shared_memory
 from pmcl_ros.nodes.base import StageNode
+from pmcl_ros.nodes.parameter_file import check_parameter_file, parameter_files
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _NOTED, _NOTE = socket.socketpair()
@@ -112,6 +113,8 @@ class NodeThread:
 def run(node_class: type[StageNode]) -> int:
     """Main function of a node's executable."""
     try:
+        for file in parameter_files(sys.argv):
+            check_parameter_file(file, node_class.name)
         with ros():
             node = NodeThread(node_class())
             try:

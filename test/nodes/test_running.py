@@ -37,6 +37,18 @@ def test_a_file_that_ros_refuses_is_told_in_a_line(tmp_path):
     assert 'Traceback' not in node.log
 
 
+@pytest.mark.parametrize(('text', 'reason'), [
+    ('dlv_nod: {ros__parameters: {labels: 5}}', "did you mean 'dlv_node'"),
+    ('dlv_node: {ros__parameters: {seed: 5}}', "unknown parameter 'seed'; pmcl_node has it")])
+def test_what_ros_would_pass_over_is_told_in_a_line(tmp_path, text, reason):
+    file = tmp_path / 'parameters.yaml'
+    file.write_text(text)
+    node = Process(tmp_path, 'pmcl_ros.nodes.dlv_node', '--ros-args', '--params-file', file)
+    assert node.popen.wait(PATIENCE) == 1
+    assert reason in node.log
+    assert 'Traceback' not in node.log
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP],
                          ids=['INT', 'TERM', 'HUP'])
 @pytest.mark.parametrize('soon', [[], ['soon']], ids=['later', 'at once'])
