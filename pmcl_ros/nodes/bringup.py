@@ -1,7 +1,7 @@
 """Starts the chain, in one process or one for each node, and takes it to active."""
 
 import argparse
-import ctypes
+import os
 import signal
 import subprocess
 import sys
@@ -22,12 +22,11 @@ from pmcl_ros.nodes.parameter_file import (
     parameter_file,
     parameter_files,
 )
-from pmcl_ros.nodes.running import SIGNALS, NodeThread, pause, ros
+from pmcl_ros.nodes.running import PARENT, SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
-_PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 class Running(Protocol):
@@ -50,7 +49,8 @@ class NodeProcess:
         try:
             # sys.executable: the pip build of ROS sets its library path for this interpreter alone
             self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
-                                             start_new_session=True, preexec_fn=_end_with_parent)
+                                             start_new_session=True,
+                                             env=os.environ | {PARENT: str(os.getpid())})
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
 
@@ -71,11 +71,6 @@ class NodeProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-
-
-def _end_with_parent() -> None:
-    """Of a process: interrupt it when this one ends, also where that can do nothing more."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
 
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:

@@ -5,7 +5,9 @@ executors run. Here signals are noted and asked for instead: nodes finish what t
 closed while ROS is still there.
 """
 
+import ctypes
 import logging
+import os
 import select
 import signal
 import socket
@@ -25,7 +27,10 @@ from pmcl_ros.nodes.base import StageNode
 from pmcl_ros.nodes.parameter_file import check_parameter_file, parameter_files
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+# In the environment of a node that shall not outlive who started it: that process's number.
+PARENT = 'PMCL_BRINGUP_PID'
 _NOTED, _NOTE = socket.socketpair()
+_PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
 class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
@@ -112,6 +117,7 @@ class NodeThread:
 
 def run(node_class: type[StageNode]) -> int:
     """Main function of a node's executable."""
+    _end_with_parent()
     try:
         for file in parameter_files(sys.argv):
             check_parameter_file(file, node_class.name)
@@ -127,6 +133,16 @@ def run(node_class: type[StageNode]) -> int:
         sys.stderr.write(f'{node_class.name}: {error}\n')
         return 1
     return 0
+
+
+def _end_with_parent() -> None:
+    """Be interrupted when bring-up ends, also where that cannot do it any more."""
+    parent = os.environ.get(PARENT)
+    if parent is None:
+        return
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGINT)
+    if os.getppid() != int(parent):  # it has ended before
+        sys.exit(f'bring-up (process {parent}) has ended')
 
 
 class RosLog(logging.Handler):

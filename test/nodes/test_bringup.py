@@ -15,6 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.nodes.topics import TOPICS
 
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 BRINGUP = 'pmcl_ros.nodes.bringup'
@@ -45,8 +46,11 @@ def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, h
         images = user.listen(Image, 'image_raw', BIG)
         texts = user.listen(String, 'metadata', LATCHED)
         graph = dict(user.node.get_topic_names_and_types())
+        table = {f'/{each.name}': each for each in TOPICS}
         for topic, kind in (*viewer_layouts.rviz(), *viewer_layouts.foxglove()):
-            assert graph[topic] == [kind]
+            assert topic == '/diagnostics' or table[topic].type == kind
+            # grasp_node is not started here; its test listens to what it publishes
+            assert topic == '/grasp_markers' or graph[topic] == [kind]
         capture = user.call(Trigger, '/lytro_driver/capture', Trigger.Request())
         assert capture.success, capture.message
         user.wait(lambda: images and texts, 'a picture')

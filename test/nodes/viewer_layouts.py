@@ -23,7 +23,8 @@ def foxglove():
     assert sorted(_leaves(layout['layout'])) == sorted(panels)
     images = [(panel['imageMode']['imageTopic'], KINDS['Image'])
               for name, panel in panels.items() if name.startswith('Image!')]
-    kinds = {'/markers': 'MarkerArray', '/particles': 'PoseArray',
+    kinds = {'/markers': 'MarkerArray', '/grasp_markers': 'MarkerArray',
+             '/particles': 'PoseArray',
              '/pose_with_covariance': 'PoseWithCovariance'}
     return [*images, *((topic, KINDS[kinds[topic]]) for topic in panels['3D!object']['topics']),
             (panels['RawMessages!pose']['topicPath'].split('.')[0],
