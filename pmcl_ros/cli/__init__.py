@@ -23,6 +23,7 @@ from pmcl_ros.cli.localize import localize
 from pmcl_ros.cli.report import report
 from pmcl_ros.cli.scenes import scenes
 from pmcl_ros.cli.sweep import sweep
+from pmcl_ros.cli.together import together_command
 from pmcl_ros.cli.track import track
 
 
@@ -37,5 +38,5 @@ def main(verbose: bool) -> None:
 
 for _command in (decode, calibrate, calibration_from_truth, localize, evaluate, figures, bench,
                  bag, lattice, lfp, camera, doctor, scenes, grasps, coverage, learn, report,
-                 sweep, track):
+                 sweep, track, together_command):
     main.add_command(_command)

@@ -1,6 +1,8 @@
 """Scenes of several things close together, so that some are seen in front of others."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import cv2
 import numpy as np
@@ -55,7 +57,7 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings) -
         aim = np.mean([each[:3, 3] for each in worlds], axis=0)
         camera = camera_above(rng, aim, rng.uniform(settings.near, settings.far), (0.0, 0.0))
         poses = [camera @ each for each in worlds]
-        outlines = [_outline(thing, pose, sensor.grid.pinhole)
+        outlines = [_outline(thing.vertices, pose, sensor.grid.pinhole)
                     for thing, pose in zip(things, poses, strict=True)]
         if _overlapping(outlines, sensor.grid.pinhole):
             break
@@ -105,20 +107,27 @@ def _placed(rng: np.random.Generator, things: tuple[Thing, ...]) -> list[Pose]:
     return worlds
 
 
-def _outline(thing: Thing, pose: Pose, pinhole: Pinhole) -> NDArray[np.float64]:
+def _outline(vertices: NDArray[np.float64], pose: Pose, pinhole: Pinhole) -> NDArray[np.float32]:
     """(n, 2) corners of the convex hull of what is seen of a thing [px]."""
-    pixels = pinhole.project(thing.vertices @ pose[:3, :3].T + pose[:3, 3])
-    return np.asarray(cv2.convexHull(pixels.astype(np.float32))[:, 0], float)
+    pixels = pinhole.project(vertices @ pose[:3, :3].T + pose[:3, 3])
+    return np.asarray(cv2.convexHull(pixels.astype(np.float32))[:, 0], np.float32)
 
 
-def _overlapping(outlines: list[NDArray[np.float64]], pinhole: Pinhole) -> bool:
+def _common(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Of the smaller of two outlines, what share the other covers."""
+    common = float(cv2.intersectConvexConvex(one, other)[0])
+    return common / min(cv2.contourArea(one), cv2.contourArea(other))
+
+
+def _overlapping(outlines: list[NDArray[np.float32]], pinhole: Pinhole) -> bool:
     corner = np.array([pinhole.width, pinhole.height]) - 1 - _MARGIN
     if any((each < _MARGIN).any() or (each > corner).any() for each in outlines):
         return False
-    shares = []
-    for k, one in enumerate(outlines):
-        for other in outlines[:k]:
-            common = cv2.intersectConvexConvex(one.astype(np.float32), other.astype(np.float32))[0]
-            areas = [cv2.contourArea(each.astype(np.float32)) for each in (one, other)]
-            shares.append(common / min(areas))
+    shares = [_common(one, other) for one, other in combinations(outlines, 2)]
     return _OVERLAP <= max(shares, default=_OVERLAP) <= _MOST_OVERLAP
+
+
+def seen_overlap(targets: Sequence[Target], pinhole: Pinhole) -> float:
+    """The largest share of the smaller of two convex outlines that both cover, 0 to 1."""
+    outlines = [_outline(each.vertices, each.pose, pinhole) for each in targets]
+    return max((_common(one, other) for one, other in combinations(outlines, 2)), default=0.0)

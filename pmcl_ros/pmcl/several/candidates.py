@@ -1,6 +1,6 @@
 """The poses that several objects may have in one capture, and which of them go together."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,14 +39,21 @@ class Candidates:
     def __getitem__(self, member: Member) -> Look:
         return self._looks[member[0]][member[1]]
 
-    def add(self, number: int, looks: Sequence[Look]) -> None:
-        """More poses of an object; those that it has are left out."""
-        model, ours = self._models[number], self._looks[number]
+    def add(self, number: int, looks: Sequence[Look]) -> list[Member]:
+        """More poses of an object; of each, which candidate it is now, an old one if alike."""
+        model, ours, members = self._models[number], self._looks[number], []
         for look in looks:
             known = model.symmetry.folded(
                 np.array([each.pose for each in ours]).reshape(-1, 4, 4), look.pose)
-            if not same_mode(known, look.pose, model.axis, *_ALIKE).any():
+            alike = np.flatnonzero(same_mode(known, look.pose, model.axis, *_ALIKE))
+            members.append((number, int(alike[0]) if len(alike) else len(ours)))
+            if not len(alike):
                 ours.append(look)
+        return members
+
+    def worth(self, member: Member, beside: Iterable[Member]) -> float:
+        """What a candidate is worth beside others [nat]; -inf where it cannot be."""
+        return self._own(member) + sum(self._pair(member, each) for each in beside)
 
     def scale(self, number: int) -> float:
         """What an object's evidence is to be multiplied by to be a log likelihood."""

@@ -1,7 +1,7 @@
 """DepthLikelihoodVolume -> SceneEstimate: several objects in one volume."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -122,13 +122,12 @@ class _Search:
         self._least, self._least_support = least, least_support
         self._candidates = Candidates(models, solids, listed, least, least_support)
         self.alone: list[PoseEstimate] = []
-        self._last: list[PoseEstimate] = []  # search of each object
+        self._searches: list[list[tuple[PoseEstimate, Member]]] = [[] for _ in models]
 
     def run(self) -> list[PoseEstimate]:
         """Of the listed objects."""
         for number in range(len(self._models)):
             self.alone.append(self._look(number, self._volume, None, 0.7 / len(self._models)))
-        self._last = list(self.alone)
         chosen = self._searched_again(self._candidates.chosen())
         while True:
             estimates = self._estimates(chosen)
@@ -154,8 +153,7 @@ class _Search:
             for number in missing:
                 _LOG.info('%s is searched for in what %d objects leave unexplained',
                           self._models[number].name, len(there))
-                self._last[number] = self._look(number, left, self._free(number, there),
-                                                0.3 / len(self._listed))
+                self._look(number, left, self._free(number, there), 0.3 / len(self._listed))
                 looked[number] = there
             chosen = self._candidates.chosen()
         return chosen
@@ -170,7 +168,8 @@ class _Search:
         localizer = self._localizers[number]
         found = localizer.localize(volume, self._rng.spawn(1)[0], progress, free=free)
         modes = [each.pose for each in found.modes]
-        self._candidates.add(number, localizer.looks(self._volume, modes))
+        members = self._candidates.add(number, localizer.looks(self._volume, modes))
+        self._searches[number].append((found, members[0]))
         return found
 
     def _free(self, number: int, there: set[Member]) -> Free:
@@ -205,8 +204,13 @@ class _Search:
             found[member] = self._estimate(member, looks[member], others)
             looks[member] = self._at(member, found[member].pose)
         found = self._apart(found, looks)
-        return [replace(self._last[number], lost=True) if member is None else found[member]
+        return [self._lost(number, looks) if member is None else found[member]
                 for number, member in zip(self._listed, chosen, strict=True)]
+
+    def _lost(self, number: int, there: Mapping[Member, Look]) -> PoseEstimate:
+        """The best hypothesis about an object that is lost: of its searches, beside the others."""
+        worth = [self._candidates.worth(member, there) for _, member in self._searches[number]]
+        return replace(self._searches[number][int(np.argmax(worth))][0], lost=True)
 
     def _estimate(self, member: Member, look: Look, others: Sequence[Look]) -> PoseEstimate:
         number, scale = member[0], self._candidates.scale(member[0])
