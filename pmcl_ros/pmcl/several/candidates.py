@@ -60,14 +60,15 @@ class Candidates:
         return max(self._looks[number], key=lambda each: each.local.evidence).local.scale
 
     def bar(self, member: Member) -> None:
-        """Never choose that one again."""
-        self._barred.add(member)
+        """Never choose that one again, nor what the evidence likes less in its place."""
+        self._barred |= {member} | self._rivals(member)
 
     def chosen(self) -> list[Member | None]:
         """The best joint choice, (n,), of candidates that are supported beside each other.
 
         One whose contour is not supported there is no object: it must not hide others, nor take
-        their edges or their place. So it is left out, and chosen again.
+        their edges or their place. So it is left out, and chosen again; and with it what the
+        object's evidence likes less in the same place.
         """
         barred = set(self._barred)
         while True:
@@ -76,7 +77,7 @@ class Candidates:
                     if each is not None and not self.supported(each, members)}
             if not lost:
                 return members
-            barred |= lost
+            barred |= lost.union(*(self._rivals(each) for each in lost))
 
     def supported(self, member: Member, beside: Sequence[Member | None]) -> bool:
         """Whether the object would not be lost at that pose, with the others there."""
@@ -102,6 +103,12 @@ class Candidates:
         chosen = best_choice(own, pairs)
         return [None if k is None else members[number][k]
                 for number, k in zip(self._listed, chosen, strict=True)]
+
+    def _rivals(self, member: Member) -> set[Member]:
+        """Candidates of the same object in the same place, of less evidence."""
+        others = [(member[0], k) for k in range(len(self._looks[member[0]])) if k != member[1]]
+        return {each for each in others if self._own(each) < self._own(member)
+                and self._pair(each, member) == -np.inf}
 
     def _own(self, member: Member) -> float:
         local = self[member].local

@@ -14,7 +14,6 @@ from scipy.spatial import cKDTree
 from pmcl_ros.pmcl.look import Look
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
-_ARC = 20.0  # px of a contour that are seen, or hidden, together; as in `support`
 _THROUGH = 0.5  # the chance that what is behind something is seen through it
 _BEHIND = 0.005  # m: nearer than this to a surface is not behind it
 _SAME_EDGE, _PARALLEL = 2.0, 0.7  # px apart, cosine of the normals: the same edge in the image
@@ -38,37 +37,36 @@ def sight(points: ContourPoints, others: Sequence[Look], scale: float) -> Sight:
     scale: of the evidence, that makes it a log likelihood.
 
     Explaining away: where a nearer contour of one of the others lies along the same edge, this
-    one's evidence is only what it has more. Occlusion: an arc of 20 px behind another is seen, or
-    hidden, which says nothing: its log likelihood is log(p exp(E) + 1 - p).
+    one's evidence is only what it has more. Occlusion: what lies behind another is seen through
+    it, all of it, or not, and then says nothing: its log likelihood is log(p exp(E) + 1 - p).
+    (Were each stretch of it seen or not for itself, noise would find enough that looks seen.)
     """
     evidence = points.evidence.copy()
     for other in others:
         evidence = _not_explained(points, evidence, other.points)
-    left = np.divide(evidence, points.evidence, out=np.ones(len(evidence)),
-                     where=points.evidence > 0)
+    weights = np.divide(evidence, points.evidence, out=np.ones(len(evidence)),
+                        where=points.evidence > 0)
     each = scale * points.lengths * evidence
-    hidden = _behind(points, others)
-    arcs = np.stack([points.piece[hidden],
-                     (points.along[hidden] / _ARC).astype(np.int64)], axis=1)
-    number = np.unique(arcs, axis=0, return_inverse=True)[1].ravel()
-    seen = np.bincount(number, each[hidden])
+    front = _in_front(points, others)
+    hidden = front >= 0
+    seen = np.bincount(front[hidden], each[hidden], len(others))
     mixed = np.logaddexp(np.log(_THROUGH) + seen, np.log(1 - _THROUGH))
-    weights = left
-    weights[hidden] *= np.exp(np.log(_THROUGH) + seen - mixed)[number]
+    weights[hidden] *= np.exp(np.log(_THROUGH) + seen - mixed)[front[hidden]]
     length = float(points.lengths.sum())
-    return Sight(float(each[~hidden].sum() + mixed.sum()) / scale, weights,
-                 float(points.lengths @ weights) / length if length > 0 else 0.0)
+    return Sight(float(each[~hidden].sum() + mixed[np.unique(front[hidden])].sum()) / scale,
+                 weights, float(points.lengths @ weights) / length if length > 0 else 0.0)
 
 
-def _behind(points: ContourPoints, others: Sequence[Look]) -> NDArray[np.bool_]:
-    """(m,) which points of a contour lie behind one of the others' surfaces."""
-    behind = np.zeros(len(points.depths), bool)
-    for other in others:
+def _in_front(points: ContourPoints, others: Sequence[Look]) -> NDArray[np.int64]:
+    """(m,) which of the others points of a contour lie behind, the nearest; -1: of none."""
+    nearest, which = np.full(len(points.depths), np.inf), np.full(len(points.depths), -1)
+    for number, other in enumerate(others):
         height, width = other.depth.shape
         column, row = np.rint(points.pixels.T).astype(int)
         front = other.depth[row.clip(0, height - 1), column.clip(0, width - 1)]
-        behind |= (front > 0) & (points.depths > front + _BEHIND)
-    return behind
+        first = (front > 0) & (points.depths > front + _BEHIND) & (front < nearest)
+        nearest, which = np.where(first, front, nearest), np.where(first, number, which)
+    return which
 
 
 def _not_explained(points: ContourPoints, evidence: NDArray[np.float64], other: ContourPoints
