@@ -52,7 +52,7 @@ class SeveralObjects:
         paths = [resolve(each, 'objects') for each in settings.several]
         distinct = {path: ObjectModel.load(path) for path in dict.fromkeys(paths)}
         self._models = [distinct[path] for path in paths]
-        self.names = distinct_names([each.name for each in self._models])
+        self.names = distinct_names([each.name for each in self._models], paths)
         self._list = ObjectList(node, paths)
         self._poses = [(node.publisher(PoseStamped, f'objects/{name}/pose', SMALL),
                         node.publisher(PoseWithCovarianceStamped,

@@ -44,7 +44,8 @@ class SceneLocalizer:
 
     def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings,
                  profile: ContourProfile | None = None) -> None:
-        self.names = tuple(distinct_names([each.name for each in models]))
+        self.names = tuple(distinct_names([each.name for each in models],
+                                          [id(each) for each in models]))
         if len(models) > _MOST:
             raise LocalizationError(f'{len(models)} objects are listed, at most {_MOST} are '
                                     'looked for together')

@@ -1,7 +1,7 @@
 """The inside of an object: how deep a point is in it, and how deep two objects are in each other.
 
-Distances are to points on the surface, about a millimetre apart for what stands on a table, across
-the face that they are on.
+Distances are to points on the surface, about a millimetre apart for what stands on a table, and
+inside across the face that the nearest is on.
 """
 
 import logging
@@ -45,13 +45,14 @@ class Solid:
     nothing.
 
     tree: of points on the surface; normals: (n, 3) unit, outwards, of their faces.
-    tried: (m, 3) points that must not be inside others. radius: of the mesh about its origin [m].
-    core, core_radius: (3,) about the largest ball inside [m].
+    tried: (m, 3) points that must not be inside others; facing: (m, 3) unit, outwards.
+    radius: of the mesh about its origin [m]. core, core_radius: the largest ball inside [m].
     """
 
     tree: cKDTree
     normals: NDArray[np.float64]
     tried: NDArray[np.float64]
+    facing: NDArray[np.float64]
     radius: float
     closed: bool
     core: NDArray[np.float64]
@@ -67,8 +68,11 @@ class Solid:
         points, faces = trimesh.sample.sample_surface(mesh, _SURFACE, seed=0)[:2]
         tried = trimesh.sample.sample_surface(mesh, _TRIED, seed=1)[0]
         corners = model.vertices[ConvexHull(model.vertices, qhull_options='QJ').vertices]
-        made = cls(cKDTree(points), np.asarray(mesh.face_normals, float)[faces],
-                   np.concatenate([tried, corners]), model.radius, model.closed, np.zeros(3), 0.0)
+        tree, normals = cKDTree(points), np.asarray(mesh.face_normals, float)[faces]
+        tried = np.concatenate([tried, corners])
+        facing = normals[tree.query(tried, k=_NEAREST)[1]].mean(axis=1)
+        facing /= np.maximum(np.linalg.norm(facing, axis=1, keepdims=True), 1e-9)
+        made = cls(tree, normals, tried, facing, model.radius, model.closed, np.zeros(3), 0.0)
         low, high = model.vertices.min(axis=0), model.vertices.max(axis=0)
         grid = np.stack(np.meshgrid(*np.linspace(low, high, _GRID).T), axis=-1).reshape(-1, 3)
         depths = made.depths(grid)[0]
@@ -84,11 +88,12 @@ class Solid:
         apart = self.tree.data[nearest[:, 0]] - points
         # At an edge the nearest faces decide together, in front of which of them a point is.
         together = self.normals[nearest].mean(axis=1)
-        sign = np.where((apart * together).sum(axis=1) > 0, 1.0, -1.0)
+        inside = (apart * together).sum(axis=1) > 0
         normals = self.normals[nearest[:, 0]]
-        across = sign * (apart * normals).sum(axis=1)
+        across = (apart * normals).sum(axis=1)
         # Across a face it is the distance from the face; about an edge, from the point on it.
-        return sign * np.where(across > 0.5 * away[:, 0], across, away[:, 0]), normals
+        near = inside & (across > 0.5 * away[:, 0])
+        return np.where(near, across, np.where(inside, away[:, 0], -away[:, 0])), normals
 
     def into(self, pose: NDArray[np.float64], other: 'Solid', place: NDArray[np.float64]
              ) -> Contact:
@@ -100,9 +105,12 @@ class Solid:
             return _APART
         depths, normals = other.depths(points[near])
         deepest = int(depths.argmax())
+        way = place[:3, :3] @ normals[deepest]
+        back = -(pose[:3, :3] @ self.facing[near][deepest])
+        # A point that is deeper than the middle comes out soonest on the other side.
         return Contact(float(depths[deepest]),
                        place[:3, :3] @ points[near][deepest] + place[:3, 3],
-                       place[:3, :3] @ normals[deepest])
+                       way if way @ back > 0 else back)
 
 
 def contact(first: Solid, pose: NDArray[np.float64], second: Solid, place: NDArray[np.float64]
