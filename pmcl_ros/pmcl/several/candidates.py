@@ -10,7 +10,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.several.choice import best_choice, most_candidates
 from pmcl_ros.pmcl.several.contact import DEEPEST, Placed, apart
 from pmcl_ros.pmcl.several.sight import sight
-from pmcl_ros.pmcl.several.solid import Solid
+from pmcl_ros.pmcl.several.solid import Solid, contact
 from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.support import contour_support
 
@@ -67,22 +67,22 @@ class Candidates:
         """The best joint choice, (n,), of candidates that are supported beside each other.
 
         One whose contour is not supported there is no object: it must not hide others, nor take
-        their edges or their place. So it is left out, and chosen again; and with it what the
-        object's evidence likes less in the same place.
+        their edges or their place. So the least supported is left out, and chosen again; and with
+        it what the object's evidence likes less in the same place.
         """
         barred = set(self._barred)
         while True:
             members = self._best(barred)
-            lost = {each for each in members
-                    if each is not None and not self.supported(each, members)}
-            if not lost:
+            supports = {each: self.support(each, members) for each in members if each is not None}
+            worst = min(supports, key=lambda each: (supports[each], each), default=None)
+            if worst is None or supports[worst] >= self._least_support:
                 return members
-            barred |= lost.union(*(self._rivals(each) for each in lost))
+            barred |= {worst} | self._rivals(worst)
 
-    def supported(self, member: Member, beside: Sequence[Member | None]) -> bool:
-        """Whether the object would not be lost at that pose, with the others there."""
-        look, others = self[member], self.others(member, beside)
-        return supported(look, others, self.scale(member[0]), self._least, self._least_support)
+    def support(self, member: Member, beside: Sequence[Member | None]) -> float:
+        """Of the contour, with the others there (`support_beside`)."""
+        return support_beside(self[member], self.others(member, beside), self.scale(member[0]),
+                              self._least)
 
     def others(self, member: Member, beside: Sequence[Member | None]) -> list[Look]:
         """The looks of the other members."""
@@ -106,9 +106,10 @@ class Candidates:
 
     def _rivals(self, member: Member) -> set[Member]:
         """Candidates of the same object in the same place, of less evidence."""
-        others = [(member[0], k) for k in range(len(self._looks[member[0]])) if k != member[1]]
-        return {each for each in others if self._own(each) < self._own(member)
-                and self._pair(each, member) == -np.inf}
+        number, solid = member[0], self._solids[member[0]]
+        return {(number, k) for k, look in enumerate(self._looks[number])
+                if self._own((number, k)) < self._own(member)
+                and contact(solid, look.pose, solid, self[member].pose).depth > DEEPEST}
 
     def _own(self, member: Member) -> float:
         local = self[member].local
@@ -139,12 +140,13 @@ class Candidates:
         return scale * (left - float(points.lengths @ points.evidence))
 
 
-def supported(look: Look, others: Sequence[Look], scale: float, least: float, least_support: float
-              ) -> bool:
-    """Whether a contour is supported as `Localizer` asks, what is hidden being out of view."""
+def support_beside(look: Look, others: Sequence[Look], scale: float, least: float) -> float:
+    """Of a contour, as `Localizer` asks for it, what is hidden being out of view [nat / px].
+
+    Minus infinity where the whole of it is rather not there.
+    """
     seen = sight(look.points, others, scale)
-    points: NDArray[np.float64] = look.points.lengths * seen.weights
-    if float(points @ look.points.evidence) <= least * points.sum():
-        return False
-    part = weighted(look.points, seen.weights)
-    return contour_support(part, look.in_view * seen.share) >= least_support
+    lengths: NDArray[np.float64] = look.points.lengths * seen.weights
+    if float(lengths @ look.points.evidence) <= least * lengths.sum():
+        return -np.inf
+    return contour_support(weighted(look.points, seen.weights), look.in_view * seen.share)

@@ -16,7 +16,7 @@ from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.several.candidates import Candidates, Member, supported
+from pmcl_ros.pmcl.several.candidates import Candidates, Member, support_beside
 from pmcl_ros.pmcl.several.contact import Placed, apart, deepest_pair
 from pmcl_ros.pmcl.several.explained import unexplained
 from pmcl_ros.pmcl.several.names import distinct_names
@@ -132,12 +132,11 @@ class _Search:
         chosen = self._searched_again(self._candidates.chosen())
         while True:
             estimates = self._estimates(chosen)
-            gone = [member for member, each in zip(chosen, estimates, strict=True)
-                    if member is not None and each.lost]
+            gone = {member: each.support for member, each in zip(chosen, estimates, strict=True)
+                    if member is not None and each.lost}
             if not gone:
                 return estimates
-            for each in gone:
-                self._candidates.bar(each)
+            self._candidates.bar(min(gone, key=lambda each: (gone[each], each)))
             chosen = self._candidates.chosen()
 
     def _searched_again(self, chosen: list[Member | None]) -> list[Member | None]:
@@ -244,7 +243,8 @@ class _Search:
             particles = moved(old.particles, np.tile(off, (len(old.particles), 1)))
             looks[member] = self._at(member, pose)
             others = [look for each, look in looks.items() if each != member]
-            there = supported(looks[member], others, self._candidates.scale(member[0]),
-                              self._least, self._least_support)
-            found[member] = replace(old, pose=pose, particles=particles, lost=not there)
+            support = support_beside(looks[member], others, self._candidates.scale(member[0]),
+                                     self._least)
+            found[member] = replace(old, pose=pose, particles=particles, support=support,
+                                    lost=support < self._least_support)
         return found
