@@ -55,6 +55,7 @@ Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Volume = DepthLikelihoodVolume | GlVolume
 Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Contour = Callable[[NDArray[np.float64]], ContourPoints]
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
@@ -156,19 +157,9 @@ class Localizer:
         with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
               self._renderer.contour_score(scenes[1], edges, profile) as fine,
               self._renderer.contour_score(scenes[2], edges, profile) as exact):
-            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
-                                     CONTOUR_ERROR if sure else None)
-
-            def near(pose: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(pose, exact.points(pose), edges, profile)
-
-            search = ContourSearch(
-                self._model, self._settings, self._in_region(coarse, -np.inf, free),
-                self._in_region(fine, -np.inf, free), self._in_region(exact, -np.inf, free), about,
-                near, lambda poses: self._possible(poses, free))
+            search = self._search((coarse, fine, exact), edges, profile, exact.points, free)
             posterior = search.run(start, rng, progress, watch)
-            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
             return replace(estimate, evaluations=sum(each.evaluations
                                                      for each in (coarse, fine, exact)))
 
@@ -185,22 +176,12 @@ class Localizer:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
                                           profile) as exact:
-            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
-                                     CONTOUR_ERROR if sure else None)
-
-            def near(pose: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(pose, exact.points(pose), edges, profile)
-
-            scored = self._in_region(exact, -np.inf)
-            search = ContourSearch(
-                self._model, self._settings, scored, scored, scored, about, near,
-                lambda poses: self._region.contains(poses[:, :3, 3]))
+            search = self._search((exact,) * 3, edges, profile, exact.points)
             posterior = LocalSearch(search, exact.points, edges, profile, particles,
                                     candidates).run(prior, rng)
             if posterior is None:
                 return self._out_of_view(volume, prior, rng, particles)
-            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
             return replace(estimate, mode='followed', evaluations=exact.evaluations)
 
     def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
@@ -238,17 +219,7 @@ class Localizer:
                 points = exact.points(each)
                 return weighted(points, shown(points))
 
-            def about(each: NDArray[np.float64], sure: bool) -> LocalModel:
-                return LocalModel.of(each, self._model.axis, contour(each), edges, profile,
-                                     CONTOUR_ERROR if sure else None)
-
-            def near(each: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(each, contour(each), edges, profile)
-
-            scored = self._in_region(exact, -np.inf)
-            search = ContourSearch(
-                self._model, self._settings, scored, scored, scored, about, near,
-                lambda poses: self._region.contains(poses[:, :3, 3]))
+            search = self._search((exact,) * 3, edges, profile, contour)
             mode = search.refined(pose)
             points = exact.points(mode.pose)
             rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)), edges,
@@ -256,11 +227,12 @@ class Localizer:
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
                 # What does not count slides along, to first order, and is taken off again.
-                return scored(poses) - rest.evidence(tangent(poses, mode.pose, self._model.axis))
+                off = tangent(poses, mode.pose, self._model.axis)
+                return search.exact(poses) - rest.evidence(off)
 
             posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
             estimate = self._estimate(
-                volume, posterior, profile, about, contour, rng, lambda each: float(
+                volume, posterior, profile, search.about, contour, rng, lambda each: float(
                     contour(each).lengths.sum() / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
 
@@ -277,8 +249,7 @@ class Localizer:
     def _estimate(self, volume: Volume, posterior: Posterior,
                   profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
-                  contour: Callable[[NDArray[np.float64]], ContourPoints],
-                  rng: np.random.Generator,
+                  contour: Contour, rng: np.random.Generator,
                   share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0) -> PoseEstimate:
         axis, symmetry, poses = self._model.axis, self._model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
@@ -344,6 +315,20 @@ class Localizer:
         alike = symmetry.alike(pose)
         inside = self._region.contains(alike[:, :3, 3])
         return symmetry.canonical(alike[inside] if inside.any() else alike)
+
+    def _search(self, scores: Sequence[Score], edges: EdgeVolume, profile: ContourProfile,
+                contour: Contour, free: Free | None = None) -> ContourSearch:
+        """scores: coarse, fine, exact. contour: what counts of a pose's."""
+        def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+            return LocalModel.of(pose, self._model.axis, contour(pose), edges, profile,
+                                 CONTOUR_ERROR if sure else None)
+
+        def near(pose: NDArray[np.float64]) -> SlidingContour:
+            return SlidingContour.of(pose, contour(pose), edges, profile)
+
+        coarse, fine, exact = (self._in_region(each, -np.inf, free) for each in scores)
+        return ContourSearch(self._model, self._settings, coarse, fine, exact, about, near,
+                             lambda poses: self._possible(poses, free))
 
     def _possible(self, poses: NDArray[np.float64], free: Free | None) -> NDArray[np.bool_]:
         inside = self._region.contains(poses[:, :3, 3])
