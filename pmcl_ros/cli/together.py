@@ -1,6 +1,7 @@
 """`pmcl together`: several objects in made-up scenes, localised jointly and alone."""
 
 import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
@@ -43,17 +44,22 @@ def together_command(count: int, seed: int, objects: int, views: int, size: int,
     run = partial(together, count=objects, settings=settings, samples=samples)
     seeds = range(seed, seed + count)
     done: list[Together] = []
+    for each in track(_all(run, seeds, processes), total=count, console=STDERR, transient=True,
+                      description='scenes'):
+        done = sorted([*done, each], key=lambda one: one.seed)
+        if out is not None:
+            write_png(out / f'{each.seed:06d}.png', each.picture)
+            (out / 'results.md').write_text(table(done) + '\n')
+    click.echo(table(done))
+
+
+def _all(run: Callable[[int], Together], seeds: Iterable[int], processes: int
+         ) -> Iterator[Together]:
+    """Of each seed, as soon as it is done."""
+    if processes == 1:
+        yield from map(run, seeds)
+        return
     # Spawned, not forked: numba's threads do not survive a fork.
     with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
-        jobs = [pool.submit(run, each) for each in seeds]
-        for job in track(as_completed(jobs), total=count, console=STDERR, transient=True,
-                         description='scenes'):
-            done.append(job.result())
-            if out is not None:
-                write_png(out / f'{done[-1].seed:06d}.png', done[-1].picture)
-                (out / 'results.md').write_text(table(_sorted(done)) + '\n')
-    click.echo(table(_sorted(done)))
-
-
-def _sorted(done: list[Together]) -> list[Together]:
-    return sorted(done, key=lambda each: each.seed)
+        for job in as_completed([pool.submit(run, each) for each in seeds]):
+            yield job.result()

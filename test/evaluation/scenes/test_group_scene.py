@@ -13,7 +13,7 @@ from pmcl_ros.pmcl.several.solid import Solid
 SETTINGS = SceneSettings(near=0.5, far=0.8)
 
 
-@pytest.mark.parametrize(('seed', 'count'), [(1000, 3), (1002, 3), (1007, 3), (1011, 2)])
+@pytest.mark.parametrize(('seed', 'count'), [(1007, 3), (1011, 2)])
 def test_things_overlap_in_view_and_nowhere_else(seed, count):
     group = group_scene(np.random.default_rng(seed), count, SETTINGS)
     targets, pinhole = group.scene.targets, group.scene.sensor.grid.pinhole

@@ -44,7 +44,7 @@ def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
     assert apart([]).depth == -np.inf
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.lists(st.floats(-1, 1), min_size=12, max_size=12))
 def test_any_three_are_apart_in_the_end(numbers):
     spots = np.array(numbers[:9]).reshape(3, 3) * 0.03 + [0, 0, 0.5]
