@@ -8,8 +8,9 @@ from several_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.pmcl.several.contact import DEEPEST
+from pmcl_ros.pmcl.several.contact import DEEPEST, deepest_pair
 from pmcl_ros.pmcl.several.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.several.solid import Solid
 
 FRONT, BEHIND = standing(-0.012, 0.005, 0.38, 0.3), standing(0.02, 0.0, 0.46, 0.3)
 
@@ -67,6 +68,23 @@ def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_los
     for estimate, truth in zip(found.estimates[::2], (left, right), strict=True):
         assert error(estimate, truth, CUP).translation < 0.006
     assert found.depth <= DEEPEST
+
+
+def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_sight():
+    # The edges are those of a bottle 3 mm deep in a cup, which cannot be.
+    front, behind = standing(-0.012, 0.005, 0.4, 0.1), standing(0.008, 0.0, 0.441, 0.1)
+    seen = seen_together([(CUP, front), (BOTTLE, behind)], through=True)
+    found = located([CUP, BOTTLE], seen)
+    solids = Solid.of(CUP), Solid.of(BOTTLE)
+    before = deepest_pair(list(zip(solids, (each.pose for each in found.alone), strict=True)))
+    assert before > DEEPEST
+    after = deepest_pair(list(zip(solids, (each.pose for each in found.estimates), strict=True)))
+    assert 0 < after == found.depth <= DEEPEST
+    assert not any(each.lost for each in found.estimates)
+    moved = found.estimates[1].pose[:3, 3] - found.estimates[0].pose[:3, 3] - (
+        found.alone[1].pose[:3, 3] - found.alone[0].pose[:3, 3])
+    assert moved[2] > 0.001
+    assert np.abs(moved[:2]).max() < 0.2 * moved[2]
 
 
 def test_what_is_impossible_is_told(overlapping):
