@@ -33,6 +33,7 @@ class Candidates:
         self._models, self._solids, self._listed = models, solids, listed
         self._least, self._least_support = least, least_support
         self._looks: list[list[Look]] = [[] for _ in models]
+        self._scales: dict[int, float] = {}
         self._barred: set[Member] = set()
         self._known: dict[tuple[Member, Member], float] = {}
 
@@ -49,6 +50,8 @@ class Candidates:
             members.append((number, int(alike[0]) if len(alike) else len(ours)))
             if not len(alike):
                 ours.append(look)
+        if number not in self._scales and ours:
+            self._scales[number] = max(ours, key=lambda each: each.local.evidence).local.scale
         return members
 
     def worth(self, member: Member, beside: Iterable[Member]) -> float:
@@ -56,8 +59,11 @@ class Candidates:
         return self._own(member) + sum(self._pair(member, each) for each in beside)
 
     def scale(self, number: int) -> float:
-        """What an object's evidence is to be multiplied by to be a log likelihood."""
-        return max(self._looks[number], key=lambda each: each.local.evidence).local.scale
+        """What an object's evidence is to be multiplied by to be a log likelihood.
+
+        That of its best pose of the first search, so that all its candidates are compared alike.
+        """
+        return self._scales[number]
 
     def bar(self, member: Member) -> None:
         """Never choose that one again, nor what the evidence likes less in its place."""

@@ -29,11 +29,13 @@ class Apart:
     """deviations: (n, 6) by which they are moved (`summary.moved`).
 
     cost: of that by the poses' covariances [nat]. depth: of the deepest pair that is left [m].
+    pair: its numbers; none of fewer than two.
     """
 
     deviations: NDArray[np.float64]
     cost: float
     depth: float
+    pair: tuple[int, ...]
 
 
 def apart(things: Sequence[Placed], dearest: float = np.inf) -> Apart:
@@ -45,7 +47,8 @@ def apart(things: Sequence[Placed], dearest: float = np.inf) -> Apart:
     """
     poses = np.array([each.pose for each in things]).reshape(-1, 4, 4)
     off = np.zeros((len(things), 6))
-    known = {pair: _contact(things, poses, *pair) for pair in combinations(range(len(things)), 2)}
+    known: dict[tuple[int, ...], Contact] = {
+        pair: _contact(things, poses, *pair) for pair in combinations(range(len(things)), 2)}
     for _ in range(_ROUNDS):
         if not known:
             break
@@ -69,8 +72,8 @@ def apart(things: Sequence[Placed], dearest: float = np.inf) -> Apart:
         for pair in known:
             if first in pair or second in pair:
                 known[pair] = _contact(things, poses, *pair)
-    return Apart(off, _cost(things, off),
-                 max((each.depth for each in known.values()), default=-np.inf))
+    last = max(known, key=lambda pair: known[pair].depth, default=())
+    return Apart(off, _cost(things, off), known[last].depth if last else -np.inf, last)
 
 
 def deepest_pair(things: Sequence[tuple[Solid, NDArray[np.float64]]]) -> float:
