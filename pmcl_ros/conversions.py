@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from math import prod
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -526,6 +527,24 @@ def place_markers(mesh: Marker, region: Marker, estimate: PoseEstimate) -> Marke
     mesh.action = Marker.DELETE if estimate.lost else Marker.ADD
     mesh.pose = _poses(estimate.pose[None])[0]
     return MarkerArray(markers=[region, mesh])
+
+
+def objects_to_markers(names: Sequence[str], meshes: Sequence[tuple[Path, float]],
+                       estimates: Sequence[PoseEstimate]) -> MarkerArray:
+    """The list of objects: ns is the name, text found or lost, pose that of the mesh.
+
+    meshes: file and metres per unit of each. A lost one is where it would be most likely, faint.
+    """
+    markers = []
+    for k, (name, (path, scale), each) in enumerate(zip(names, meshes, estimates, strict=True)):
+        colour = ColorRGBA(r=0.8, g=0.2, b=0.1, a=0.05) if each.lost else ColorRGBA(
+            r=0.1, g=0.6, b=1.0, a=0.6)
+        markers.append(Marker(
+            header=header_to_message(each.header), ns=name, id=k, type=Marker.MESH_RESOURCE,
+            action=Marker.ADD, pose=_poses(each.pose[None])[0], color=colour,
+            scale=Vector3(x=scale, y=scale, z=scale), text='lost' if each.lost else 'found',
+            mesh_resource=path.absolute().as_uri()))
+    return MarkerArray(markers=markers)
 
 
 def no_markers() -> MarkerArray:

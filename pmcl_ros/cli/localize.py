@@ -10,6 +10,7 @@ import numpy as np
 from rich.progress import Progress
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.several import localize_several
 from pmcl_ros.cli.sources import open_source, source_options
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
@@ -26,8 +27,8 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 
 @click.command()
 @source_options
-@click.option('--object', 'object_path', required=True, type=FILE,
-              help='A mesh in metres, or an object YAML.')
+@click.option('--object', 'objects', required=True, multiple=True, type=FILE,
+              help='A mesh in metres, or an object YAML; several are found together.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
               help="Box that holds the object's origin: centre and size, camera's optical frame "
               '[m].')
@@ -41,8 +42,8 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
-             object_path: Path, roi: tuple[float, ...], mode: Mode, changes: str | None, seed: int,
-             as_json: bool, out: Path | None, truth: Path | None) -> None:
+             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode, changes: str | None,
+             seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE, a raw picture or a light field.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
@@ -53,12 +54,17 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
     of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
-    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
+    settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed,
                                   'roi_center': roi[:3], 'roi_size': roi[3:]} | dict(of_search),
                                  '--roi, --mode, --set, --seed')
-    model = ObjectModel.load(object_path)
+    model = ObjectModel.load(objects[0])
     near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
     read = open_source(source, calibration, white, every, shrink)
+    if len(objects) > 1:
+        if truth is not None:
+            raise click.UsageError('--truth is of one object: give one --object')
+        localize_several(read, objects, settings, dict(of_volume), as_json, out)
+        return
     with (Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer,
           ExitStack() as held):
         task = bar.add_task('views', total=1.0)

@@ -1,5 +1,6 @@
 """Pictures of results, drawn without a screen: (height, width, 3) uint8 RGB arrays."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -15,6 +16,7 @@ _ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pi
 _FRACTION = 4  # bits of a pixel's fraction in OpenCV's drawing functions
 _FARTHEST = 1e5  # px: what lies farther out is not drawn, it would not fit OpenCV's integers
 _CONTOUR = (0, 255, 0)
+_COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240, 0))
 _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
 
 
@@ -35,6 +37,21 @@ def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
         origin, *tips = np.rint(ends * 2 ** _FRACTION).astype(int).tolist()
         for tip, colour in zip(tips, _AXES, strict=True):
             cv2.arrowedLine(canvas, origin, tip, colour, 2, cv2.LINE_AA, _FRACTION)
+    return canvas
+
+
+def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
+             things: Sequence[tuple[ObjectModel, NDArray[np.floating], str]]
+             ) -> NDArray[np.uint8]:
+    """Outlines of models at poses (4, 4) with a word each, in colours, as `overlay` draws one."""
+    canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
+                                   interpolation=cv2.INTER_CUBIC), np.uint8)
+    for number, (model, pose, word) in enumerate(things):
+        covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+        found, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(canvas, found, -1, _COLOURS[number % len(_COLOURS)], 2, cv2.LINE_AA)
+        x, y = _enlarged(pinhole.project(pose[:3, 3]), _ZOOM).clip(0, _FARTHEST).astype(int)
+        _write(canvas, word, int(x), int(y))
     return canvas
 
 

@@ -1,6 +1,6 @@
 """The object's frame on /tf, for those who want it there: needs tf2_ros of a full ROS."""
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pmcl_ros import conversions
 from pmcl_ros.errors import SettingsError
@@ -17,6 +17,25 @@ class PmclNodeSettings(TrackingSettings):
         False, description="tell /tf the frame of the object, as a child of the camera's, for "
         'each pose; needs tf2_ros (full ROS)')
     object_frame: str = Field('', description='name of that frame; empty: that of the object')
+    objects: tuple[str, ...] = Field(
+        ('',), description='paths of several objects that are looked for together, instead of '
+        'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'
+        'pose and objects/NAME/pose_with_covariance, and frame')
+
+    @property
+    def several(self) -> tuple[str, ...]:
+        """The objects that are looked for together; none: `object` is looked for."""
+        return tuple(each for each in self.objects if each)
+
+    @model_validator(mode='after')
+    def _objects_are_searched_anew(self) -> 'PmclNodeSettings':
+        if self.several and (self.tracking != 'none' or self.mode != 'default'):
+            raise ValueError(f'objects need tracking none and mode default, they are '
+                             f'{self.tracking} and {self.mode}')
+        if self.several and self.object_frame:
+            raise ValueError(f'objects have frames of their own names: object_frame '
+                             f'{self.object_frame!r} must be empty')
+        return self
 
 
 class ObjectFrame:

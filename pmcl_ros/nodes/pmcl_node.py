@@ -1,10 +1,11 @@
-"""DepthLikelihoodVolume -> PoseEstimate: looks for one object in each volume."""
+"""DepthLikelihoodVolume -> PoseEstimate: looks for one object, or several, in each volume."""
 
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
@@ -17,12 +18,13 @@ from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.pictures import overlay
-from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.nodes.awaited import Awaited
 from pmcl_ros.nodes.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.matching import Matching
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
+from pmcl_ros.nodes.overlays import Overlays
 from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
 from pmcl_ros.nodes.tracked_camera import tracked_camera
 from pmcl_ros.nodes.values import subscribe_value
 from pmcl_ros.nodes.worker import Worker
@@ -30,6 +32,8 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.several.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.several.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.tracker import PREDICTED, Tracker
 from pmcl_ros.resources import resolve
 
@@ -37,9 +41,6 @@ _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
 _DISCOVERY = 4.0
 _ENDED = 'the node was reset or deactivated before it was searched'
-_PICTURES = 4  # centre pictures kept for the overlay
-
-T = TypeVar('T')
 
 
 class PmclNode(StageNode):
@@ -54,24 +55,39 @@ class PmclNode(StageNode):
     settings_class = PmclNodeSettings
 
     def set_up(self, settings: PmclNodeSettings) -> None:
-        """Load the object and get a GL context."""
+        """Load the objects and get a GL context."""
         self._settings = settings
-        self._model = ObjectModel.load(resolve(settings.object, 'object'))
+        self._overlays = Overlays(self)
+        self._markers = self.publisher(MarkerArray, 'markers', SMALL)
+        self._camera_poses = tracked_camera(self, settings)
+        self._several, self._tracker = None, None
+        if settings.several:
+            self._several = SeveralObjects(self, settings, self._overlays, self._markers)
+            self._work(self._several.localizer, ', '.join(self._several.names))
+        else:
+            self._set_up_one(settings)
+
+    def _set_up_one(self, settings: PmclNodeSettings) -> None:
+        path = resolve(settings.object, 'object')
+        self._model = ObjectModel.load(path)
         self._frame = (ObjectFrame(self, settings.object_frame or self._model.name)
                        if settings.broadcast_tf else None)
-        self._worker = Worker(partial(Localizer, self._model, settings))
-        self.configured.callback(self._worker.close)
-        self._tracker = Tracker(self._worker.owned, self._model, settings)
-        self._camera_poses = tracked_camera(self, settings)
-        self.health.back_end = self._worker.owned.renderer
-        self.get_logger().info(f'looks for {self._model.name} with {self.health.back_end}')
+        localizer = self._work(partial(Localizer, self._model, settings), self._model.name)
+        self._tracker = Tracker(localizer, self._model, settings)
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
                        self.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL),
                        self.publisher(PoseArray, 'particles', SMALL)]
-        self._markers = self.publisher(MarkerArray, 'markers', SMALL)
-        self._overlay = self.publisher(Image, 'overlay', SMALL)
+        self._list = ObjectList(self, [path])
         self._marker: Marker | None = None  # made when somebody wants it
         self._box = conversions.region_to_marker(Region(settings.roi_center, settings.roi_size))
+
+    def _work(self, make: Callable[[], Any], sought: str) -> Any:
+        """A thread for what searches, which is made on it."""
+        self._worker: Worker[Any] = Worker(make)
+        self.configured.callback(self._worker.close)
+        self.health.back_end = self._worker.owned.renderer
+        self.get_logger().info(f'looks for {sought} with {self.health.back_end}')
+        return self._worker.owned
 
     def start(self) -> None:
         """Listen."""
@@ -82,7 +98,7 @@ class PmclNode(StageNode):
         if self._camera_poses is not None:
             self._camera_poses.start()
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
-        self.subscribe(Image, 'center/image', self._on_picture, SMALL)
+        self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
             self._edges = subscribe_value(self, Float32MultiArray, 'dlv/edges',
                                           conversions.edges_from, self._on_edges, BIG,
@@ -94,11 +110,11 @@ class PmclNode(StageNode):
         self.serve('~/reset', self._reset)
 
     def _forget(self) -> None:
-        self._tracker.reset()
+        if self._tracker is not None:
+            self._tracker.reset()
+        self._overlays.forget()
         self._random = np.random.default_rng(self._settings.seed)
         self._last: DepthLikelihoodVolume | None = None
-        self._pictures: dict[int, Image] = {}
-        self._cameras: dict[int, Pinhole] = {}
         self._awaited = Awaited()
         self._wait_anew()
 
@@ -109,12 +125,8 @@ class PmclNode(StageNode):
     # in
 
     def _on_camera(self, message: CameraInfo) -> None:
-        _keep(self._cameras, message, conversions.pinhole_from(message))
+        self._overlays.on_camera(message)
         self._awaited.announced(conversions.header_from(message.header).stamp_ns)
-
-    def _on_picture(self, message: Image) -> None:
-        conversions.picture_from(message)
-        _keep(self._pictures, message, message)
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
         self.health.frames_in += 1
@@ -189,14 +201,24 @@ class PmclNode(StageNode):
     # on the worker's thread
 
     def _localize(self, volume: DepthLikelihoodVolume, began: float,
-                  camera: NDArray[np.float64] | None, _: Localizer) -> None:
+                  camera: NDArray[np.float64] | None, localizer: Localizer | SceneLocalizer
+                  ) -> None:
+        def progress(_: float) -> bool:
+            return not self._worker.stopping
+
         with self.watched('search'):
-            estimate = self._tracker.track(volume, self._random,
-                                           lambda _: not self._worker.stopping, camera)
+            found: PoseEstimate | SceneEstimate
+            if isinstance(localizer, SceneLocalizer):
+                found = localizer.localize(volume, self._random, progress)
+            elif self._tracker is not None:
+                found = self._tracker.track(volume, self._random, progress, camera)
+            latency = time.monotonic() - began
             if self._worker.stopping:
                 self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
-            else:
-                self._publish(estimate, volume, time.monotonic() - began)
+            elif isinstance(found, PoseEstimate):
+                self._publish(found, volume, latency)
+            elif self._several is not None:
+                self._several.publish(found, volume, latency)
 
     # out
 
@@ -224,37 +246,18 @@ class PmclNode(StageNode):
                 publisher.publish(message)
             if self._frame is not None:
                 self._frame.tell(estimate)
-            self._publish_overlay(estimate, volume)
+            self._overlays.publish(estimate.header, volume.pinhole, lambda picture, pinhole:
+                                   overlay(picture, pinhole, self._model, estimate.pose))
             self.done(latency, f'found {name} in capture {stamp}')
+        self._list.tell([name], [estimate])
         if self._markers.get_subscription_count():
             self._marker = self._marker or conversions.mesh_to_marker(self._model)
             self._markers.publish(conversions.place_markers(self._marker, self._box, estimate))
         self.tell_health()
 
-    def _publish_overlay(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume) -> None:
-        message = self._pictures.get(estimate.header.stamp_ns)
-        if message is None or not self._overlay.get_subscription_count():
-            return
-        # The volume may be of a part of the picture, or coarser.
-        pinhole = self._cameras.get(estimate.header.stamp_ns, volume.pinhole)
-        picture = conversions.picture_from(message)
-        if picture.shape[:2] != (pinhole.height, pinhole.width):
-            self.get_logger().warning('no overlay: center/image is not of the size of the volume, '
-                                      'and no center/camera_info came with it', once=True)
-            return
-        picture = overlay(picture, pinhole, self._model, estimate.pose)
-        self._overlay.publish(conversions.picture_to_message(estimate.header, picture))
-
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
             self._markers.publish(conversions.no_markers())
-
-
-def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:
-    """Of the last captures."""
-    kept[conversions.header_from(message.header).stamp_ns] = value
-    while len(kept) > _PICTURES:
-        del kept[next(iter(kept))]
 
 
 def main() -> int:

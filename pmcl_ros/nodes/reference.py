@@ -50,7 +50,9 @@ History, depth and reliability of each end can be overridden by read-only parame
 when the node is started, as `qos_overrides./dlv.publisher.depth: 2` or
 `qos_overrides./views.subscription.reliability: best_effort`. Durability cannot. Best effort or
 `keep_all` on a topic with *last 1* (big messages) is done with a warning. Not listed: `/tf`, of
-pmcl_node where `broadcast_tf` is true, and to nodes that are told to ask it.
+pmcl_node where `broadcast_tf` is true, and to nodes that are told to ask it; `objects/NAME/pose`
+and `objects/NAME/pose_with_covariance` of pmcl_node where `objects` are listed, which stand for
+`pose`, `pose_with_covariance` and `particles` then (docs/several.md).
 
 | node | direction | topic | type | quality of service | what |
 |---|---|---|---|---|---|

@@ -77,6 +77,8 @@ TOPICS = (
     TopicEntry('pose_with_covariance', _SPREAD, SMALL, (_PMCL,), (_GRASP,),
                'the same, with its covariance [m^2, rad^2]'),
     TopicEntry('particles', _POSES, SMALL, (_PMCL,), (), 'the last population'),
+    TopicEntry('objects', _MARKERS, LATCHED, (_PMCL,), (),
+               'all that is looked for: ns is the name, text found or lost, pose and mesh'),
     TopicEntry('markers', _MARKERS, SMALL, (_PMCL,), (),
                'the mesh at its pose; the region of interest'),
     TopicEntry('overlay', _IMAGE, SMALL, (_PMCL,), (), 'outline on the centre view, rgb8'),
@@ -99,8 +101,8 @@ PRESETS = {
     'raw': ('metadata', 'image_raw'),
     'views': (*_CENTRE, 'views/camera_info', 'views/pupil', 'views'),
     'dlv': (*_CENTRE, 'dlv', 'dlv/edges', 'camera_pose'),
-    'poses': ('pose', 'pose_with_covariance', 'particles', 'markers', 'overlay', 'grasps',
-              'pre_grasps', 'grasps/details', '/diagnostics'),
+    'poses': ('pose', 'pose_with_covariance', 'particles', 'objects', 'markers', 'overlay',
+              'grasps', 'pre_grasps', 'grasps/details', '/diagnostics'),
     'all': tuple(each.name for each in TOPICS),
 }
 

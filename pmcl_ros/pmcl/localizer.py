@@ -1,7 +1,7 @@
 """DepthLikelihoodVolume -> PoseEstimate."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import moderngl
@@ -21,19 +21,28 @@ from pmcl_ros.pmcl.history import Generation, Watch, recorder
 from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.local_search import LocalSearch
+from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Posterior
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
-from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, moved, same_mode
+from pmcl_ros.pmcl.summary import (
+    canonical,
+    covariance,
+    mean_pose,
+    moved,
+    same_mode,
+    tangent,
+)
 from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
@@ -47,6 +56,9 @@ _BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Volume = DepthLikelihoodVolume | GlVolume
+Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Contour = Callable[[NDArray[np.float64]], ContourPoints]
+Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
 class Localizer:
@@ -92,7 +104,7 @@ class Localizer:
     def localize(self, volume: Volume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None) -> PoseEstimate:
+                 watch: Watch | None = None, free: Free | None = None) -> PoseEstimate:
         """The object's pose in one volume, in memory or on the GPU in this localizer's context.
 
         start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
@@ -100,6 +112,8 @@ class Localizer:
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         watch: told every generation of particles; the pose is the same with it and without.
+        free: (n,) which of poses (n, 4, 4) are possible, beside being in the region, in the mode
+            default.
         Raises LocalizationError when the volume does not reach the region of interest, and with
         the renderer gl RenderError in another thread, after `close`, or when the GL refuses its
         work.
@@ -109,7 +123,8 @@ class Localizer:
         try:
             if self._settings.mode == 'faithful':
                 return self._by_likelihood(volume, rng, progress or (lambda _: True), watch)
-            return self._by_contour(volume, rng, progress or (lambda _: True), start, watch)
+            return self._by_contour(volume, rng, progress or (lambda _: True), start, watch,
+                                    free)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
@@ -135,7 +150,7 @@ class Localizer:
 
     def _by_contour(self, volume: Volume, rng: np.random.Generator,
                     progress: Progress, start: NDArray[np.float64] | None,
-                    watch: Watch | None) -> PoseEstimate:
+                    watch: Watch | None, free: Free | None) -> PoseEstimate:
         edges, profile = self._edges(volume)
         contrast = ContourProfile.contrast()
         # Their tables were learned on sharp edge volumes, as the contour's.
@@ -149,20 +164,10 @@ class Localizer:
         with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
               self._renderer.contour_score(scenes[1], edges, profile, 0, creases) as fine,
               self._renderer.contour_score(scenes[2], edges, profile, 0, creases) as exact):
-            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
-                                     CONTOUR_ERROR if sure else None, exact.creases(pose))
-
-            def near(pose: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(pose, exact.points(pose), edges, profile,
-                                         exact.creases(pose))
-
-            search = ContourSearch(
-                self._model, self._settings, self._in_region(coarse, -np.inf),
-                self._in_region(fine, -np.inf), self._in_region(exact, -np.inf), about, near,
-                lambda poses: self._region.contains(poses[:, :3, 3]))
+            search = self._search((coarse, fine, exact), edges, profile, exact.points, free,
+                                  exact.creases)
             posterior = search.run(start, rng, progress, watch)
-            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
             return replace(estimate, evaluations=sum(each.evaluations
                                                      for each in (coarse, fine, exact)))
 
@@ -179,23 +184,65 @@ class Localizer:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
                                           profile) as exact:
-            def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-                return LocalModel.of(pose, self._model.axis, exact.points(pose), edges, profile,
-                                     CONTOUR_ERROR if sure else None)
-
-            def near(pose: NDArray[np.float64]) -> SlidingContour:
-                return SlidingContour.of(pose, exact.points(pose), edges, profile)
-
-            scored = self._in_region(exact, -np.inf)
-            search = ContourSearch(
-                self._model, self._settings, scored, scored, scored, about, near,
-                lambda poses: self._region.contains(poses[:, :3, 3]))
+            search = self._search((exact,) * 3, edges, profile, exact.points)
             posterior = LocalSearch(search, exact.points, edges, profile, particles,
                                     candidates).run(prior, rng)
             if posterior is None:
                 return self._out_of_view(volume, prior, rng, particles)
-            estimate = self._estimate(volume, posterior, profile, about, exact.points, rng)
+            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
             return replace(estimate, mode='followed', evaluations=exact.evaluations)
+
+    def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
+        """What the object shows of itself at each of poses (4, 4), by the mode default.
+
+        Raises as `localize` does.
+        """
+        self._renderer.use()
+        edges, profile = self._edges(volume)
+        camera = volume.pinhole
+        whole = Window(0, 0, (camera.width, camera.height))
+        depths = [self._renderer.depths(self._scene(volume, whole, _FINEST), each[None])[0]
+                  for each in poses]
+        window = self._region.window(camera, self._model.radius)
+        with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
+                                          profile) as exact:
+            points = [exact.points(each) for each in poses]
+        return [Look(pose, seen, depth, LocalModel.of(pose, self._model.axis, seen, edges, profile,
+                                                      CONTOUR_ERROR),
+                     share_in_view(self._model, pose, camera))
+                for pose, seen, depth in zip(poses, points, depths, strict=True)]
+
+    def refine(self, volume: Volume, pose: NDArray[np.float64], rng: np.random.Generator,
+               shown: Shown) -> PoseEstimate:
+        """The object's pose near one (4, 4), where a part of its contour does not count.
+
+        shown: (m,) how much each point of a contour counts, 0 to 1. What does not is out of view.
+        The rest as in `localize`.
+        """
+        self._renderer.use()
+        edges, profile = self._edges(volume)
+        window = self._region.window(volume.pinhole, self._model.radius)
+        with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
+            def contour(each: NDArray[np.float64]) -> ContourPoints:
+                points = exact.points(each)
+                return weighted(points, shown(points))
+
+            search = self._search((exact,) * 3, edges, profile, contour)
+            mode = search.refined(pose)
+            points = exact.points(mode.pose)
+            rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)), edges,
+                                     profile)
+
+            def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+                # What does not count slides along, to first order, and is taken off again.
+                off = tangent(poses, mode.pose, self._model.axis)
+                return search.exact(poses) - rest.evidence(off)
+
+            posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
+            estimate = self._estimate(
+                volume, posterior, profile, search.about, contour, rng, lambda each: float(
+                    contour(each).lengths.sum() / max(exact.points(each).lengths.sum(), 1e-9)))
+            return replace(estimate, evaluations=exact.evaluations)
 
     def _out_of_view(self, volume: Volume, prior: Gaussian,
                      rng: np.random.Generator, count: int) -> PoseEstimate:
@@ -210,8 +257,8 @@ class Localizer:
     def _estimate(self, volume: Volume, posterior: Posterior,
                   profile: ContourProfile,
                   about: Callable[[NDArray[np.float64], bool], LocalModel],
-                  contour: Callable[[NDArray[np.float64]], ContourPoints],
-                  rng: np.random.Generator) -> PoseEstimate:
+                  contour: Contour, rng: np.random.Generator,
+                  share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0) -> PoseEstimate:
         axis, symmetry, poses = self._model.axis, self._model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
@@ -227,7 +274,7 @@ class Localizer:
         modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
                                float(shares[k]), posterior.modes[k].local.evidence)
                       for k in order)
-        seen = share_in_view(self._model, pose, volume.pinhole)
+        seen = share(pose) * share_in_view(self._model, pose, volume.pinhole)
         support = contour_support(contour(pose), seen)
         # No part must be missing, and the whole must rather be there than not.
         lost = support < self._settings.least_support or (
@@ -277,10 +324,30 @@ class Localizer:
         inside = self._region.contains(alike[:, :3, 3])
         return symmetry.canonical(alike[inside] if inside.any() else alike)
 
-    def _in_region(self, score: Score, outside: float) -> Score:
+    def _search(self, scores: Sequence[Score], edges: EdgeVolume, profile: ContourProfile,
+                contour: Contour, free: Free | None = None,
+                creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
+                ) -> ContourSearch:
+        """scores: coarse, fine, exact. contour, creases: what counts of a pose's."""
+        def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+            return LocalModel.of(pose, self._model.axis, contour(pose), edges, profile,
+                                 CONTOUR_ERROR if sure else None, creases(pose))
+
+        def near(pose: NDArray[np.float64]) -> SlidingContour:
+            return SlidingContour.of(pose, contour(pose), edges, profile, creases(pose))
+
+        coarse, fine, exact = (self._in_region(each, -np.inf, free) for each in scores)
+        return ContourSearch(self._model, self._settings, coarse, fine, exact, about, near,
+                             lambda poses: self._possible(poses, free))
+
+    def _possible(self, poses: NDArray[np.float64], free: Free | None) -> NDArray[np.bool_]:
+        inside = self._region.contains(poses[:, :3, 3])
+        return inside if free is None else inside & free(poses)
+
+    def _in_region(self, score: Score, outside: float, free: Free | None = None) -> Score:
         """The score of poses whose origin lies in the region of interest: the prior is uniform."""
         def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            known = self._region.contains(poses[:, :3, 3])
+            known = self._possible(poses, free)
             values = np.full(len(poses), outside)
             values[known] = score(poses[known])  # the rest need not be drawn
             return values

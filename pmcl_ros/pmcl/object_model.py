@@ -20,6 +20,7 @@ from pmcl_ros.settings import Settings, read_yaml
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
 _MOST_FACES = 1_000_000
+_DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
 
@@ -83,7 +84,7 @@ class ObjectModel:
         metres, SettingsError when the YAML cannot be read or says something impossible.
         """
         path = Path(path)
-        if path.suffix.lower() in ('.yaml', '.yml'):
+        if path.suffix.lower() in _DESCRIBED:
             settings = ObjectSettings.make(read_yaml(path), str(path))
             mesh = _read_mesh(path.parent / settings.mesh)
             mesh.vertices *= settings.scale
@@ -112,6 +113,15 @@ class ObjectModel:
             settings.symmetries_discrete, axis, settings.scale, reach, name)
         _check_group(mesh, discrete, name)
         return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete)
+
+
+def mesh_file(path: Path | str) -> tuple[Path, float]:
+    """The mesh file of an object, and metres per unit of it; raises as `ObjectModel.load`."""
+    path = Path(path)
+    if path.suffix.lower() not in _DESCRIBED:
+        return path, 1.0
+    settings = ObjectSettings.make(read_yaml(path), str(path))
+    return path.parent / settings.mesh, settings.scale
 
 
 def _read_mesh(path: Path) -> trimesh.Trimesh:

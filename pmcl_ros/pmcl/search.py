@@ -1,6 +1,6 @@
 """The default mode's search: proposals, a tournament, refined modes, a sample of the posterior."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -92,6 +92,11 @@ class ContourSearch:
         if watch is not None:
             watch(Generation('modes', np.stack([mode.pose for mode in modes]),
                              np.array([mode.local.evidence for mode in modes])))
+        return self.sampled(modes, rng, stages.part(0.8, 1), watch)
+
+    def sampled(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
+                watch: Watch | None = None) -> Posterior:
+        """The posterior about modes, best first."""
         scale = modes[0].local.scale
         start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, self.model.axis)
                     for mode in modes]
@@ -108,7 +113,7 @@ class ContourSearch:
 
         poses, values, own = sample_posterior(
             [rough, lambda each: scale * self.exact(each)], start_of, self.model.axis,
-            self.settings.particles, self.settings.moves, rng, stages.part(0.8, 1),
+            self.settings.particles, self.settings.moves, rng, progress,
             [recorder(watch, 'approximate'), recorder(watch, 'posterior')])
         return Posterior(tuple(modes), poses, values, own)
 

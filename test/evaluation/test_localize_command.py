@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner
 from tiny_capture import QUICK, write_capture
 
@@ -49,3 +50,20 @@ def test_rows_are_no_parameters_here(capture, changes, message):
     done = run(capture, '--set', changes)
     assert done.exit_code == 2
     assert message in done.output
+
+
+def test_several_objects_are_told_by_their_names_and_the_missing_one_lost(capture, tmp_path):
+    carton = tmp_path / 'carton.stl'
+    trimesh.creation.box((0.02, 0.09, 0.04)).export(carton)
+    done = run(capture, '--object', carton, '--set', f'{QUICK},renderer=numba', '--out', tmp_path)
+    assert done.exit_code == 0, done.output
+    told = json.loads(done.stdout)
+    assert [*told['objects']] == ['model', 'carton']
+    assert told['objects']['carton']['lost']
+    truth = Truth.load(capture / 'truth.json').pose
+    assert np.linalg.norm(np.subtract(told['objects']['model']['position'], truth[:3, 3])) < 0.03
+    assert told['interpenetration'] <= 0.002
+    assert (tmp_path / 'overlay.png').stat().st_size > 1000
+    with_truth = run(capture, '--object', carton, '--truth', capture / 'truth.json')
+    assert with_truth.exit_code == 2
+    assert 'give one --object' in with_truth.output

@@ -39,7 +39,8 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
     empty = bool(rng.random() < of.empty)
     spots = _spots(rng, things, of.clutter)
     sensor = random_sensor(rng, of)
-    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, thing.vertices, _way(rng, thing))
+    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, thing.vertices,
+                                                              random_way(rng, thing))
               for thing, spot in zip(things, spots, strict=False)]
     camera = _camera(rng, of, sensor.grid.pinhole, worlds)
     poses = [camera @ each for each in worlds]
@@ -51,14 +52,14 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
         if not empty:
             solids += thing.placed(pose)
             owners += [number] * len(thing.solids)
-    sheets = _room(rng, camera)
+    sheets = random_room(rng, camera)
     nearest = min(float((thing.vertices @ pose[2, :3]).min() + pose[2, 3])
                   for thing, pose in zip(things, poses, strict=True))
     for spot in spots[len(things):]:
         _add_clutter(rng, solids, sheets, camera @ pose_of(Rotation.identity(), spot))
     owners += [len(things)] * (len(solids) - len(owners))
     if kind.endswith('film'):
-        sheets.append(_film(rng, nearest))
+        sheets.append(random_film(rng, nearest))
     name = f'{kind}: {things[0].name}' + (', empty' if empty else '')
     return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(owners))
@@ -87,7 +88,8 @@ def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
                   (red, 1.0, blue))
 
 
-def _way(rng: np.random.Generator, thing: Thing) -> str:
+def random_way(rng: np.random.Generator, thing: Thing) -> str:
+    """How a thing lies on the table: as `poses.resting` takes it."""
     if thing.upright:
         return 'upright'
     return str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
@@ -131,7 +133,7 @@ def _target(rng: np.random.Generator, thing: Thing, pose: Pose, side: float, emp
                   thing.discrete)
 
 
-def _room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
+def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
     """The table, and a wall behind it."""
     turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     table = Sheet(camera @ pose_of(turn, np.zeros(3)), (_TABLE, _TABLE), random_texture(rng),
@@ -160,7 +162,7 @@ def _add_clutter(rng: np.random.Generator, solids: list[Solid], sheets: list[She
     solids += thing.placed(place @ resting(rng, thing.vertices, 'upright'))
 
 
-def _film(rng: np.random.Generator, nearest: float) -> Sheet:
+def random_film(rng: np.random.Generator, nearest: float) -> Sheet:
     """A translucent film between the camera and the nearest thing."""
     turn = Rotation.from_rotvec(np.append(rng.normal(0, 0.12, 2), rng.uniform(0, 7)))
     depth = max(0.12, rng.uniform(0.55, 0.93) * nearest)
