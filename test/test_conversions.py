@@ -25,6 +25,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.errors import MessageError
 from pmcl_ros.evaluation.bench.result import best_ms
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -116,7 +117,7 @@ def test_light_field_round_trip(light_field):
     assert found.grid.baseline == pytest.approx(grid.baseline, rel=1e-15)
     np.testing.assert_array_equal(found.grid.weights, grid.weights)
     np.testing.assert_array_equal(found.grid.positions, grid.positions.astype(np.float32))
-    np.testing.assert_allclose(found.views, light_field.views, atol=0.5 / cv.VIEW_WHITE + 1e-7)
+    np.testing.assert_allclose(found.views, light_field.views, atol=0.5 / VIEW_WHITE + 1e-7)
     assert found.views.flags.c_contiguous
 
 
@@ -131,7 +132,7 @@ def test_mosaic_holds_view_r_c_in_its_tile_r_c(light_field):
     views = cv.light_field_to_messages(light_field).views
     mosaic = np.frombuffer(views.data, np.uint16).reshape(15, 35, 3)
     tile = mosaic[2 * 5:3 * 5, 3 * 7:4 * 7]
-    np.testing.assert_allclose(tile / cv.VIEW_WHITE, light_field.views[2, 3], atol=1e-4)
+    np.testing.assert_allclose(tile / VIEW_WHITE, light_field.views[2, 3], atol=1e-4)
 
 
 def test_picture_and_its_camera_round_trip(light_field):

@@ -19,6 +19,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.pictures import layers_picture, overlay
 from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.nodes.base import BIG, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -91,8 +92,8 @@ def test_subaperture_node_decodes_a_bag_as_the_core_does(tmp_path, user, paramet
     assert found.grid.shape == (9, 9)
     assert found.grid.pinhole == light_field.grid.pinhole == cv.pinhole_from(infos[0])
     np.testing.assert_array_equal(found.grid.weights, light_field.grid.weights)
-    expected = np.clip(light_field.views, 0, 65535 / cv.VIEW_WHITE)
-    np.testing.assert_allclose(found.views, expected, atol=1 / cv.VIEW_WHITE)
+    expected = np.clip(light_field.views, 0, 65535 / VIEW_WHITE)
+    np.testing.assert_allclose(found.views, expected, atol=1 / VIEW_WHITE)
     np.testing.assert_array_equal(cv.picture_from(pictures[0]), light_field.picture())
 
 

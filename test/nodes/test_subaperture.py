@@ -16,6 +16,7 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.header import Header
+from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
 
@@ -96,8 +97,8 @@ def node(tmp_path, user):
 def same(found, expected):
     assert found.grid.pinhole == expected.grid.pinhole
     np.testing.assert_array_equal(found.grid.weights, expected.grid.weights)
-    np.testing.assert_allclose(found.views, np.clip(expected.views, 0, 65535 / cv.VIEW_WHITE),
-                               atol=1 / cv.VIEW_WHITE)
+    np.testing.assert_allclose(found.views, np.clip(expected.views, 0, 65535 / VIEW_WHITE),
+                               atol=1 / VIEW_WHITE)
 
 
 def test_a_white_image_is_chosen_for_each_zoom(tmp_path, node, cameras):

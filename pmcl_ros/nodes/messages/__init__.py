@@ -1,0 +1,1 @@
+"""How this package's values lie in ROS messages, by kind; used through `pmcl_ros.conversions`."""
