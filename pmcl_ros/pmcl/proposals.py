@@ -42,7 +42,7 @@ _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees 
 _BORDER = 0.09  # half of that [rad]
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
-_MORE, _REFINED = 6, 2  # times as many without symmetry: that are tried, that are refined
+_MORE = 5  # times as many are tried without an axis
 _TEMPLATE = 256  # px: side of a template's z-buffer
 
 
@@ -102,8 +102,7 @@ class Proposals:
         if profile is None or self._model.axis is not None:
             return self._scanned(edges, count)
         poses, scores = refined_proposals(self._model, self._region, edges, profile, creases,
-                                          self._scanned(edges, _MORE * count)[0],
-                                          _REFINED * count)
+                                          self._scanned(edges, _MORE * count)[0], count)
         kept = _distinct(poses, count, self._symmetry)
         return poses[kept], scores[kept]
 
