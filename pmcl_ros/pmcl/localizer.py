@@ -157,7 +157,8 @@ class Localizer:
         creases = None if volume.edges is None else self._creases
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
-            start, scores = self._proposals.propose(edges, self._settings.proposals)
+            start, scores = self._proposals.propose(edges, self._settings.proposals, profile,
+                                                    creases)
             if watch is not None:
                 watch(Generation('proposals', start, scores, len(start)))
         scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]

@@ -19,7 +19,10 @@ from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import ObjectModelError
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.refined_proposals import refined_proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -39,6 +42,7 @@ _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees 
 _BORDER = 0.09  # half of that [rad]
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
+_MORE = 5  # times as many are tried without an axis
 _TEMPLATE = 256  # px: side of a template's z-buffer
 
 
@@ -78,6 +82,7 @@ class Proposals:
     """
 
     def __init__(self, renderer: Renderer, model: ObjectModel, region: Region) -> None:
+        self._model = model
         self._region = region
         self._symmetry = model.symmetry
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
@@ -85,12 +90,24 @@ class Proposals:
         views = _viewing_rotations(model)
         self._templates = _templates(renderer, model, region.center[2], views)
 
-    def propose(self, edges: EdgeVolume, count: int
+    def propose(self, edges: EdgeVolume, count: int, profile: ContourProfile | None = None,
+                creases: Creases | None = None
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The best `count` poses (n, 4, 4) and their coarse scores (n,), no two alike, best first.
+        """The best `count` poses (n, 4, 4) and their scores (n,), no two alike, best first.
 
+        profile, creases: by whose evidence an object without an axis of symmetry is judged, its
+            pose refined; its scores are that evidence [nat]. Else they are the templates'.
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
+        if profile is None or self._model.axis is not None:
+            return self._scanned(edges, count)
+        poses, scores = refined_proposals(self._model, self._region, edges, profile, creases,
+                                          self._scanned(edges, _MORE * count)[0], count)
+        kept = _distinct(poses, count, self._symmetry)
+        return poses[kept], scores[kept]
+
+    def _scanned(self, edges: EdgeVolume, count: int
+                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         pinhole = edges.pinhole
         offsets, directions = self._turned(pinhole)
         places = [self._at_depth(edges, depth, offsets, directions)
@@ -329,10 +346,14 @@ def _distinct(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> lis
     """Which poses (best first) to keep so that no two show the object alike, `count` at most."""
     free = np.ones(len(poses), bool)
     kept: list[int] = []
+    # Symmetries may move the origin so far: what is farther off is not alike.
+    reach = _ALIKE_DISTANCE + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
-        folded = symmetry.folded(poses, poses[best])
-        free &= ~same_mode(folded, poses[best], symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
+        near = np.linalg.norm(poses[:, :3, 3] - poses[best, :3, 3], axis=1) < reach
+        near = np.flatnonzero(near & free)
+        folded = symmetry.folded(poses[near], poses[best])
+        free[near] = ~same_mode(folded, poses[best], symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
         free[best] = False
     return kept

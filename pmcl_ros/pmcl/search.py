@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
+from pmcl_ros.pmcl.ascent import ascent
 from pmcl_ros.pmcl.history import Generation, Record, Watch, recorder
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -14,7 +15,7 @@ from pmcl_ros.pmcl.rivals import rivals
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
-from pmcl_ros.pmcl.summary import moved, same_mode, tangent
+from pmcl_ros.pmcl.summary import same_mode, tangent
 from pmcl_ros.pmcl.tournament import Progress, Score, tournament
 
 _COARSE_SURVIVORS, _SURVIVORS, _MODES = 12, 4, 3
@@ -126,20 +127,8 @@ class ContourSearch:
 
     def refined(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps on the local model."""
-        best = Mode(pose, self.about(pose, False))
-        for _ in range(_REFINEMENTS):
-            step = best.local.step
-            if best.local.motion(step) < _CONVERGED:
-                break
-            for part in (1.0, 0.5, 0.25):
-                tried = moved(best.pose, part * step[None])[0]
-                local = self.about(tried, False)
-                if local.evidence > best.local.evidence:
-                    best = Mode(tried, local)
-                    break
-            else:
-                break
-        return Mode(best.pose, self.about(best.pose, True))
+        best, _ = ascent(pose, lambda each: self.about(each, False), _REFINEMENTS, _CONVERGED)
+        return Mode(best, self.about(best, True))
 
     def _tournament(self, score: Score, start: NDArray[np.float64], survivors: int,
                     steps: tuple[float, float], rng: np.random.Generator, progress: Progress,

@@ -1,0 +1,62 @@
+"""How often proposals hold the true pose, and the search finds it: docs/method.md.
+
+python tools/proposal_recall.py FOLDER, of scenes that `pmcl scenes` made.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.cli.coverage import _examples
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evaluation.captures import find_captures
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.learning import Example
+from pmcl_ros.pmcl.history import Generation
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.settings import PmclSettings
+
+_VIEWS = 5
+_PROPOSED = 0.03, np.deg2rad(20)  # m, rad
+_RIGHT = 0.02, np.deg2rad(10)
+
+
+def _near(example: Example, pose: NDArray[np.float64], limits: tuple[float, float]) -> bool:
+    model = example.model
+    error = pose_error(pose, example.pose, model.axis, model.discrete)
+    return error.translation < limits[0] and error.rotation < limits[1]
+
+
+def _result(example: Example) -> tuple[bool, bool, bool, float]:
+    """Whether it is proposed, found, found elsewhere and not lost; CPU time [s]."""
+    edges = example.edges
+    nothing = np.zeros((*edges.tensor.shape[:2], 2), np.float32)
+    volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
+                                   edges)
+    settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
+                            renderer='numba')
+    seen: list[Generation] = []
+    with Localizer(example.model, settings) as localizer:
+        begin = time.process_time()
+        found = localizer.localize(volume, np.random.default_rng(0), watch=seen.append)
+        took = time.process_time() - begin
+    proposed = any(_near(example, each, _PROPOSED) for each in seen[0].poses)
+    right = _near(example, found.pose, _RIGHT)
+    return proposed, right, not right and not found.lost, took
+
+
+def main() -> None:
+    """Of all scenes that show their object."""
+    results = [_result(each) for each in _examples(find_captures(Path(sys.argv[1])), _VIEWS, '')
+               if each.there]
+    proposed, right, wrong, took = np.array(results).T
+    sys.stdout.write(
+        f'of {len(results)}: proposed {proposed.sum():.0f}, right {right.sum():.0f}, wrong and '
+        f'not lost {wrong.sum():.0f}; median {np.median(took):.2f} s of CPU time\n')
+
+
+if __name__ == '__main__':
+    main()
