@@ -95,6 +95,32 @@ def test_respawn_needs_processes(tmp_path):
     assert '--respawn needs --processes' in chain.log
 
 
+def with_shared_memory(size, *arguments):
+    """What to run for a module of Python in a /dev/shm of `size`; skips where that cannot be."""
+    if subprocess.run(['unshare', '-m', 'true'], capture_output=True, check=False).returncode:
+        pytest.skip('no mount namespace of its own: not root')
+    script = f'mount -t tmpfs -o size={size} none /dev/shm && exec "$0" -m "$@"'
+    return ['unshare', '-m', 'sh', '-c', script, sys.executable, *arguments]
+
+
+@pytest.mark.parametrize(('size', 'arguments'), [
+    ('', []), ('', ['--flood', '--processes']), ('1m', ['--flood', '--processes'])],
+    ids=['in turn', 'flood', 'flood, little shared memory'])
+def test_soak(tmp_path, size, arguments):
+    # Before the graphs below, which share memory with whoever is in their domain.
+    program = ['pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out', tmp_path, *arguments]
+    done = subprocess.run(
+        with_shared_memory(size, *program) if size else [sys.executable, '-m', *program], cwd=ROOT,
+        capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = json.loads((tmp_path / 'soak.json').read_text())
+    dropped = sum(found['dropped'].values())
+    assert found['captures'] == 8 == found['poses'] + found['lost'] + dropped
+    assert (found['twice'], found['strange'], found['unreported'], found['left']) == (0, 0, 0, [])
+    assert dropped == 0 or arguments
+    assert '| captures, poses, lost | 8, ' in done.stdout
+
+
 @pytest.fixture(scope='module')
 def two_graphs(tmp_path_factory, parameter_file):
     """Both on simulated time, before anybody publishes any."""
@@ -134,31 +160,6 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
         count = sum(each.status[0].name == 'left/dlv_node' for each in states)
         assert count <= time.monotonic() - began + 3  # at 1 Hz, and no storm after a jump
     assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
-
-
-def with_shared_memory(size, *arguments):
-    """What to run for a module of Python in a /dev/shm of `size`; skips where that cannot be."""
-    if subprocess.run(['unshare', '-m', 'true'], capture_output=True, check=False).returncode:
-        pytest.skip('no mount namespace of its own: not root')
-    script = f'mount -t tmpfs -o size={size} none /dev/shm && exec "$0" -m "$@"'
-    return ['unshare', '-m', 'sh', '-c', script, sys.executable, *arguments]
-
-
-@pytest.mark.parametrize(('size', 'arguments'), [
-    ('', []), ('', ['--flood', '--processes']), ('1m', ['--flood', '--processes'])],
-    ids=['in turn', 'flood', 'flood, little shared memory'])
-def test_soak(tmp_path, size, arguments):
-    program = ['pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out', tmp_path, *arguments]
-    done = subprocess.run(
-        with_shared_memory(size, *program) if size else [sys.executable, '-m', *program], cwd=ROOT,
-        capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    found = json.loads((tmp_path / 'soak.json').read_text())
-    dropped = sum(found['dropped'].values())
-    assert found['captures'] == 8 == found['poses'] + found['lost'] + dropped
-    assert (found['twice'], found['strange'], found['unreported'], found['left']) == (0, 0, 0, [])
-    assert dropped == 0 or arguments
-    assert '| captures, poses, lost | 8, ' in done.stdout
 
 
 @pytest.mark.parametrize('size', ['16k', '1m'])

@@ -29,6 +29,10 @@ def recording(tmp_path, bag, *arguments, **options):
     return Process(tmp_path, RECORD, '-o', bag, *arguments, **options)
 
 
+def megabytes(recorder):
+    return float(re.findall(r', ([\d.]+) MB', f', 0 MB\n{recorder.log}')[-1])
+
+
 def ended(process, status=0):
     process.popen.send_signal(signal.SIGINT)
     assert process.popen.wait(PATIENCE) == status, process.log
@@ -49,6 +53,8 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, paramet
         # the node and the recorder
         with Process(tmp_path, REPLAY, WINE_GLASS, '--subscribers', 2):
             user.wait(lambda: poses, 'a pose')
+        # The pose may be there before the recorder has all 52 MB of the views it was made from.
+        user.wait(lambda: megabytes(recorder) > 80, 'all of it to be recorded')
         ended(recorder)
         for number, stage in enumerate(('raw', 'views', 'dlv'), 2):
             user.call(Trigger, '/pmcl_node/reset', Trigger.Request())  # its random numbers too
