@@ -85,7 +85,8 @@ class Soak:
                  (abs(self.unreported), 'captures too few, or too many, are told of as lost'),
                  (sum(self.errors.values()), 'errors'), (self.refused, 'captures refused'),
                  (0 if flood else sum(self.dropped.values()), 'captures dropped'),
-                 (len(self.left), f'files left in /dev/shm: {", ".join(self.left)}'), (self.tracebacks, 'tracebacks'),
+                 (len(self.left), f'files left in /dev/shm: {", ".join(self.left)}'),
+                 (self.tracebacks, 'tracebacks'),
                  (abs(self.status), 'is the exit status of the graph, not 0')]
         words = [f'{count} {what}' for count, what in found if count]
         memory = self.memory if self.captures >= _ENOUGH else {}
