@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.cli.coverage import _examples
+from pmcl_ros.cli.coverage import examples_of
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.errors import pose_error
@@ -50,7 +50,7 @@ def _result(example: Example) -> tuple[bool, bool, bool, float]:
 
 def main() -> None:
     """Of all scenes that show their object."""
-    results = [_result(each) for each in _examples(find_captures(Path(sys.argv[1])), _VIEWS, '')
+    results = [_result(each) for each in examples_of(find_captures(Path(sys.argv[1])), _VIEWS, '')
                if each.there]
     proposed, right, wrong, took = np.array(results).T
     sys.stdout.write(

@@ -72,7 +72,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
         _learn_creases(captures, views, seed)
         return
     halves: list[list[Samples]] = [[], []]
-    for number, each in enumerate(_examples(captures, views, 'profiles')):
+    for number, each in enumerate(examples_of(captures, views, 'profiles')):
         rng = np.random.default_rng([seed, number])
         halves[number % 2] += profiles(each, NumbaRenderer(), rng)
     profile = fitted(Samples.joined(halves[0] + halves[1]))
@@ -80,7 +80,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
     # Each half is searched with what the other half teaches.
     looked: list[Search] = []
     for half in range(2):
-        chosen = _examples(captures[half::2], views, f'searches {half + 1} of 2')
+        chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
         looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
     supports = Supports.of(looked)
     least = supports.threshold(_FALSE_ALARMS)
@@ -102,7 +102,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
 def _learn_creases(captures: Sequence[Capture], views: int, seed: int) -> None:
     """Print their profile, and what searches by the other half's find with it and without."""
     halves: list[list[Samples]] = [[], []]
-    for number, each in enumerate(_examples(captures, views, 'profiles')):
+    for number, each in enumerate(examples_of(captures, views, 'profiles')):
         rng = np.random.default_rng([seed, number])
         halves[number % 2] += profiles(each, NumbaRenderer(), rng, of_creases=True)
     _print(crease_profile(halves[0] + halves[1]))
@@ -110,7 +110,7 @@ def _learn_creases(captures: Sequence[Capture], views: int, seed: int) -> None:
     for half in range(2):
         profile = crease_profile(halves[1 - half])
         chosen = captures[half::2]
-        for capture, each in zip(chosen, _examples(chosen, views, f'searches {half + 1} of 2'),
+        for capture, each in zip(chosen, examples_of(chosen, views, f'searches {half + 1} of 2'),
                                  strict=True):
             if each.there and Creases.of(each.model) is not None:
                 pair = with_and_without(each, profile, seed)
@@ -131,7 +131,8 @@ def _print(profile: ContourProfile) -> None:
     click.echo(f'bias {profile.bias:.2f}')
 
 
-def _examples(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:
+def examples_of(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:
+    """Of each capture, as it is read. views: side of the square that is used. told: what for."""
     for each in track(captures, console=STDERR, description=told, transient=True):
         truth = each.truth
         region = Region(truth.roi_center, truth.roi_size)
