@@ -231,7 +231,8 @@ def test_the_node_leaves_while_a_picture_is_awaited(card, tmp_path, user, transi
         client = user.node.create_client(Trigger, '/lytro_driver/capture')
         user.wait(client.service_is_ready, 'the service')
         user.meet('lytro_driver')
-        with socket.create_connection((address.host, address.callback_port)) as callbacks:
+        with socket.create_connection((address.host, address.callback_port), 60) as callbacks:
+            time.sleep(0.5)  # connected is not yet accepted
             answer = client.call_async(Trigger.Request())
             heard = b''
             while b'ShutterPressed' not in heard:

@@ -199,7 +199,8 @@ def test_who_waits_for_a_picture_is_told_when_the_client_is_closed(captures):
             problems.append(str(caught.value))
 
         thread = threading.Thread(target=wait, daemon=True)
-        with socket.create_connection((address.host, address.callback_port)) as callbacks:
+        with socket.create_connection((address.host, address.callback_port), 60) as callbacks:
+            time.sleep(0.5)  # connected is not yet accepted: the camera tells whom it knows
             thread.start()
             heard = b''
             while b'ShutterPressed' not in heard:
