@@ -28,7 +28,7 @@ from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.nodes.graph import Graph, GraphError, own_domain
 from pmcl_ros.nodes.running import ros
 from pmcl_ros.nodes.table import NODES
-from pmcl_ros.nodes.usage import Usage, shared_files
+from pmcl_ros.nodes.usage import Usage, files_shared_without, shared_files
 
 _ROOT = Path(__file__).parents[2]
 _CONSOLE = Console(stderr=True)
@@ -148,6 +148,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
                 run.take(last)
                 run.weigh()
             shared = set().union(*map(shared_files, graph.processes.values()))
+            shared -= files_shared_without(graph.processes.values())
             result = run.result()
         result.status, result.tracebacks = graph.status, graph.log.count('Traceback')
         for line in graph.log.splitlines():

@@ -1,6 +1,8 @@
 """What processes of this machine hold (Linux): memory, descriptors, threads, shared memory."""
 
 import os
+from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -35,3 +37,17 @@ def shared_files(pid: int) -> set[Path]:
     maps = (Path('/proc') / str(pid) / 'maps').read_text().splitlines()
     return {Path(line[line.index(_SHARED):].removesuffix(' (deleted)'))
             for line in maps if _SHARED in line}
+
+
+def files_shared_without(pids: Iterable[int]) -> set[Path]:
+    """The files in /dev/shm that other processes have mapped, but this one and those of `pids`.
+
+    Fast DDS opens ports from 7000 on that programs of all domains have in common.
+    """
+    ours, others = {os.getpid(), *pids}, set[Path]()
+    for process in Path('/proc').glob('[0-9]*'):
+        if int(process.name) not in ours:
+            # One that has ended since, or is another user's.
+            with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+                others |= shared_files(int(process.name))
+    return others
