@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Stage = Literal['proposals', 'coarse', 'fine', 'rivals', 'modes', 'approximate', 'posterior',
-                'filter']
+Stage = Literal['proposals', 'coarse', 'fine', 'rivals', 'scattered', 'modes',
+                'approximate', 'posterior', 'filter']
 
 
 @dataclass(frozen=True)
@@ -17,9 +17,8 @@ class Generation:
     """The particles at one moment of a search.
 
     stage: what the search was at. poses: (n, 4, 4), object to camera [m].
-    scores: (n,) in the stage's own units: the templates' of the proposals, or, without
-        an axis, evidence [nat]; evidence [nat] in the tournaments ('coarse': of blurred edges)
-        and of the modes; log posterior, but for a constant, in
+    scores: (n,) in the stage's own units: the templates' of the proposals; evidence [nat] of what
+        climbed from them and of the modes; log posterior, but for a constant, in
         'approximate' and 'posterior'; the mean likelihood in 'filter'.
     groups: of how many groups they are, which compete among themselves alone.
     time: when it was so, of `time.perf_counter` [s].

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.moved_contour import MovedContour, shrunk
+from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.search import ContourSearch, Mode, Posterior
 from pmcl_ros.pmcl.summary import moved, same_mode, tangent
 
 # Of each round: image px of a pixel of its edges, how far particles move, relative to the prior's
@@ -32,7 +32,7 @@ class LocalSearch:
     contour: the points of a pose's contour. particles, candidates: how many.
     """
 
-    search: ContourSearch
+    search: ContourPosterior
     contour: Callable[[NDArray[np.float64]], ContourPoints]
     edges: EdgeVolume
     profile: ContourProfile

@@ -24,15 +24,17 @@ from pmcl_ros.pmcl.local_search import LocalSearch
 from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import ContourPosterior, Posterior
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
+from pmcl_ros.pmcl.render.climb import Climb
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch, Posterior
+from pmcl_ros.pmcl.search import Ascend, ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import (
@@ -51,7 +53,9 @@ _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is ano
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
 _FINEST = 0.1  # image px: likewise where an object is followed
-_BLUR = 1.5  # image px: of the edge energy in the coarse half of the search
+# Of the climbs, image px: how far aside slopes are taken on coarse, fine and the finest contours,
+# how far a step goes at most, and at least. Tries: of steps.
+_STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
 
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -81,6 +85,8 @@ class Localizer:
         self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
         self.renderer = self._renderer.name
         try:
+            if settings.mode == 'default':
+                Climb.warm_up()
             self._proposals = Proposals(self._renderer, model, self._region)
         except BaseException:
             self._renderer.close()
@@ -152,25 +158,44 @@ class Localizer:
                     progress: Progress, start: NDArray[np.float64] | None,
                     watch: Watch | None, free: Free | None) -> PoseEstimate:
         edges, profile = self._edges(volume)
-        contrast = ContourProfile.contrast()
         # Their tables were learned on sharp edge volumes, as the contour's.
         creases = None if volume.edges is None else self._creases
         window = self._region.window(volume.pinhole, self._model.radius)
         if start is None:
-            start, scores = self._proposals.propose(edges, self._settings.proposals, profile,
-                                                    creases)
+            start, scores = self._proposals.propose(edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores, len(start)))
         scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
-        with (self._renderer.contour_score(scenes[0], edges, contrast, _BLUR) as coarse,
-              self._renderer.contour_score(scenes[1], edges, profile, 0, creases) as fine,
-              self._renderer.contour_score(scenes[2], edges, profile, 0, creases) as exact):
-            search = self._search((coarse, fine, exact), edges, profile, exact.points, free,
-                                  exact.creases)
-            posterior = search.run(start, rng, progress, watch)
-            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
-            return replace(estimate, evaluations=sum(each.evaluations
-                                                     for each in (coarse, fine, exact)))
+        climbs = [Climb(scene, edges, profile, self._region, step)
+                  for scene, step in zip(scenes, _STEPS, strict=True)]
+        with self._renderer.contour_score(scenes[2], edges, profile, creases) as exact:
+            posterior = self._posterior(exact, edges, profile, exact.points, free, exact.creases)
+            coarse, fine, finest = (self._ascent(each, free) for each in climbs)
+            if creases is not None:  # no climb sees them
+                fine = self._judged(fine, posterior.exact)
+            sample = ContourSearch(coarse, fine, finest, posterior).run(start, rng, progress,
+                                                                        watch)
+            estimate = self._estimate(volume, sample, profile, posterior.about, exact.points, rng)
+            return replace(estimate, evaluations=exact.evaluations + sum(
+                each.evaluations for each in climbs))
+
+    def _ascent(self, climb: Climb, free: Free | None) -> Ascend:
+        def ascend(poses: NDArray[np.float64]
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            found, values = climb(poses, _TRIES, _FARTHEST, _CONVERGED)
+            barred = ~self._possible(found, free)
+            if barred.any():  # what ends where it cannot be has not moved
+                found[barred], values[barred] = climb(poses[barred], 0, 0, 0)
+            return found, np.where(self._possible(found, free), values, -np.inf)
+        return ascend
+
+    @staticmethod
+    def _judged(ascend: Ascend, score: Score) -> Ascend:
+        def judged(poses: NDArray[np.float64]
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            found, _ = ascend(poses)
+            return found, score(found)
+        return judged
 
     def follow(self, volume: Volume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
@@ -185,7 +210,7 @@ class Localizer:
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
                                           profile) as exact:
-            search = self._search((exact,) * 3, edges, profile, exact.points)
+            search = self._posterior(exact, edges, profile, exact.points)
             posterior = LocalSearch(search, exact.points, edges, profile, particles,
                                     candidates).run(prior, rng)
             if posterior is None:
@@ -228,7 +253,7 @@ class Localizer:
                 points = exact.points(each)
                 return weighted(points, shown(points))
 
-            search = self._search((exact,) * 3, edges, profile, contour)
+            search = self._posterior(exact, edges, profile, contour)
             mode = search.refined(pose)
             points = exact.points(mode.pose)
             rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)), edges,
@@ -325,11 +350,11 @@ class Localizer:
         inside = self._region.contains(alike[:, :3, 3])
         return symmetry.canonical(alike[inside] if inside.any() else alike)
 
-    def _search(self, scores: Sequence[Score], edges: EdgeVolume, profile: ContourProfile,
-                contour: Contour, free: Free | None = None,
-                creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
-                ) -> ContourSearch:
-        """scores: coarse, fine, exact. contour, creases: what counts of a pose's."""
+    def _posterior(self, score: Score, edges: EdgeVolume, profile: ContourProfile,
+                   contour: Contour, free: Free | None = None,
+                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
+                   ) -> ContourPosterior:
+        """contour, creases: what counts of a pose's."""
         def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
             return LocalModel.of(pose, self._model.axis, contour(pose), edges, profile,
                                  CONTOUR_ERROR if sure else None, creases(pose))
@@ -337,9 +362,9 @@ class Localizer:
         def near(pose: NDArray[np.float64]) -> SlidingContour:
             return SlidingContour.of(pose, contour(pose), edges, profile, creases(pose))
 
-        coarse, fine, exact = (self._in_region(each, -np.inf, free) for each in scores)
-        return ContourSearch(self._model, self._settings, coarse, fine, exact, about, near,
-                             lambda poses: self._possible(poses, free))
+        return ContourPosterior(self._model, self._settings,
+                                self._in_region(score, -np.inf, free), about, near,
+                                lambda poses: self._possible(poses, free))
 
     def _possible(self, poses: NDArray[np.float64], free: Free | None) -> NDArray[np.bool_]:
         inside = self._region.contains(poses[:, :3, 3])

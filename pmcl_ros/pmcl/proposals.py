@@ -19,10 +19,7 @@ from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import ObjectModelError
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.contour_profile import ContourProfile
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.refined_proposals import refined_proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -42,7 +39,6 @@ _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees 
 _BORDER = 0.09  # half of that [rad]
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
-_MORE = 5  # times as many are tried without an axis
 _TEMPLATE = 256  # px: side of a template's z-buffer
 
 
@@ -90,24 +86,12 @@ class Proposals:
         views = _viewing_rotations(model)
         self._templates = _templates(renderer, model, region.center[2], views)
 
-    def propose(self, edges: EdgeVolume, count: int, profile: ContourProfile | None = None,
-                creases: Creases | None = None
+    def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The best `count` poses (n, 4, 4) and their scores (n,), no two alike, best first.
 
-        profile, creases: by whose evidence an object without an axis of symmetry is judged, its
-            pose refined; its scores are that evidence [nat]. Else they are the templates'.
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
-        if profile is None or self._model.axis is not None:
-            return self._scanned(edges, count)
-        poses, scores = refined_proposals(self._model, self._region, edges, profile, creases,
-                                          self._scanned(edges, _MORE * count)[0], count)
-        kept = _distinct(poses, count, self._symmetry)
-        return poses[kept], scores[kept]
-
-    def _scanned(self, edges: EdgeVolume, count: int
-                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         pinhole = edges.pinhole
         offsets, directions = self._turned(pinhole)
         places = [self._at_depth(edges, depth, offsets, directions)

@@ -77,6 +77,16 @@ class Region:
             f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '
             'x right, y down, z forward')
 
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """(3,) its least corner [m]."""
+        return np.array(self.center) - np.array(self.size) / 2
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """(3,) its greatest corner [m]."""
+        return np.array(self.center) + np.array(self.size) / 2
+
     def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
         """(n,) which points (n, 3) lie in the box."""
         reach = np.array(self.size) / 2 + 1e-9
@@ -84,5 +94,4 @@ class Region:
 
     def clip(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Points (n, 3), those outside the box moved onto its surface."""
-        half = np.array(self.size) / 2
-        return np.clip(points, np.array(self.center) - half, np.array(self.center) + half)
+        return np.clip(points, self.low, self.high)

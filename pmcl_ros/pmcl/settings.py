@@ -31,11 +31,11 @@ class PmclSettings(Settings):
         0, ge=0, le=2 ** 31 - 1,
         description='of the random numbers: the same seed gives the same pose')
     proposals: int = Field(
-        48, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
+        200, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
     particles: int = Field(192, ge=2, le=100_000, description='default mode: particles')
     moves: int = Field(
         3, ge=1, le=1000,
-        description='default mode: moves of the particles in each round of the tournament')
+        description='default mode: moves of the particles in each round of sampling the posterior')
     least_support: float = Field(
         LEAST_SUPPORT, ge=-5, le=5, description='default mode: mean evidence along the weakest '
         'fifth of the contour, less a nat for each pixel out of view [nat / px], below which the '

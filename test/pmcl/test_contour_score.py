@@ -1,6 +1,5 @@
 """The contour score of both renderers against the same in numpy, from their own z-buffers."""
 
-import cv2
 import numpy as np
 import pytest
 import trimesh
@@ -59,7 +58,7 @@ def drawn(renderer, score, seen, poses):
     return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
 
-def evidence(depth, window, edges, radius, blur, profile=CONTRAST):
+def evidence(depth, window, edges, radius, profile=CONTRAST):
     """Sum and length of what docs/method.md says, in double precision."""
     close = np.divide(1, depth, out=np.zeros(depth.shape), where=depth > 0)
     jump = 0.2 * radius * (1 / edges.depths).mean()
@@ -89,9 +88,6 @@ def evidence(depth, window, edges, radius, blur, profile=CONTRAST):
     image_y, image_x = (first + window.scale * cell + shift
                         for first, cell in ((window.top, y), (window.left, x)))
     tensor = edges.tensor.astype(float)
-    if blur:
-        planes = [cv2.GaussianBlur(tensor[:, :, k], (0, 0), blur) for k in range(tensor.shape[2])]
-        tensor = np.stack(planes, axis=2)
 
     def energy(distance):
         at = [image_y + distance * ny, image_x + distance * nx, label]
@@ -99,27 +95,26 @@ def evidence(depth, window, edges, radius, blur, profile=CONTRAST):
                       for k in range(3))
         return np.sqrt(np.maximum(xx * nx ** 2 + yy * ny ** 2 + 2 * xy * nx * ny, 0))
 
-    step = max(1, blur)
-    energies = np.stack([energy(step * offset) for offset in profile.offsets], axis=-1)
+    energies = np.stack([energy(offset) for offset in profile.offsets], axis=-1)
     pixels = window.scale / np.maximum(np.abs(nx) + np.abs(ny), 1e-9) * known
     return pixels @ profile.evidence(energies), pixels.sum()
 
 
-@pytest.mark.parametrize(('profile', 'blur'), [(CONTRAST, 0.0), (CONTRAST, 1.5), (LARGEST, 0.7)])
+@pytest.mark.parametrize('profile', [CONTRAST, LARGEST])
 @pytest.mark.parametrize(('camera', 'window'), [
     (NARROW, WHOLE), (NARROW, Window(13, 5, (40, 41))), (NARROW, Window(2, 1, (23, 18), 3)),
     (WIDE, Window(0, 0, (97, 61)))])
 @pytest.mark.parametrize('mesh', [cup(), bracket()], ids=['cup', 'bracket'])
-def test_evidence_is_the_definition(renderer, camera, window, mesh, profile, blur):
+def test_evidence_is_the_definition(renderer, camera, window, mesh, profile):
     # Some nearer, some farther than the labels, some across the image's border.
     poses = random_poses(11, seed=4, depth=(0.14, 0.4), aside=0.2 if camera is WIDE else 0.06)
     seen = scene(mesh, window, camera, 0.05)
     edges = random_edges(camera)
-    with renderer.contour_score(seen, edges, profile, blur) as score:
+    with renderer.contour_score(seen, edges, profile) as score:
         sums = score.evaluate(poses)
         np.testing.assert_array_equal(score(poses), sums[:, 0])
         depths = drawn(renderer, score, seen, poses)
-    expected = np.array([evidence(depth, window, edges, seen.model.radius, blur, profile)
+    expected = np.array([evidence(depth, window, edges, seen.model.radius, profile)
                          for depth in depths])
     assert (expected[:, 1] > 15).sum() >= 8
     assert np.ptp(expected[:, 0]) > 10
@@ -151,7 +146,7 @@ def test_both_renderers_give_the_same_scores(context, mesh, scale):
 def test_points_in_order_add_up_to_the_score(renderer, profile):
     seen = scene(bracket())
     edges = random_edges(NARROW)
-    with renderer.contour_score(seen, edges, profile, 1.5) as score:
+    with renderer.contour_score(seen, edges, profile) as score:
         for pose in random_poses(6, seed=1, depth=(0.2, 0.3)):
             points = score.points(pose)
             evidence, length = score.evaluate(pose[None])[0]
@@ -244,7 +239,7 @@ def test_a_contour_too_long_for_the_list_is_summed_all_the_same(renderer):
     across = (depths[0] > 0) != (np.roll(depths[0], 1, axis=1) > 0)
     assert across.sum() > 2 * 6144
     for values, depth in zip(sums, depths, strict=True):
-        expected = evidence(depth, window, edges, seen.model.radius, 0)
+        expected = evidence(depth, window, edges, seen.model.radius)
         np.testing.assert_allclose(values, expected, rtol=1e-3, atol=1e-3 * expected[1])
 
 

@@ -141,7 +141,7 @@ def test_both_renderers_say_the_same_and_points_add_up(context, scale):
     said = []
     for renderer in (GlRenderer(context), NumbaRenderer()):
         with (renderer.contour_score(scene(mesh, scale), edges, LEARNED) as alone,
-              renderer.contour_score(scene(mesh, scale), edges, LEARNED, 0, creases) as both):
+              renderer.contour_score(scene(mesh, scale), edges, LEARNED, creases) as both):
             assert alone.creases(poses[0]) is None
             said.append(both(poses) - alone(poses))
             for pose, total in zip(poses[:8], said[-1], strict=False):
@@ -156,7 +156,7 @@ def test_both_renderers_say_the_same_and_points_add_up(context, scale):
     # As of contours: a pixel on a border is one's alone now and then.
     assert np.quantile(off, 0.85) < 1e-3
     assert off.max() < 20
-    with NumbaRenderer().contour_score(scene(mesh), edges, LEARNED, 0, creases) as score:
+    with NumbaRenderer().contour_score(scene(mesh), edges, LEARNED, creases) as score:
         nowhere = np.full((1, 4, 4), np.nan)
         assert score(nowhere) == 0
 
@@ -164,7 +164,7 @@ def test_both_renderers_say_the_same_and_points_add_up(context, scale):
 def test_creases_move_as_foretold():
     mesh, edges = stair(), random_edges()
     creases = Creases.of(model_of(mesh), CONTRAST)
-    with NumbaRenderer().contour_score(scene(mesh), edges, CONTRAST, 0, creases) as score:
+    with NumbaRenderer().contour_score(scene(mesh), edges, CONTRAST, creases) as score:
         pose = next(each for each in random_poses(40, seed=8, aside=0.01)
                     if score.creases(each).shown)
         seen = score.creases(pose)

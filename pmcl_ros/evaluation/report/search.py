@@ -15,8 +15,9 @@ from pmcl_ros.evaluation.report.views import over
 from pmcl_ros.pmcl.history import Generation, Stage
 
 NAMES: dict[str, str] = {
-    'proposals': 'proposals', 'coarse': 'tournament, blurred edges',
-    'fine': 'tournament, sharp edges', 'rivals': 'tournament with rivals',
+    'proposals': 'proposals', 'coarse': 'climbed, by coarse contours',
+    'fine': 'the best, by fine contours', 'rivals': 'with rivals',
+    'scattered': 'begun again around them',
     'modes': 'modes, refined', 'approximate': 'posterior, approximated',
     'posterior': 'posterior', 'filter': 'particle filter'}
 _MAPPED: tuple[Stage, ...] = ('proposals', 'coarse', 'posterior', 'filter')

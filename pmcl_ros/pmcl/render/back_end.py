@@ -88,12 +88,10 @@ class Renderer(Protocol):
         ...
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0, creases: Creases | None = None) -> ContourScore:
+                      creases: Creases | None = None) -> ContourScore:
         """Of an edge volume; the scene's scale is the step of the contour [image px].
 
-        blur: of the edge energy [image px]. It widens the basin of attraction for the coarse part
-        of a search: the profile's offsets are multiplied by it, if it is more than 1.
-        creases: count too, in energies that are not blurred.
+        creases: count too.
         """
         ...
 

@@ -4,10 +4,8 @@ A contour runs between two neighbouring pixels of which one is nearer by the fra
 more, or covered where the other is not. Each such pair is a point of the contour.
 """
 
-import math
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,7 +17,6 @@ from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 
 MOST_OFFSETS, MOST_KNOTS = 8, 9  # of a profile
-_BLURRED = 42  # labels at once: OpenCV 5 takes 128 channels
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
@@ -27,8 +24,8 @@ _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 class Edges(NamedTuple):
     """An edge volume and a profile as kernels take them.
 
-    tensor: (height, width, labels, 3) float32, around the window at least. left, top, scale: of
-        the z-buffer in it [image px].
+    tensor: (height, width, labels, 3) float32. left, top, scale: of the z-buffer in it [image
+        px].
     farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
     keep: a pixel is beyond another if its 1/z is less than this times the other's.
     offsets: (j,) from the contour [image px]. knots, widths: (k,) where ramps begin and how long
@@ -49,22 +46,14 @@ class Edges(NamedTuple):
     bias: np.float32
 
     @classmethod
-    def of(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile, blur: float) -> 'Edges':
-        """blur: of the edge energy [image px]; the profile is that much wider, if more than 1."""
-        offsets = reach_of(blur) * profile.offsets
+    def of(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile) -> 'Edges':
+        """As a scene's contours are judged by."""
         window = scene.window
-        tensor, left, top = edges.tensor, 0, 0
-        if blur > 0:
-            margin = math.ceil(float(np.abs(offsets).max()) + 4 * blur) + 2
-            left, top = max(window.left - margin, 0), max(window.top - margin, 0)
-            right, bottom = (first + window.scale * side + margin for first, side in
-                             zip((window.left, window.top), window.size, strict=True))
-            tensor = smoothed(tensor[top:bottom, left:right], blur)
         farthest, per_closeness = label_scale(edges.depths)
         widths = np.diff(profile.knots)
-        return cls(np.ascontiguousarray(tensor, np.float32), window.left - left, window.top - top,
+        return cls(np.ascontiguousarray(edges.tensor, np.float32), window.left, window.top,
                    window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, edges)),
-                   offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
+                   profile.offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
                    widths.astype(np.float32),
                    (np.diff(profile.tables) / widths).astype(np.float32),
                    np.float32(profile.bias + profile.tables[:, 0].sum()))
@@ -79,24 +68,6 @@ def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
 def jump_of(scene: Scene, edges: EdgeVolume) -> float:
     """The relative difference in 1/z that counts as an occlusion [1]."""
     return float(_JUMP * scene.model.radius * (1 / edges.depths).mean())
-
-
-def reach_of(blur: float) -> float:
-    """The unit of a profile's offsets [image px], where the edge energy is blurred [image px]."""
-    return max(1.0, blur)
-
-
-def smoothed(tensor: NDArray[np.float32], blur: float) -> NDArray[np.float32]:
-    """(height, width, labels, 3), blurred in the image [px]."""
-    if blur == 0:
-        return tensor
-    height, width, labels, _ = tensor.shape
-    blurred = np.empty(tensor.shape, np.float32)
-    for first in range(0, labels, _BLURRED):
-        part = np.ascontiguousarray(tensor[:, :, first:first + _BLURRED])
-        blurred[:, :, first:first + _BLURRED] = cv2.GaussianBlur(
-            part.reshape(height, width, -1), (0, 0), blur).reshape(part.shape)
-    return blurred
 
 
 def check_profile(profile: ContourProfile) -> None:

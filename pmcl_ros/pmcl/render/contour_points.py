@@ -33,11 +33,8 @@ class ContourPoints:
 
     @classmethod
     def of(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
-           profile: ContourProfile, shift: tuple[int, int]) -> 'ContourPoints':
-        """Of the contour in a z-buffer (`raster`).
-
-        shift: what to add to pixels of the tensor in `edges`.
-        """
+           profile: ContourProfile) -> 'ContourPoints':
+        """Of the contour in a z-buffer (`raster`)."""
         found = np.zeros(2 * len(z), np.int32)
         found = found[:find(box, edges.keep, z, found)]
         order, piece = _followed(found, box[2] - box[0] + 2 * MARGIN)
@@ -49,7 +46,7 @@ class ContourPoints:
         middles = ends - lengths / 2
         first = np.searchsorted(piece, piece)  # pieces ascend
         along = middles - (ends - lengths)[first]
-        return cls(values[:, :2] + shift, values[:, 2:4], 1 / values[:, 4], lengths, energies,
+        return cls(values[:, :2], values[:, 2:4], 1 / values[:, 4], lengths, energies,
                    profile.evidence(energies), piece, along)
 
     def joined(self, other: 'ContourPoints') -> 'ContourPoints':

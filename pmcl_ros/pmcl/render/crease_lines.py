@@ -62,7 +62,7 @@ class Lines(NamedTuple):
                     np.ascontiguousarray(creases.normals, np.float64), bool(creases.closed),
                     np.array([camera.fx, camera.fy, camera.cx, camera.cy]), window.left,
                     window.top, window.scale, math.ceil(_CLEAR / window.scale), float(scene.near))
-        return lines, Edges.of(scene, edges, creases.profile, 0.0)
+        return lines, Edges.of(scene, edges, creases.profile)
 
 
 @dataclass(frozen=True)

@@ -163,12 +163,12 @@ class GlContourScore:
     """
 
     def __init__(self, context: GlContext, scene: Scene, edges: EdgeVolume,
-                 profile: ContourProfile, blur: float = 0.0, capacity: int = 96,
+                 profile: ContourProfile, capacity: int = 96,
                  creases: Creases | None = None) -> None:
         check_profile(profile)
         self.evaluations = 0
         self._scene, self._profile = scene, profile
-        self._edges = Edges.of(scene, edges, profile, blur)
+        self._edges = Edges.of(scene, edges, profile)
         self._creases = creases
         self._lines = None if creases is None else Lines.of(scene, edges, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
@@ -210,10 +210,8 @@ class GlContourScore:
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
         self.evaluations += 1
-        window = self._scene.window
-        shift = window.left - self._edges.left, window.top - self._edges.top
-        return ContourPoints.of((0, 0, *window.size), self._drawn(pose), self._edges,
-                                self._profile, shift)
+        return ContourPoints.of((0, 0, *self._scene.window.size), self._drawn(pose), self._edges,
+                                self._profile)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""

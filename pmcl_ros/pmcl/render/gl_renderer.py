@@ -38,9 +38,9 @@ class GlRenderer:
         return depths
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0, creases: Creases | None = None) -> GlContourScore:
+                      creases: Creases | None = None) -> GlContourScore:
         """See `Renderer`."""
-        return GlContourScore(self.context, scene, edges, profile, blur, creases=creases)
+        return GlContourScore(self.context, scene, edges, profile, creases=creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
                          ) -> GlLikelihoodScore:

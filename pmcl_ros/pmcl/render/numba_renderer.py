@@ -39,9 +39,9 @@ class NumbaRenderer:
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                      blur: float = 0.0, creases: Creases | None = None) -> 'NumbaContourScore':
+                      creases: Creases | None = None) -> 'NumbaContourScore':
         """See `Renderer`."""
-        return NumbaContourScore(scene, edges, profile, blur, creases)
+        return NumbaContourScore(scene, edges, profile, creases)
 
     def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
                          ) -> 'NumbaLikelihoodScore':
@@ -83,12 +83,12 @@ class NumbaContourScore:
     """See `ContourScore`."""
 
     def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
-                 blur: float = 0.0, creases: Creases | None = None) -> None:
+                 creases: Creases | None = None) -> None:
         check_profile(profile)
-        self._scene, self._profile = scene, profile
+        self._profile = profile
         self.evaluations = 0
         self._drawing = Drawing.of(scene)
-        self._edges = Edges.of(scene, edges, profile, blur)
+        self._edges = Edges.of(scene, edges, profile)
         self._room = _room(self._drawing)
         self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
         self._creases = creases
@@ -114,10 +114,7 @@ class NumbaContourScore:
         """See `ContourScore`."""
         self.evaluations += 1
         with LOCK:
-            box, z = self._drawn(pose)
-            shift = (self._scene.window.left - self._edges.left,
-                     self._scene.window.top - self._edges.top)
-            return ContourPoints.of(box, z, self._edges, self._profile, shift)
+            return ContourPoints.of(*self._drawn(pose), self._edges, self._profile)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""
