@@ -79,13 +79,15 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
               show_default=True, help=_SEQUENCE['views'].description)
 @click.option('--size', type=click.IntRange(32), default=_SEQUENCE['size'].default,
               show_default=True, help=_SEQUENCE['size'].description)
-@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; it gets bag/, model.obj '
-              'and truth.json.')
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; it gets bag/, model.obj, '
+              'truth.json and parameters.yaml.')
 def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_speed: float,
              camera_speed: float, views: int, size: int, out: Path) -> None:
     """Write a bag of a moving object before a moving camera, with the truth of every frame.
 
-    Its views are those of textured layers; `pmcl_replay OUT/bag` plays them to dlv_node.
+    Its views are those of textured layers. `pmcl_replay OUT/bag --preset views --in-step` plays
+    them to the nodes that `pmcl_bringup --params-file OUT/parameters.yaml --without lytro_driver
+    --without subaperture_node` starts.
     """
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
               'camera_speed': camera_speed, 'views': views, 'size': size}

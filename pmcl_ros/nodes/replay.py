@@ -13,6 +13,7 @@ from rosbags.interfaces import Qos
 
 from pmcl_ros.bags import Recorded, Topic, read, topics
 from pmcl_ros.errors import BagError, PmclError
+from pmcl_ros.nodes.in_step import InStep
 from pmcl_ros.nodes.message_types import message_type
 from pmcl_ros.nodes.progress import Progress
 from pmcl_ros.nodes.running import pause, ros
@@ -40,12 +41,14 @@ class Player:
                                f'{timeout:g} s; are the nodes active?')
             pause(0.05)
 
-    def play(self, messages: Iterable[Recorded], rate: float, progress: Progress) -> None:
+    def play(self, messages: Iterable[Recorded], rate: float, progress: Progress,
+             in_step: InStep | None = None) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
         The time counts from when the first has been published. What a subscriber keeps of
         messages that come faster than it takes them is its own choice: the newest, by its depth.
-        Messages are taken one by one, as they are due.
+        Messages are taken one by one, as they are due; those of a capture not before `in_step`
+        lets them.
         """
         start, first_ns, number, into = time.monotonic(), 0, 0, 0.0
 
@@ -53,6 +56,8 @@ class Player:
             return f'{number} of {self._total} messages, {into:.1f} s into the bag'
 
         for number, each in enumerate(messages, 1):
+            if in_step is not None:
+                in_step.before(each)
             if number > 1:
                 into = (each.time_ns - first_ns) * 1e-9
                 pause(start + into / rate - time.monotonic())
@@ -62,6 +67,8 @@ class Player:
             progress.tell(told)
         for line in self._lines.values():
             line.wait_until_arrived()
+        if in_step is not None:
+            in_step.wait()
         progress.say(f'played {told()}')
 
 
@@ -131,6 +138,12 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--subscribers', type=int, default=1,
                         help='subscribers to wait for, of each topic')
     parser.add_argument('--timeout', type=float, default=60.0, help='for them to come [s]')
+    parser.add_argument('--in-step', action='store_true',
+                        help='play a capture when pmcl_node has told on objects what became of '
+                        'the one before: none is dropped, however slow the nodes are')
+    parser.add_argument('--patience', type=float, default=300.0,
+                        help='in step: for what is told of a capture; the first one may have to '
+                        'wait until the nodes are compiled [s]')
     parser.add_argument('--topic', action='append', default=[], metavar='T',
                         help='play only this topic')
     parser.add_argument('--preset', choices=list(PRESETS),
@@ -146,12 +159,17 @@ def main(args: Sequence[str] | None = None) -> int:
             raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
         progress = Progress('pmcl_replay')
         with ros(given):
-            player = Player(Node('pmcl_replay'), chosen.values())
+            node = Node('pmcl_replay')
+            in_step = (InStep(node, chosen.values(), options.patience) if options.in_step
+                       else None)
+            player = Player(node, chosen.values())
             player.wait_for_subscribers(options.subscribers, options.timeout)
+            if in_step is not None:
+                in_step.wait_for_answerer(options.timeout)
             again = True
             while again:
                 began = time.monotonic()
-                player.play(read(options.bag, chosen), options.rate, progress)
+                player.play(read(options.bag, chosen), options.rate, progress, in_step)
                 again = options.loop
                 if again:
                     pause(began + _ROUND - time.monotonic())

@@ -5,11 +5,13 @@ import json
 import cv2
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.bags import read, topics
 from pmcl_ros.cli import main
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.errors import BagError, SettingsError
 from pmcl_ros.evaluation.scenes.poses import pose_of
 from pmcl_ros.evaluation.sequences.files import write_sequence
@@ -18,6 +20,8 @@ from pmcl_ros.evaluation.sequences.paths import wander
 from pmcl_ros.evaluation.sequences.sequence import Sequence
 from pmcl_ros.evaluation.sequences.settings import SequenceSettings
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.tracking_settings import TrackingSettings
 
 SMALL = SequenceSettings(frames=12, occluded=2, size=64)
 CAMERA = Pinhole(90, 80, 200.0, 210.0, 44.0, 41.5)
@@ -135,6 +139,18 @@ def test_a_bag_holds_all_frames_and_the_truth_is_beside_it(tmp_path, sequence):
                                sequence.poses)
     assert [each['occluded'] for each in truth['frames']].count(True) == 2
     assert (tmp_path / 'out' / 'model.obj').exists()
+    of = yaml.safe_load((tmp_path / 'out' / 'parameters.yaml').read_text())
+    nodes = {each: values['ros__parameters'] for each, values in of.items()}
+    dlv, pmcl = nodes['/**/dlv_node'], nodes['/**/pmcl_node']
+    assert DlvSettings.make(dlv).views == SMALL.views
+    given = {**pmcl}
+    assert ObjectModel.load(given.pop('object')).radius == pytest.approx(sequence.model.radius)
+    assert TrackingSettings.make(given).tracking == 'constant_velocity'
+    # the labels are around all of the object, wherever it is
+    depths = (sequence.model.vertices @ sequence.poses[:, 2:3, :3].transpose(0, 2, 1))[..., 0]
+    depths += sequence.poses[:, 2, 3, None]
+    assert dlv['near'] < depths.min()
+    assert depths.max() < dlv['far']
     with pytest.raises(BagError, match='already there'):
         write_sequence(tmp_path / 'out', sequence)
 

@@ -2,16 +2,23 @@
 
 import re
 import signal
+import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from harness import PATIENCE, ROOT, Process
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
 from std_msgs.msg import String
+from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import bags
+from pmcl_ros import conversions as cv
+from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import BIG, LATCHED
+from pmcl_ros.nodes.message_types import message_type
 
 REPLAY = 'pmcl_ros.nodes.replay'
 ALL = QoSProfile(depth=100)  # of a subscriber that misses nothing, however late it takes it
@@ -124,6 +131,76 @@ def test_a_stage_of_a_bag_can_be_chosen_in_any_namespace(tmp_path, user):
         user.wait(lambda: messages, 'the messages')
         user.wait(lambda: not player.alive(), 'the end')
     assert 'played 1 of 1 messages' in player.log
+
+
+STAMPS = [1_700_000_000_000_000_001 + 10 ** 7 * number for number in range(3)]
+
+
+def captures(stage, light_field, volume):
+    """Three captures, 10 ms apart, as `views` (some before what belongs to them), or as `dlv`."""
+    for stamp in STAMPS:
+        header = Header(stamp)
+        if stage == 'views':
+            *others, views = bags.light_field_messages(replace(light_field, header=header))
+            yield from (others[0], views, *others[1:])
+        else:
+            whole = replace(volume, header=header, edges=replace(volume.edges, header=header))
+            for topic, message in (('/dlv', cv.volume_to_message(whole)),
+                                   ('/dlv/edges', cv.edges_to_message(whole.edges))):
+                yield bags.Recorded(topic, 'std_msgs/msg/Float32MultiArray', stamp,
+                                    serialize_message(message))
+
+
+@pytest.mark.parametrize(('stage', 'topics'), [
+    ('views', ('views/camera_info', 'views/pupil', 'center/camera_info', 'center/image')),
+    ('dlv', ('dlv/edges',))])
+def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
+        tmp_path, user, small_light_field, small_volume, stage, topics):
+    bag = tmp_path / 'bag'
+    bags.record(bag, captures(stage, small_light_field, small_volume))
+    types = {each.name: message_type(each.type) for each in bags.topics(bag)}
+    came = {topic: [] for topic in (stage, *topics)}
+    for topic, messages in came.items():
+        user.node.create_subscription(types[f'/{topic}'], topic, messages.append, ALL)
+    answers = user.node.create_publisher(MarkerArray, 'objects', LATCHED)
+
+    def answer(stamp):
+        header = cv.header_to_message(Header(stamp))
+        answers.publish(MarkerArray(markers=[Marker(header=header, text='lost')]))
+
+    def look(seconds=0.3):
+        until = time.monotonic() + seconds
+        user.wait(lambda: time.monotonic() > until, 'some time to pass')
+        return {len(messages) for messages in came.values()}
+
+    answer(STAMPS[-1])  # of a replay before
+    with Process(tmp_path, REPLAY, bag, '--in-step', '--rate', 1000) as player:
+        for number, stamp in enumerate(STAMPS, 1):
+            user.wait(lambda number=number: all(len(each) == number for each in came.values()),
+                      f'all of capture {number}')
+            answer(STAMPS[number - 2])  # of another
+            assert look() == {number}
+            assert player.alive()
+            answer(stamp)
+        user.wait(lambda: not player.alive(), 'the end')
+    assert all(len(messages) == 3 for messages in came.values())
+
+
+def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, small_light_field):
+    with Process(tmp_path, REPLAY, bag, '--in-step', status=1) as player:
+        user.wait(lambda: not player.alive(), 'the end')
+    assert 'in step needs captures, on one of the topics image_raw, views, dlv' in player.log
+    bags.record(tmp_path / 'views', bags.light_field_messages(small_light_field))
+    user.node.create_subscription(Image, 'views', lambda _: None, ALL)
+    arguments = (tmp_path / 'views', '--topic', '/views', '--in-step', '--timeout')
+    with Process(tmp_path, REPLAY, *arguments, 5, status=1) as player:
+        user.wait(lambda: not player.alive(), 'the end')
+    assert 'nobody publishes /objects after 5 s' in player.log
+    user.node.create_publisher(MarkerArray, 'objects', LATCHED)
+    with Process(tmp_path, REPLAY, *arguments, PATIENCE, '--patience', 1, status=1) as player:
+        user.wait(lambda: not player.alive(), 'the end')
+    stamp = small_light_field.header.stamp_ns
+    assert f'nothing came on /objects of capture {stamp} within 1 s' in player.log
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
