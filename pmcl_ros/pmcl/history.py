@@ -20,14 +20,12 @@ class Generation:
     scores: (n,) in the stage's own units: the templates' of the proposals; evidence [nat] of what
         climbed from them and of the modes; log posterior, but for a constant, in
         'approximate' and 'posterior'; the mean likelihood in 'filter'.
-    groups: of how many groups they are, which compete among themselves alone.
     time: when it was so, of `time.perf_counter` [s].
     """
 
     stage: Stage
     poses: NDArray[np.float64]
     scores: NDArray[np.float64]
-    groups: int = 1
     time: float = field(default_factory=time.perf_counter)
 
 
@@ -36,7 +34,7 @@ Record = Callable[[NDArray[np.float64], NDArray[np.float64]], None]
 
 
 def recorder(watch: Watch | None, stage: Stage) -> Record | None:
-    """What a stage tells its particles: groups (k, n, 4, 4) or poses (n, 4, 4), and scores alike.
+    """What a stage tells its particles: poses (n, 4, 4), and scores (n,).
 
     None, as nobody watches, says that they need not be told.
     """
@@ -44,6 +42,5 @@ def recorder(watch: Watch | None, stage: Stage) -> Record | None:
         return None
 
     def record(poses: NDArray[np.float64], scores: NDArray[np.float64]) -> None:
-        groups = len(poses) if poses.ndim == 4 else 1
-        watch(Generation(stage, poses.reshape(-1, 4, 4).copy(), scores.reshape(-1).copy(), groups))
+        watch(Generation(stage, poses.copy(), scores.copy()))
     return record

@@ -164,7 +164,7 @@ class Localizer:
         if start is None:
             start, scores = self._proposals.propose(edges, self._settings.proposals)
             if watch is not None:
-                watch(Generation('proposals', start, scores, len(start)))
+                watch(Generation('proposals', start, scores))
         scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
         climbs = [Climb(scene, edges, profile, self._region, step)
                   for scene, step in zip(scenes, _STEPS, strict=True)]

@@ -67,7 +67,7 @@ class ContourSearch:
         """At most `count` different ones of where poses come to, best first."""
         poses, values = ascend(poses)
         if watch is not None:
-            watch(Generation(stage, poses, values, len(poses)))
+            watch(Generation(stage, poses, values))
         poses = poses[np.argsort(-values, kind='stable')]
         return poses[self._different(poses, count)]
 

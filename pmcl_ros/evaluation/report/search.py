@@ -46,7 +46,7 @@ def search_section(run: Localization) -> Element:
         return section('How it was found', 'search', 'The search kept no history.')
     return section(
         'How it was found', 'search', table(
-            ['stage', 'generations', 'particles', 'groups', 'across [mm]', 'along [mm]',
+            ['stage', 'generations', 'particles', 'across [mm]', 'along [mm]',
              'best score', 'took [ms]'], _rows(run)),
         figures(*(_map(run, each) for each in _MAPPED if _of(run.history, each))),
         figures(figure(_spreads(run.history), 'How far apart the particles are, generation by '
@@ -67,7 +67,7 @@ def _rows(run: Localization) -> list[list[str]]:
         generations = list(group)
         last = generations[-1]
         apart = spread(last.poses)
-        rows.append([NAMES[stage], f'{len(generations)}', f'{len(last.poses)}', f'{last.groups}',
+        rows.append([NAMES[stage], f'{len(generations)}', f'{len(last.poses)}',
                      f'{1e3 * apart.across:.2f}', f'{1e3 * apart.along:.2f}',
                      f'{np.max(last.scores):.4g}',
                      f'{1e3 * run.seconds[stage]:.0f}'])

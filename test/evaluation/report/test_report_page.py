@@ -115,7 +115,8 @@ def test_the_pose_is_the_same_with_a_history_and_without(found):
 
 def test_a_history_tells_the_stages_in_their_order(found):
     stages = [each.stage for each in found.history]
-    order = ['proposals', 'coarse', 'fine', 'rivals', 'modes', 'approximate', 'posterior']
+    order = ['proposals', 'coarse', 'fine', 'rivals', 'scattered', 'modes', 'approximate',
+             'posterior']
     assert list(dict.fromkeys(stages)) == [each for each in order if each in stages]
     assert {'proposals', 'coarse', 'modes', 'posterior'} <= set(stages)
     times = [each.time for each in found.history]
