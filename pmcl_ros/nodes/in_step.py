@@ -17,6 +17,7 @@ from pmcl_ros.nodes.running import pause
 from pmcl_ros.nodes.topics import PRESETS, TOPICS
 
 _TYPES = {each.name: each.type for each in TOPICS}
+_LATCHED_COMES = 0.5  # s
 _STAMPED = ('image_raw', 'views', 'dlv')  # a message of each capture, that knows its stamp
 _PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
 
@@ -25,8 +26,8 @@ class InStep:
     """Holds a bag's messages back until `objects`, found or lost, has come of the capture before.
 
     A capture ends where one of its topics comes again; in which order they come is the bag's. What
-    is of no capture, as an arm's poses, goes on meanwhile. patience: for an answer [s]. BagError
-    where the bag has nothing that tells captures apart.
+    is of no capture, as an arm's poses, is played in its turn. patience: for an answer [s].
+    BagError where the bag has nothing that tells captures apart.
     """
 
     def __init__(self, node: Node, topics: Collection[Topic], patience: float) -> None:
@@ -53,6 +54,10 @@ class InStep:
                 raise BagError(f'nobody publishes {self._answers.topic_name} after {timeout:g} s: '
                                'in step needs a pmcl_node that is active')
             pause(0.05)
+        # `objects` is latched: what it said last is of a replay before.
+        deadline = time.monotonic() + _LATCHED_COMES
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
 
     def before(self, message: Recorded) -> None:
         """To be called with each message before it is published; returns when it may be."""

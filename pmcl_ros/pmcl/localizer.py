@@ -32,6 +32,7 @@ from pmcl_ros.pmcl.render.climb import Climb
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
+from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import Ascend, ContourSearch
@@ -161,14 +162,19 @@ class Localizer:
         # Their tables were learned on sharp edge volumes, as the contour's.
         creases = None if volume.edges is None else self._creases
         window = self._region.window(volume.pinhole, self._model.radius)
+        if start is not None and not len(start):
+            raise LocalizationError('no pose to start from was given; leave `start` out to have '
+                                    'them proposed')
         if start is None:
             start, scores = self._proposals.propose(edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
-        scenes = [self._scene(volume, window.coarser(scale)) for scale in (_COARSE, _FINE, 1)]
-        climbs = [Climb(scene, edges, profile, self._region, step)
-                  for scene, step in zip(scenes, _STEPS, strict=True)]
-        with self._renderer.contour_score(scenes[2], edges, profile, creases) as exact:
+        least = -(-max(window.size) // LARGEST)  # climbs are drawn by the processor
+        climbs = [Climb(self._scene(volume, window.coarser(max(scale, least))), edges, profile,
+                        self._region, step)
+                  for scale, step in zip((_COARSE, _FINE, 1), _STEPS, strict=True)]
+        with self._renderer.contour_score(self._scene(volume, window), edges, profile,
+                                          creases) as exact:
             posterior = self._posterior(exact, edges, profile, exact.points, free, exact.creases)
             coarse, fine, finest = (self._ascent(each, free) for each in climbs)
             if creases is not None:  # no climb sees them

@@ -66,7 +66,8 @@ class ContourPosterior:
 
     def refined(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps on the local model."""
-        best, _ = ascent(pose, lambda each: self.about(each, False), _REFINEMENTS, _CONVERGED)
+        best, _ = ascent(pose, lambda each: self.about(each, False), _REFINEMENTS, _CONVERGED,
+                         lambda each: bool(self.inside(each[None])[0]))
         return Mode(best, self.about(best, True))
 
     def sampled(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,

@@ -173,7 +173,7 @@ def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
         user.wait(lambda: time.monotonic() > until, 'some time to pass')
         return {len(messages) for messages in came.values()}
 
-    answer(STAMPS[-1])  # of a replay before
+    answer(STAMPS[0])  # of a replay before
     with Process(tmp_path, REPLAY, bag, '--in-step', '--rate', 1000) as player:
         for number, stamp in enumerate(STAMPS, 1):
             user.wait(lambda number=number: all(len(each) == number for each in came.values()),

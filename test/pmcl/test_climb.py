@@ -10,7 +10,7 @@ from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.climb import Climb
+from pmcl_ros.pmcl.render.climb import Climb, _climb
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.summary import moved, rotation_distance, tangent
@@ -142,3 +142,13 @@ def test_what_shows_nothing_stays_where_it_is():
     found, values = Climb(scene, tiny, PROFILE, region, 1.0)(hidden[None], 5, 2.0, 0.1)
     np.testing.assert_array_equal(found[0], hidden)
     np.testing.assert_array_equal(values, 0)
+
+
+def test_a_warm_climb_compiles_no_more(shown):
+    model, truth, edges = shown
+    Climb.warm_up()
+    before = len(_climb.signatures)
+    climb = Climb(seen(model, 2), edges, PROFILE, REGION, 1)
+    for reach in ((8, 2.0, 0.05), (0, 0, 0)):
+        climb(beside(truth, 2)[::-1], *reach)
+    assert len(_climb.signatures) == before

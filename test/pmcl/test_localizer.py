@@ -185,7 +185,7 @@ def test_a_region_outside_the_image_is_refused(cup_volume):
         localized(CUP, cup_volume, 0, settings)
 
 
-@pytest.mark.parametrize('stop', [0, 2])
+@pytest.mark.parametrize('stop', range(0, 8, 2))
 def test_progress_ends_the_search_early_with_what_was_found(cup_volume, stop):
     parts = []
 
@@ -197,6 +197,20 @@ def test_progress_ends_the_search_early_with_what_was_found(cup_volume, stop):
     assert len(parts) == stop + 1
     assert_valid(estimate, CUP)
     assert estimate.score > 0
+
+
+def test_no_pose_comes_from_where_none_can_be(context):
+    truth, volume = scene(context, CUP, 0)
+    with Localizer(CUP, SMALL) as localizer:
+        found = localizer.localize(volume, np.random.default_rng(0))
+        assert np.linalg.norm(found.pose[:3, 3] - truth[:3, 3]) < 0.005
+        beside = localizer.localize(volume, np.random.default_rng(0), free=lambda poses: (
+            np.linalg.norm(poses[:, :3, 3] - truth[:3, 3], axis=1) > 0.02))
+        with pytest.raises(LocalizationError, match='no pose to start from'):
+            localizer.localize(volume, np.random.default_rng(0), start=np.zeros((0, 4, 4)))
+    for pose in (*(each.pose for each in beside.modes), *beside.particles):
+        assert np.linalg.norm(pose[:3, 3] - truth[:3, 3]) > 0.018  # model errors move particles
+    assert beside.score < found.score
 
 
 def test_a_localizer_with_gl_belongs_to_its_thread_until_it_is_closed(cup_volume):

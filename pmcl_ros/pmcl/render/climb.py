@@ -51,9 +51,10 @@ class Climb:
         self._room = Room.for_threads(self._drawing, threads)
         self._found = np.zeros((threads, 2 * self._room.z.shape[1]), np.int32)
         camera = edges.pinhole
-        self._camera = camera.fx, camera.fy, camera.cx, camera.cy
+        # Kernels are compiled for each combination of types that they are called with.
+        self._camera = tuple(map(float, (camera.fx, camera.fy, camera.cx, camera.cy)))
         self._box = np.stack([region.low, region.high])
-        self._step = step
+        self._step = float(step)
         self.evaluations = 0
 
     @classmethod
@@ -75,11 +76,12 @@ class Climb:
         tries: of steps, up or not, at most. farthest: that one goes; converged: shorter ones are
         none [image px, rms along the contour].
         """
-        found = np.array(poses, np.float64)
+        found = np.array(poses, np.float64, order='C')
         values, drawn = np.zeros(len(found)), np.zeros(len(found), np.int64)
         with LOCK:
             _climb(self._drawing, self._room, self._edges, self._found, self._camera, self._box,
-                   self._step, tries, farthest, converged, found, values, drawn)
+                   self._step, int(tries), float(farthest), float(converged), found, values,
+                   drawn)
         self.evaluations += int(drawn.sum())
         return found, values
 
