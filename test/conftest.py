@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import signal
 import socket
 
 import pytest
@@ -26,6 +27,8 @@ def _own_domain():
     raise RuntimeError('all ROS domains are taken')
 
 
+# What tests start is ended by a hang-up, even where they themselves are to outlive a terminal.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 # Before any rclpy.init, and inherited by every process a test starts. Fields are checked, as a
 # message that only passes unchecked is not one that another build of ROS takes.
 _NUMBER, _LOCK = _own_domain()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pmcl_ros.kernels import LOCK, compiled
 
 VIEW_WHITE = 32768  # count at the sensor's white: room for twice that, then clipped
+VIEW_MOST = 65535
 
 
 def linear_views(counts: NDArray[np.uint8] | NDArray[np.uint16], white: float
@@ -33,7 +34,7 @@ def views_of_mosaic(mosaic: NDArray[np.uint16], rows: int, columns: int) -> NDAr
 def mosaic_of_views(views: NDArray[np.float32]) -> NDArray[np.uint16]:
     """The inverse of `views_of_mosaic`, rounded, clipped to what counts can hold."""
     rows, columns, height, width = views.shape[:4]
-    counts = np.clip(views * np.float32(VIEW_WHITE) + np.float32(0.5), 0, 65535)
+    counts = np.clip(views * np.float32(VIEW_WHITE) + np.float32(0.5), 0, VIEW_MOST)
     tiles = counts.astype('<u2').transpose(0, 2, 1, 3, 4)
     return tiles.reshape(rows * height, columns * width, 3)
 

@@ -62,10 +62,13 @@ class DecodePlan:
         height, width = light.shape
         last = np.array([width - 1, height - 1])
         pupil = Pupil.measure(light, Lenslets.covering(lattice, 0, last[0], 0, last[1]), views)
+        # To the bit what messages bring: single precision, and -P[3] over fx.
+        positions = pupil.positions.astype(np.float32).astype(np.float64)
+        baseline = pinhole.fx * calibration.baseline / pinhole.fx
         inside = np.argwhere(pupil.weights > 0)
         # A view is shifted by where it looks from indeed, be that its nominal step or not.
-        focus = calibration.baseline / calibration.focus_distance
-        shifts = pupil.positions[pupil.weights > 0] * [pinhole.fx * focus, pinhole.fy * focus]
+        focus = baseline / calibration.focus_distance
+        shifts = positions[pupil.weights > 0] * [pinhole.fx * focus, pinhole.fy * focus]
         pixels = ViewPixels(pinhole, (width / pinhole.width, height / pinhole.height),
                             calibration.k1, calibration.k2)
         reach = pixels.reach(shifts)
@@ -74,9 +77,9 @@ class DecodePlan:
         lenslets = Lenslets.covering(lattice, left, right, top, bottom)
         stand_ins = StandIns.of(lenslets, lattice, inside[:, ::-1] - views // 2, reach, width,
                                 height)
-        plan = cls(ViewGrid(pinhole, calibration.baseline, pupil.positions, pupil.weights), inside,
-                   lattice, lenslets, _factors(light, lenslets, inside, views // 2), pixels,
-                   shifts, stand_ins)
+        grid = ViewGrid(pinhole, baseline, positions, pupil.weights)
+        plan = cls(grid, inside, lattice, lenslets,
+                   _factors(light, lenslets, inside, views // 2), pixels, shifts, stand_ins)
         plan.factors.flags.writeable = False
         return plan
 

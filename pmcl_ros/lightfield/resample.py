@@ -8,6 +8,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.lightfield.counts import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.lightfield.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
@@ -92,7 +93,9 @@ def resample_views(samples: NDArray[np.float32], lattice: Lattice, origin: tuple
         those off the sensor are filled.
     shifts: (n, 2) view px: view n is read at (x, y) + shifts[n], which rectifies it.
     slots: (n,) the places in `out` of the views.
-    out: (m, height, width, 3) float32; the views outside `slots` are filled with 0.
+    out: (m, height, width, 3) float32; the views outside `slots` are filled with 0. Whole counts
+        of a mosaic (`pmcl_ros.lightfield.counts`), over its white: what a topic, a bag or a file
+        brings is what was decoded, to the bit, and so is the pose.
     """
     cx, cy = lattice.centre_px
     pinhole = pixels.pinhole
@@ -178,17 +181,23 @@ def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untype
 
 @compiled()
 def _blend(samples, upper, lower, part, line, colour, start, length):  # type: ignore[no-untyped-def]
-    """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles."""
-    one, zero = np.float32(1), np.float32(0)
+    """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles.
+
+    In whole counts of `pmcl_ros.lightfield.counts`.
+    """
+    one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
+    white, most = np.float32(VIEW_WHITE), np.float32(VIEW_MOST)
     for m in range(length):
         k = np.uint64(m)
         p, t = part[0, start + k], part[1, start + k]
         both = p + t - one
         last = both if both > zero else zero
-        line[colour, start + k] = ((last - both) * samples[upper + k]
-                                   + (p - last) * samples[upper + k + np.uint64(1)]
-                                   + (t - last) * samples[lower + k]
-                                   + last * samples[lower + k + np.uint64(1)])
+        value = ((last - both) * samples[upper + k]
+                 + (p - last) * samples[upper + k + np.uint64(1)]
+                 + (t - last) * samples[lower + k]
+                 + last * samples[lower + k + np.uint64(1)])
+        count = min(max(value * white + half, zero), most)
+        line[colour, start + k] = np.float32(np.int32(count)) / white
 
 
 @compiled()

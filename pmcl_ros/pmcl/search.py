@@ -78,8 +78,8 @@ class ContourSearch:
         for pose in poses:
             local = self.posterior.about(pose, False)
             widest = local.basis.T @ np.diag((_ASIDE / _WIDEST) ** 2) @ local.basis
-            spread = np.linalg.inv(local.moments + widest) * _ASIDE ** 2
-            off = rng.multivariate_normal(np.zeros(len(spread)), spread, _AROUND, method='eigh')
+            root = np.linalg.cholesky(np.linalg.inv(local.moments + widest))
+            off = _ASIDE * rng.normal(size=(_AROUND, len(root))) @ root.T
             result.append(moved(pose, off @ local.basis.T))
         return np.concatenate(result)
 
