@@ -4,7 +4,6 @@ A second layer behind glass pulls the likelihood of a contour's rays towards its
 an edge that is sharp when refocused at its own depth stays where the edge is (docs/method.md).
 """
 
-from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -47,7 +46,7 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     runs = Runs.neutral(shifts)
     pad = int(np.ceil(np.abs(shifts).max())) + TAPS
     # Linear light: encoded, a blurred edge is steepest beside its place, on the darker side.
-    planes, brightness = colour_planes(replace(light_field, gamma=1.0), chosen.indices, pad)
+    planes, brightness = colour_planes(light_field, chosen.indices, pad, gamma=1.0)
     centre = (chosen.indices == grid.centre).all(axis=1)
     # Without a centre view (dark) the mean over the views does as well: the tensor is normalised.
     target = brightness[centre].mean() if centre.any() else brightness.mean()

@@ -10,6 +10,9 @@ from pmcl_ros.dlv.sampling import SMOOTHER
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
 
+# Exponent that encodes linear light, whatever a camera's own is for looking: the noise of dark and
+# of bright pixels counts about alike.
+ENCODING = 1 / 2.4
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)  # ITU-R BT.709
 _SMOOTHER = SMOOTHER[:3].astype(np.float32)  # it is symmetric
 _NONE = np.array([0, 0, 1], np.float32)
@@ -36,24 +39,24 @@ def matching_planes(light_field: LightField, indices: NDArray[np.int64],
     columns = 16 * (-(-(window[2] + 2 * pad) // 16) | 1)
     planes = np.empty((len(chosen), window[3] + 2 * pad, 5, columns), np.float32)
     with LOCK:
-        _fill(_bits(light_field), chosen, _curve(light_field.gamma), window, pad,
+        _fill(_bits(light_field), chosen, _curve(ENCODING), window, pad,
               _SMOOTHER if smooth else _NONE, planes)
     return planes
 
 
-def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int
-                  ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int,
+                  gamma: float = ENCODING) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """(views, 3, height + 2 pad, width + 2 pad) float32, and the mean of each view (views,).
 
     They are red, green, blue of the views at `indices` as in `matching_planes`, through
-    `sampling.SMOOTHER`. Outside the image are its mirrored borders: an edge that runs out of the
-    image goes on.
+    `sampling.SMOOTHER`. gamma: the exponent; 1: linear light. Outside the image are its mirrored
+    borders: an edge that runs out of the image goes on.
     """
     height, width = light_field.views.shape[2:4]
     planes = np.empty((len(indices), 3, height + 2 * pad, width + 2 * pad), np.float32)
     means = np.empty(len(indices))
     with LOCK:
-        _fill_colours(_bits(light_field), indices, _curve(light_field.gamma), pad, planes, means)
+        _fill_colours(_bits(light_field), indices, _curve(gamma), pad, planes, means)
     return planes, means
 
 

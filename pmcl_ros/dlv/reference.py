@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.planes import LUMINANCE
+from pmcl_ros.dlv.planes import ENCODING, LUMINANCE
 from pmcl_ros.dlv.runs import Runs
 from pmcl_ros.dlv.sampling import neutral_taps, smoothed
 from pmcl_ros.dlv.settings import DlvSettings
@@ -70,7 +70,7 @@ def pixel_costs(light_field: LightField, depths: NDArray[np.float64],
 def _channels_of(light_field: LightField, place: NDArray[np.int64] | tuple[int, int],
                  smooth: bool) -> NDArray[np.float64]:
     row, column = place
-    return channels(light_field.views[row, column], light_field.gamma, smooth)
+    return channels(light_field.views[row, column], smooth)
 
 
 def _pixel_cost(centre: NDArray[np.floating], view: NDArray[np.floating], gamma: float,
@@ -83,15 +83,14 @@ def _pixel_cost(centre: NDArray[np.floating], view: NDArray[np.floating], gamma:
     return np.asarray(settings.beta * colour + (1 - settings.beta) * gradient)
 
 
-def channels(view: NDArray[np.float32], gamma: float, smooth: bool = False
-             ) -> NDArray[np.float64]:
+def channels(view: NDArray[np.float32], smooth: bool = False) -> NDArray[np.float64]:
     """(5, height, width): red, green, blue in [0, 1], gamma encoded; d/dx, d/dy of luma [1/px].
 
     view: (height, width, 3), linear. smooth: the colours go through `sampling.SMOOTHER`. The
     luminance is that of the encoded colours; its derivatives are central differences, the border's
     values going on outwards.
     """
-    colour = np.clip(view.astype(float), 0, 1) ** gamma
+    colour = np.clip(view.astype(float), 0, 1) ** ENCODING
     if smooth:
         colour = np.moveaxis(smoothed(np.moveaxis(colour, -1, 0)), 0, -1)
     padded = np.pad(colour @ LUMINANCE.astype(float), 1, mode='edge')

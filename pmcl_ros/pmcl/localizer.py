@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimator import Contour, Estimator, Volume
 from pmcl_ros.pmcl.faithful import faithful_filter
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
 from pmcl_ros.pmcl.level_of_detail import simplified
@@ -24,7 +25,7 @@ from pmcl_ros.pmcl.local_search import LocalSearch
 from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import ContourPosterior, Posterior
+from pmcl_ros.pmcl.posterior import ContourPosterior
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
@@ -38,19 +39,11 @@ from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import Ascend, ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
-from pmcl_ros.pmcl.summary import (
-    canonical,
-    covariance,
-    mean_pose,
-    moved,
-    same_mode,
-    tangent,
-)
-from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.pmcl.summary import tangent
+from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
 _LOG = logging.getLogger(__name__)
-_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
 _FINEST = 0.1  # image px: likewise where an object is followed
@@ -60,9 +53,7 @@ _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
 
 Progress = Callable[[float], bool]
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-Volume = DepthLikelihoodVolume | GlVolume
 Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
-Contour = Callable[[NDArray[np.float64]], ContourPoints]
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
@@ -83,6 +74,7 @@ class Localizer:
         self._profile = profile or ContourProfile.learned()
         self._creases = creases or (Creases.of(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
+        self._estimator = Estimator(model, self._region, settings)
         self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
         self.renderer = self._renderer.name
         try:
@@ -181,7 +173,8 @@ class Localizer:
                 fine = self._judged(fine, posterior.exact)
             sample = ContourSearch(coarse, fine, finest, posterior).run(start, rng, progress,
                                                                         watch)
-            estimate = self._estimate(volume, sample, profile, posterior.about, exact.points, rng)
+            estimate = self._estimator.of_posterior(
+                volume, sample, posterior.about, exact.points, profile.least, rng)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
@@ -220,8 +213,10 @@ class Localizer:
             posterior = LocalSearch(search, exact.points, edges, profile, particles,
                                     candidates).run(prior, rng)
             if posterior is None:
-                return self._out_of_view(volume, prior, rng, particles)
-            estimate = self._estimate(volume, posterior, profile, search.about, exact.points, rng)
+                return replace(self._estimator.of_prior(volume, prior, particles, rng),
+                               mode='followed')
+            estimate = self._estimator.of_posterior(
+                volume, posterior, search.about, exact.points, profile.least, rng)
             return replace(estimate, mode='followed', evaluations=exact.evaluations)
 
     def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
@@ -271,50 +266,11 @@ class Localizer:
                 return search.exact(poses) - rest.evidence(off)
 
             posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
-            estimate = self._estimate(
-                volume, posterior, profile, search.about, contour, rng, lambda each: float(
-                    contour(each).lengths.sum() / max(exact.points(each).lengths.sum(), 1e-9)))
+            estimate = self._estimator.of_posterior(
+                volume, posterior, search.about, contour, profile.least, rng,
+                lambda each: float(contour(each).lengths.sum()
+                                   / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
-
-    def _out_of_view(self, volume: Volume, prior: Gaussian,
-                     rng: np.random.Generator, count: int) -> PoseEstimate:
-        """Lost: nothing but the prior."""
-        poses = moved(prior.pose, prior.deviations(rng.normal(size=(count,
-                                                                    prior.basis.shape[1]))))
-        spread = covariance(poses, Weights(np.zeros(count)), prior.pose, self._model.axis)
-        return PoseEstimate(volume.header, prior.pose, spread, poses,
-                            np.full(count, -np.log(count)), 0.0, True, 'followed',
-                            support=-np.inf)
-
-    def _estimate(self, volume: Volume, posterior: Posterior,
-                  profile: ContourProfile,
-                  about: Callable[[NDArray[np.float64], bool], LocalModel],
-                  contour: Contour, rng: np.random.Generator,
-                  share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0) -> PoseEstimate:
-        axis, symmetry, poses = self._model.axis, self._model.symmetry, posterior.poses
-        shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
-        order = np.argsort(-shares, kind='stable')
-        ours = poses[posterior.own == order[0]]
-        alike = Weights(np.zeros(len(ours)))
-        pose = self._representative(mean_pose(ours, alike, axis))
-        ours = symmetry.folded(ours, pose)
-        local = about(pose, True)
-        # What the model gets wrong adds to what the data leave open.
-        error = local.basis @ local.model_error @ local.basis.T
-        spread = covariance(ours, alike, pose, axis) + error
-        off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
-        modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
-                               float(shares[k]), posterior.modes[k].local.evidence)
-                      for k in order)
-        seen = share(pose) * share_in_view(self._model, pose, volume.pinhole)
-        support = contour_support(contour(pose), seen)
-        # No part must be missing, and the whole must rather be there than not.
-        lost = support < self._settings.least_support or (
-            local.evidence <= profile.least * local.length)
-        return PoseEstimate(volume.header, pose, spread,
-                            symmetry.folded(moved(poses, off), pose),
-                            np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            lost, self._settings.mode, modes, support)
 
     def _by_likelihood(self, volume: Volume, rng: np.random.Generator,
                        progress: Progress, watch: Watch | None) -> PoseEstimate:
@@ -323,38 +279,8 @@ class Localizer:
             poses, scores = faithful_filter(self._in_region(score, 0.0), self._region,
                                             self._settings, rng, progress,
                                             recorder(watch, 'filter'))
-            weights = Weights.of(scores)
-            pose, spread = self._summary(poses, weights)
-            poses = self._model.symmetry.folded(poses, pose)
-            likelihood = float(score(pose[None])[0])
-        # The paper knows no lost object; one that no ray supports at all is.
-        return PoseEstimate(volume.header, pose, spread, poses, weights.log_normalised,
-                            likelihood, lost=not likelihood > 0, mode=self._settings.mode,
-                            evaluations=score.evaluations)
-
-    def _summary(self, poses: NDArray[np.float64], weights: Weights
-                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and covariance of the mode about the best particle."""
-        axis = self._model.axis
-        best = poses[int(weights.log.argmax())]
-        poses = self._model.symmetry.folded(poses, best)
-        mode = same_mode(poses, best, axis, _MODE_DISTANCE, _MODE_ANGLE)
-        inside = Weights(weights.log[mode])
-        pose = self._representative(mean_pose(poses[mode], inside, axis))
-        ours = self._model.symmetry.folded(poses[mode], pose)
-        return pose, covariance(ours, inside, pose, axis)
-
-    def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the poses that discrete symmetries make of one (4, 4), the one that stands for all.
-
-        Of those with their origin in the region, if any have.
-        """
-        symmetry = self._model.symmetry
-        if len(symmetry.discrete) == 1:
-            return pose
-        alike = symmetry.alike(pose)
-        inside = self._region.contains(alike[:, :3, 3])
-        return symmetry.canonical(alike[inside] if inside.any() else alike)
+            estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)
+            return replace(estimate, evaluations=score.evaluations)
 
     def _posterior(self, score: Score, edges: EdgeVolume, profile: ContourProfile,
                    contour: Contour, free: Free | None = None,

@@ -16,47 +16,23 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.errors import ObjectModelError
 from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.geometry import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.symmetry import Symmetry
+from pmcl_ros.pmcl.templates import DIRECTIONS, POINTS, Templates
 
 _CELL = 4  # image px: the step of places
 _BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
-_DIRECTIONS = 32  # of contour normals
-_POINTS = 64  # of a template, a multiple of 4
 _ROUGH, _HOPEFUL = 2, 0.25  # every how many-th is tried first, and what share goes on with all
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
-_TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
 _TURNS = 72  # of it in the image: 5 degrees apart
-_SIDES = 400  # from which an object without symmetry is seen: about 10 degrees apart
-_BORDER = 0.09  # half of that [rad]
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
 _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
-_TEMPLATE = 256  # px: side of a template's z-buffer
-
-
-@dataclass(frozen=True)
-class _Templates:
-    """Outlines of the object, its origin straight ahead at `depth` [m].
-
-    rotations: (n, 3, 3), object to a camera that looks straight at it.
-    offsets: (n, points, 2) of the outline from the projected origin, in units of tan(angle).
-    normals: (n, points) angle of the outward normal [rad].
-    lengths: (n,) of the outline, same units as the offsets.
-    """
-
-    depth: float
-    rotations: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    lengths: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -83,8 +59,7 @@ class Proposals:
         self._symmetry = model.symmetry
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
         self._turns = 2 * np.pi * np.arange(turns) / turns
-        views = _viewing_rotations(model)
-        self._templates = _templates(renderer, model, region.center[2], views)
+        self._templates = Templates.of(renderer, model, region.center[2])
 
     def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -93,7 +68,7 @@ class Proposals:
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
         pinhole = edges.pinhole
-        offsets, directions = self._turned(pinhole)
+        offsets, directions = self._templates.turned(self._turns, pinhole)
         places = [self._at_depth(edges, depth, offsets, directions)
                   for depth in self._region.depths(_DEPTH_STEP)]
         seen = [each for each in places if each is not None]
@@ -109,19 +84,6 @@ class Proposals:
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
         kept = _distinct(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
-
-    def _turned(self, pinhole: Pinhole) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-        """(n * turns, points, 2) offsets [px] and (n * turns, points) directions at every turn."""
-        t = self._templates
-        cos, sin = np.cos(self._turns)[:, None], np.sin(self._turns)[:, None]
-        x, y = t.offsets[:, None, :, 0], t.offsets[:, None, :, 1]
-        offsets = np.stack([(cos * x - sin * y) * pinhole.fx, (sin * x + cos * y) * pinhole.fy],
-                           axis=-1).astype(np.float32)
-        # Pixels that are not square turn the normals too.
-        angle = t.normals[:, None, :] + self._turns[:, None]
-        angle = np.arctan2(np.sin(angle) * pinhole.fx, np.cos(angle) * pinhole.fy)
-        directions = np.rint(angle / (2 * np.pi) * _DIRECTIONS).astype(int) % _DIRECTIONS
-        return offsets.reshape(-1, _POINTS, 2), directions.reshape(-1, _POINTS).astype(np.uint8)
 
     def _at_depth(self, edges: EdgeVolume, depth: float, offsets: NDArray[np.float32],
                   directions: NDArray[np.uint8]) -> _Places | None:
@@ -157,84 +119,7 @@ class Proposals:
         lengths = np.repeat(self._templates.lengths, len(self._turns)) * focal * scale
         row, column = np.divmod(place, len(columns))
         pixels = np.stack([columns[column], rows[row]], axis=-1) * _CELL + (_CELL - 1) / 2
-        return _Places(depth, scores / _UNIT * lengths / _POINTS, pixels)
-
-
-def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
-    """(n, 3, 3) rotations that show the object from every side, up to a turn in the image.
-
-    Of sides that are alike by a symmetry that keeps the origin in place, which is what the region
-    holds, one.
-    """
-    turns = model.symmetry.about_origin
-    if model.axis is not None:
-        upright = Rotation.align_vectors([[0, 0, 1.0]], model.axis[None])[0]
-        tilts = np.linspace(0, np.pi, _TILTS)
-        if len(turns) > 1:  # it can only turn the axis round
-            tilts = tilts[:_TILTS // 2 + 1]
-        return (Rotation.from_rotvec(tilts[:, None] * [0, 1.0, 0]) * upright).as_matrix()
-    # A Fibonacci lattice on the sphere of lines of sight.
-    k = np.arange(_SIDES) + 0.5
-    polar, azimuth = np.arccos(1 - 2 * k / _SIDES), np.pi * (1 + 5 ** 0.5) * k
-    sides = np.stack([-np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth),
-                      np.cos(polar)], axis=-1)
-    first = _first_sides(sides, turns)
-    polar, azimuth = polar[first], azimuth[first]
-    return (Rotation.from_rotvec(polar[:, None] * [0, 1.0, 0])
-            * Rotation.from_rotvec(azimuth[:, None] * [0, 0, 1.0])).as_matrix()
-
-
-def _first_sides(sides: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) which of unit vectors (n, 3) are needed where rotations (m, 3, 3) make them alike.
-
-    Those nearer to some direction than to what the rotations make of it (a Dirichlet domain), and
-    as far beyond as the lattice is coarse.
-    """
-    middle = np.array([0.36, 0.48, 0.8])  # on no axis that meshes are likely to have
-    off = turns[1:] @ middle - middle
-    border = off / np.maximum(np.linalg.norm(off, axis=1, keepdims=True), 1e-9)
-    return np.asarray((sides @ border.T <= _BORDER).all(axis=1))
-
-
-def _templates(renderer: Renderer, model: ObjectModel, depth: float,
-               rotations: NDArray[np.float64]) -> _Templates:
-    depth = max(depth, 1.5 * model.radius)
-    half = _TEMPLATE / 2
-    focal = 0.95 * half * (depth ** 2 - model.radius ** 2) ** 0.5 / model.radius
-    camera = Pinhole(_TEMPLATE, _TEMPLATE, focal, focal, half - 0.5, half - 0.5)
-    poses = np.tile(np.eye(4), (len(rotations), 1, 1))
-    poses[:, :3, :3], poses[:, 2, 3] = rotations, depth
-    scene = Scene(model, camera, Window(0, 0, (_TEMPLATE, _TEMPLATE)),
-                  depth - 1.01 * model.radius, depth + 1.01 * model.radius)
-    masks = renderer.depths(scene, poses) > 0
-    # A sheet without thickness has no outline seen edge-on.
-    seen = [k for k, mask in enumerate(masks) if mask.any()]
-    if not seen:
-        raise ObjectModelError(f'mesh {model.name!r} cannot be seen: its surface is thinner than '
-                               f'{2 * model.radius / _TEMPLATE:.2g} m from every side')
-    points, normals, lengths = (np.stack(part) for part in
-                                zip(*(_outline(masks[k]) for k in seen), strict=True))
-    return _Templates(depth, rotations[seen], (points - camera.cx) / focal, normals,
-                      lengths / focal)
-
-
-def _outline(mask: NDArray[np.bool_]
-             ) -> tuple[NDArray[np.float64], NDArray[np.float64], np.float64]:
-    """Points (n, 2) at equal steps along a mask's border, their normals' angles, its length [px].
-
-    Normals point outwards.
-    """
-    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    # Edge pixels of the mask lie half a pixel inside its border; smoothing gives the staircase a
-    # direction.
-    smooth = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 2.0)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
-    pixels = np.concatenate([each[:, 0] for each in contours])
-    length = np.float64(sum(cv2.arcLength(each, True) for each in contours))
-    pixels = pixels[np.linspace(0, len(pixels), _POINTS, endpoint=False).astype(int)]
-    x, y = pixels.T
-    angles = np.arctan2(-gy[y, x], -gx[y, x]).astype(np.float64)
-    return pixels + 0.5 * np.stack([np.cos(angles), np.sin(angles)], axis=-1), angles, length
+        return _Places(depth, scores / _UNIT * lengths / POINTS, pixels)
 
 
 def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
@@ -252,8 +137,8 @@ def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
                         interpolation=cv2.INTER_AREA)
     # A cell's mean is a part of the blur.
     tensor = cv2.GaussianBlur(tensor, (0, 0), (_BLUR ** 2 - (_CELL ** 2 - 1) / 12) ** 0.5 / _CELL)
-    maps = np.zeros((_DIRECTIONS, height, width), np.int16)
-    for k, angle in enumerate(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS):
+    maps = np.zeros((DIRECTIONS, height, width), np.int16)
+    for k, angle in enumerate(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS):
         nx, ny = np.cos(angle), np.sin(angle)
         across = tensor @ np.array([nx * nx, ny * ny, 2 * nx * ny], np.float32)
         energy = np.sqrt(np.maximum(across, 0))

@@ -12,7 +12,8 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.errors import RenderError
 from pmcl_ros.gl import GlContext
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.pmcl.localizer import Localizer, Volume
+from pmcl_ros.pmcl.estimator import Volume
+from pmcl_ros.pmcl.localizer import Localizer
 
 _LOG = logging.getLogger(__name__)
 

@@ -12,6 +12,7 @@ from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.cost import cost_volume
 from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.lightfield.light_field import LightField
@@ -125,7 +126,7 @@ def test_a_pair_counts_by_the_light_it_got(color_cost):
     depths, cost = np.array([2e6, 1e6]), {}
     for weight in (1, 0.25):
         dim = replace(grid, weights=np.array([[1, 1, weight]], np.float32))
-        field = LightField(noise_field(grid).header, views, dim, gamma=1)
+        field = LightField(noise_field(grid).header, views ** (1 / ENCODING), dim)
         for view_weights in ('light', 'equal'):
             options = DlvSettings(color_cost=color_cost, view_weights=view_weights)
             cost[weight, view_weights] = cost_volume(field, depths, options)[0, 6, 8]
@@ -147,7 +148,7 @@ def test_reference_by_hand(color_cost, colour):
     views = np.broadcast_to(ramp[:, None], (1, 3, 12, 16, 3)).astype(np.float32).copy()
     views[0, 0] += 0.06
     views[0, 2] += 0.06
-    field = LightField(noise_field(grid).header, views, grid, gamma=1)
+    field = LightField(noise_field(grid).header, views ** (1 / ENCODING), grid)
     options = DlvSettings(color_cost=color_cost, window=3, beta=0.7)
     cost = reference.cost_volume(field, np.array([1e6, 2e6]), options)
     np.testing.assert_allclose(cost[:, 5, 8], 0.7 * 2 * 9 * colour, rtol=1e-4)
@@ -159,7 +160,7 @@ def test_reference_by_hand(color_cost, colour):
 def test_phase_shift_moves_a_band_limited_image_exactly():
     grid = make_grid((1, 3), (60, 50), 1, focal=(1, 1))
     field = planes_field(grid, far=0.4, near=0.4, split=1e6, highest=0.2)  # 2.5 px for a step
-    centre, right = (reference.channels(field.views[0, k], field.gamma) for k in (1, 2))
+    centre, right = (reference.channels(field.views[0, k]) for k in (1, 2))
     inside = (slice(0, 3), slice(9, -9), slice(9, -9))
     seen = reference.phase_shift(right)(np.array([-2.5, 0]))
     np.testing.assert_allclose(seen[inside], centre[inside], atol=2e-3)

@@ -6,6 +6,7 @@ import pytest
 
 from pmcl_ros.dlv.cost import cost_volume, likelihood_volume
 from pmcl_ros.dlv.matching import Matching
+from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.bench import Bench, bench_decode, bench_dlv, plain_dlv
@@ -52,7 +53,7 @@ def test_the_plain_volume_is_nearly_the_same():
     settings = DlvSettings(interpolation='bilinear')
     depths = depth_labels(0.39, 0.71, 7)
     plain = plain_dlv.costs(*plain_dlv.channels(counts), grid, depths, settings)
-    field = LightField(Header(), counts / np.float32(255), grid, gamma=1)
+    field = LightField(Header(), (counts / np.float32(255)) ** np.float32(1 / ENCODING), grid)
     inside = (slice(None), slice(8, -8), slice(8, -8))  # it knows no borders
     exact = cost_volume(field, depths, settings)
     np.testing.assert_allclose(plain[inside], exact[inside], rtol=0.02)

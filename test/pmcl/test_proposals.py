@@ -15,6 +15,7 @@ from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.summary import rotation_distance, same_mode
+from pmcl_ros.pmcl.templates import Templates
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 REGION = Region((0, 0, 0.4), (0.1, 0.1, 0.16))
@@ -94,8 +95,9 @@ def test_any_camera_will_do(context, camera, place, seed):
 def test_normals_are_those_of_the_outline_in_the_image(context):
     ball = model_of(trimesh.creation.icosphere(3, 0.05), [0, 0, 1])
     fx, fy = 600, 300
-    proposals = Proposals(NumbaRenderer(), ball, REGION)
-    offsets, directions = proposals._turned(Pinhole(237, 213, fx, fy, 120.5, 103.0))
+    turns = 2 * np.pi * np.arange(72) / 72
+    offsets, directions = Templates.of(NumbaRenderer(), ball, 0.4).turned(
+        turns, Pinhole(237, 213, fx, fy, 120.5, 103.0))
     # The outline is an ellipse; its normal is the gradient of (x / fx)^2 + (y / fy)^2.
     size = np.linalg.norm(offsets / [fx, fy], axis=-1)
     np.testing.assert_allclose(size, 0.05 / np.sqrt(0.4 ** 2 - 0.05 ** 2), rtol=0.02)

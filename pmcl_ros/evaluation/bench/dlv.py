@@ -10,6 +10,7 @@ from pmcl_ros.dlv.cost import likelihood_of
 from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.matching import Matching
+from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings
 from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import depth_labels
@@ -162,5 +163,5 @@ def _noise() -> NDArray[np.uint8]:
 
 
 def _light_field(grid: ViewGrid, counts: NDArray[np.uint8]) -> LightField:
-    """Of pictures as displays show them: their values are encoded already."""
-    return LightField(Header(), linear_views(counts, 255), grid, gamma=1)
+    """Of pictures as displays show them: their values are encoded."""
+    return LightField(Header(), linear_views(counts, 255) ** np.float32(1 / ENCODING), grid)

@@ -1,0 +1,111 @@
+"""What a search found, summed up: Posterior -> PoseEstimate."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.gl_volume import GlVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
+from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Posterior
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.sampler import Gaussian
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, moved, same_mode
+from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.pmcl.weights import Weights
+
+_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
+
+About = Callable[[NDArray[np.float64], bool], LocalModel]
+Contour = Callable[[NDArray[np.float64]], ContourPoints]
+Volume = DepthLikelihoodVolume | GlVolume
+
+
+@dataclass(frozen=True)
+class Estimator:
+    """Makes the estimates of one object's poses in a region of interest."""
+
+    model: ObjectModel
+    region: Region
+    settings: PmclSettings
+
+    def of_posterior(self, volume: Volume, posterior: Posterior, about: About, contour: Contour,
+                     least: float, rng: np.random.Generator,
+                     share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
+                     ) -> PoseEstimate:
+        """By contours: the weightiest mode; lost where a part of its contour is missing.
+
+        about: local models. contour: what counts of a pose's. least: evidence that nothing has
+        [nat / px]. share: of a pose's contour that counts.
+        """
+        axis, symmetry, poses = self.model.axis, self.model.symmetry, posterior.poses
+        shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
+        order = np.argsort(-shares, kind='stable')
+        ours = poses[posterior.own == order[0]]
+        alike = Weights(np.zeros(len(ours)))
+        pose = self._representative(mean_pose(ours, alike, axis))
+        ours = symmetry.folded(ours, pose)
+        local = about(pose, True)
+        # What the model gets wrong adds to what the data leave open.
+        error = local.basis @ local.model_error @ local.basis.T
+        spread = covariance(ours, alike, pose, axis) + error
+        off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
+        modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
+                               float(shares[k]), posterior.modes[k].local.evidence)
+                      for k in order)
+        seen = share(pose) * share_in_view(self.model, pose, volume.pinhole)
+        support = contour_support(contour(pose), seen)
+        # No part must be missing, and the whole must rather be there than not.
+        lost = (support < self.settings.least_support
+                or local.evidence <= least * local.length)
+        return PoseEstimate(volume.header, pose, spread,
+                            symmetry.folded(moved(poses, off), pose),
+                            np.full(len(poses), -np.log(len(poses))), local.evidence,
+                            lost, self.settings.mode, modes, support)
+
+    def of_prior(self, volume: Volume, prior: Gaussian, count: int,
+                 rng: np.random.Generator) -> PoseEstimate:
+        """Lost, as nothing of the object is in view: `count` particles of the prior."""
+        normal = rng.normal(size=(count, prior.basis.shape[1]))
+        poses = moved(prior.pose, prior.deviations(normal))
+        alike = Weights(np.zeros(count))
+        spread = covariance(poses, alike, prior.pose, self.model.axis)
+        return PoseEstimate(volume.header, prior.pose, spread, poses, alike.log_normalised, 0.0,
+                            True, self.settings.mode, support=-np.inf)
+
+    def of_particles(self, volume: Volume, poses: NDArray[np.float64], weights: Weights,
+                     score: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PoseEstimate:
+        """By the paper's likelihood: the mode about the best of weighted particles (n, 4, 4).
+
+        score: the likelihoods (n,) of poses.
+        """
+        axis, symmetry = self.model.axis, self.model.symmetry
+        best = poses[int(weights.log.argmax())]
+        near = symmetry.folded(poses, best)
+        mode = same_mode(near, best, axis, _MODE_DISTANCE, _MODE_ANGLE)
+        inside = Weights(weights.log[mode])
+        pose = self._representative(mean_pose(near[mode], inside, axis))
+        spread = covariance(symmetry.folded(near[mode], pose), inside, pose, axis)
+        likelihood = float(score(pose[None])[0])
+        # The paper knows no lost object; one that no ray supports at all is.
+        return PoseEstimate(volume.header, pose, spread, symmetry.folded(poses, pose),
+                            weights.log_normalised, likelihood, lost=not likelihood > 0,
+                            mode=self.settings.mode)
+
+    def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Of the poses that discrete symmetries make of one (4, 4), the one that stands for all.
+
+        Of those with their origin in the region, if any have.
+        """
+        symmetry = self.model.symmetry
+        if len(symmetry.discrete) == 1:
+            return pose
+        alike = symmetry.alike(pose)
+        inside = self.region.contains(alike[:, :3, 3])
+        return symmetry.canonical(alike[inside] if inside.any() else alike)
