@@ -15,6 +15,7 @@ demo: $(RUN)
 
 test: $(TEST) lint
 	@tools/system.sh test
+	@tools/compile.sh
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: $(TEST)
