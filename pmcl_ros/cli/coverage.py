@@ -65,7 +65,8 @@ def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
     """Learn what the posterior rests on from captures with truth, as `pmcl scenes render` makes.
 
     Prints the contour's profile (for pmcl/contour_profile.py), how far contours lie off (for
-    pmcl/model_error.py), and from what support on an object is found (for pmcl/support.py).
+    pmcl/model_error.py), and from what support and evidence on an object is found (for
+    pmcl/support.py and pmcl/contour_profile.py).
     """
     captures = find_captures(folder)
     if creases:
@@ -89,8 +90,11 @@ def learn(folder: Path, views: int, seed: int, creases: bool) -> None:
                f'{np.sort(supports.elsewhere).round(2).tolist()}')
     click.echo(f'least support {least:.2f}, at {100 * _FALSE_ALARMS:.0f} % false alarms; '
                f'{100 * supports.missed(least):.0f} % of what is there has less')
-    deviations = [each.deviation for each in looked
-                  if each.deviation is not None and each.support >= least]
+    evidence = supports.least_evidence(_FALSE_ALARMS)
+    click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
+    click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
+    deviations = [each.deviation for each in looked if each.deviation is not None
+                  and each.support >= least and each.evidence >= evidence]
     error = fitted_error(deviations)
     levels = np.array([each.level(error.common, error.local) for each in deviations])
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')

@@ -25,13 +25,15 @@ _NEAR = 0.02, np.deg2rad(10)  # m, rad: what is farther off is not the object
 
 @dataclass(frozen=True)
 class Search:
-    """there: whether the object is in the scene. support: of the pose found (`pmcl.support`).
+    """there: whether the object is in the scene. support, evidence: of the pose found
+    (`PoseEstimate`).
 
     deviation: of that pose, where it is the object's; else None.
     """
 
     there: bool
     support: float
+    evidence: float
     deviation: Deviation | None = None
 
 
@@ -49,18 +51,23 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
             error = pose_error(estimate.pose, each.pose, each.model.axis)
             if error.translation < _NEAR[0] and error.rotation < _NEAR[1]:
                 deviation = Deviation.of(each, estimate, profile, NumbaRenderer())
-        yield Search(each.there, estimate.support, deviation)
+        yield Search(each.there, estimate.support, estimate.evidence, deviation)
         for other in before:
-            yield Search(False, found(each, other, profile, seed).support)
+            estimate = found(each, other, profile, seed)
+            yield Search(False, estimate.support, estimate.evidence)
         before = [*before, each.model][-_OTHERS:]
 
 
 @dataclass(frozen=True)
 class Supports:
-    """Of the best pose found for objects: there (n,), elsewhere (m,)."""
+    """Of the best pose found for objects: there (n,), elsewhere (m,).
+
+    evidence: (k,) of the poses found of those that are there.
+    """
 
     there: NDArray[np.float64]
     elsewhere: NDArray[np.float64]
+    evidence: NDArray[np.float64]
 
     @classmethod
     def of(cls, found: Sequence[Search]) -> 'Supports':
@@ -69,11 +76,16 @@ class Supports:
         support = np.array([each.support for each in found])
         if there.all():
             raise LocalizationError('it takes two scenes to look for an object that is not there')
-        return cls(support[there], support[~there])
+        evidence = np.array([each.evidence for each in found if each.deviation is not None])
+        return cls(support[there], support[~there], evidence)
 
     def threshold(self, false_alarms: float) -> float:
         """The least support that only this share of the objects that are elsewhere has."""
         return float(np.quantile(self.elsewhere, 1 - false_alarms))
+
+    def least_evidence(self, missed: float) -> float:
+        """What only this share of the objects found has less than."""
+        return float(np.quantile(self.evidence, missed))
 
     def missed(self, least: float) -> float:
         """Share of the objects there whose support is less."""

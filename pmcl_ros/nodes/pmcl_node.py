@@ -228,8 +228,8 @@ class PmclNode(StageNode):
         self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
         if estimate.modes:
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
-            self.health.extra |= {'support': estimate.support, 'weight': first,
-                                  'weight of the runner-up': second}
+            self.health.extra |= {'support': estimate.support, 'evidence': estimate.evidence,
+                                  'weight': first, 'weight of the runner-up': second}
         if self._settings.tracking != 'none':
             shift = np.sqrt(np.trace(estimate.covariance[:3, :3]))
             self.health.extra['standard deviation [mm]'] = f'{1e3 * shift:.1f}'

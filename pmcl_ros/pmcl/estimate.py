@@ -37,8 +37,8 @@ class PoseEstimate:
     modes: what the search compared at its end, the weightiest first; the estimate is of the first.
         A rival that was tried and found not to be supported has weight 0. Empty where the mode
         compares none.
-    support: of the weakest part of the contour [nat / px] (`support.py`); NaN where the mode looks
-        for no contour.
+    support: of the weakest part of the contour, evidence: of all of it, mean [nat / px]
+        (`support.py`); NaN where the mode looks for no contour.
     evaluations: poses that were drawn and scored to find it.
     """
 
@@ -52,6 +52,7 @@ class PoseEstimate:
     mode: str
     modes: tuple[PoseMode, ...] = ()
     support: float = math.nan
+    evidence: float = math.nan
     evaluations: int = 0
 
     @property

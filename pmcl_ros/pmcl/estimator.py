@@ -61,13 +61,13 @@ class Estimator:
                       for k in order)
         seen = share(pose) * share_in_view(self.model, pose, volume.pinhole)
         support = contour_support(contour(pose), seen)
+        evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # No part must be missing, and the whole must rather be there than not.
-        lost = (support < self.settings.least_support
-                or local.evidence <= least * local.length)
+        lost = support < self.settings.least_support or evidence < least
         return PoseEstimate(volume.header, pose, spread,
                             symmetry.folded(moved(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            lost, self.settings.mode, modes, support)
+                            lost, self.settings.mode, modes, support, evidence)
 
     def of_prior(self, volume: Volume, prior: Gaussian, count: int,
                  rng: np.random.Generator) -> PoseEstimate:
@@ -77,7 +77,7 @@ class Estimator:
         alike = Weights(np.zeros(count))
         spread = covariance(poses, alike, prior.pose, self.model.axis)
         return PoseEstimate(volume.header, prior.pose, spread, poses, alike.log_normalised, 0.0,
-                            True, self.settings.mode, support=-np.inf)
+                            True, self.settings.mode, support=-np.inf, evidence=-np.inf)
 
     def of_particles(self, volume: Volume, poses: NDArray[np.float64], weights: Weights,
                      score: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PoseEstimate:

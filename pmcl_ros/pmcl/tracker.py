@@ -22,8 +22,8 @@ from pmcl_ros.pmcl.weights import Weights
 _LOG = logging.getLogger(__name__)
 PREDICTED = 'predicted'  # an estimate's mode, beside those of `Localizer`
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are of another mode
-# Of the contour's support: captures that it is remembered of, and that say enough; its least
-# standard deviation [nat / px], and how many of these below its mean nobody believes it.
+# Of the contour's support and evidence: captures that they are remembered of, and that say enough;
+# their least standard deviation [nat / px], and how many of these below its mean nobody believes.
 _REMEMBERED, _ENOUGH = 30, 10
 _LEAST_SCATTER, _UNLIKELY = 0.5, 3.0
 
@@ -49,12 +49,13 @@ class Tracker:
         self._region = Region(settings.roi_center, settings.roi_size)
         self._state: State | None = None  # after the last capture
         self._seen = False  # in the last capture
-        self._supports: deque[float] = deque(maxlen=_REMEMBERED)  # of captures in which it was
+        # Support and evidence, in captures in which it was.
+        self._seen_with: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
 
     def reset(self) -> None:
         """Forget the track: the next capture is searched as the first."""
         self._state, self._seen = None, False
-        self._supports.clear()
+        self._seen_with.clear()
 
     def track(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
               progress: Progress | None = None, camera: NDArray[np.float64] | None = None
@@ -75,7 +76,7 @@ class Tracker:
             estimate = replace(estimate, lost=True)
         was_seen, self._seen = self._seen, not estimate.lost
         if not estimate.lost:
-            self._supports.append(estimate.support)
+            self._seen_with.append((estimate.support, estimate.evidence))
             if not was_seen:
                 _LOG.info('found in capture %d', volume.header.stamp_ns)
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
@@ -85,7 +86,7 @@ class Tracker:
                       volume.header.stamp_ns)
         self._state = expected
         if expected is None:
-            self._supports.clear()
+            self._seen_with.clear()
         return estimate if expected is None else self._predicted(estimate, expected)
 
     def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
@@ -113,10 +114,11 @@ class Tracker:
         `least_support` is for any object. One that was seen well many times, and now hardly is, is
         hidden, and what is found is something else.
         """
-        if estimate.lost or len(self._supports) < _ENOUGH:
+        if estimate.lost or len(self._seen_with) < _ENOUGH:
             return not estimate.lost
-        scatter = max(float(np.std(self._supports)), _LEAST_SCATTER)
-        return estimate.support >= float(np.mean(self._supports)) - _UNLIKELY * scatter
+        scatter = np.maximum(np.std(self._seen_with, axis=0), _LEAST_SCATTER)
+        least = np.mean(self._seen_with, axis=0) - _UNLIKELY * scatter
+        return bool(((estimate.support, estimate.evidence) >= least).all())
 
     def _expected(self, stamp_ns: int, camera: NDArray[np.float64] | None,
                   rng: np.random.Generator) -> State | None:

@@ -84,14 +84,17 @@ def test_objects_that_are_elsewhere_have_less_support():
                                       ContourProfile.learned(), 0)))
     assert (len(found.there), len(found.elsewhere)) == (2, 1)  # the first has none before it
     assert np.median(found.there) > np.median(found.elsewhere)
+    assert len(found.evidence) == 2
+    assert (found.evidence > ContourProfile.learned().least).all()
     with pytest.raises(LocalizationError):
         Supports.of([])
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():
-    found = Supports(np.linspace(0, 1, 11), np.linspace(-1, 0, 1001))
+    found = Supports(np.linspace(0, 1, 11), np.linspace(-1, 0, 1001), np.linspace(0, 1, 1001))
     least = found.threshold(0.05)
     assert (found.elsewhere > least).mean() == pytest.approx(0.05, abs=2e-3)
+    assert (found.evidence < found.least_evidence(0.05)).mean() == pytest.approx(0.05, abs=2e-3)
     assert found.missed(least) == 0
     assert found.missed(0.35) == pytest.approx(4 / 11)
 
