@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from pmcl_scenes import (
@@ -23,6 +24,7 @@ from pmcl_scenes import (
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -149,6 +151,23 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
     estimate = localized(CUP, volume, 0, SMALL)
     assert estimate.lost
     assert_valid(estimate, CUP)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_texture_everywhere_is_no_object(context, cup_volume, seed):
+    """It supports each part of some outline a little, which least_support may let pass."""
+    settings = SMALL.model_copy(update={'least_support': -5})
+    picture = np.random.default_rng(seed).normal(size=(2, CAMERA.height, CAMERA.width))
+    across, along = (cv2.GaussianBlur(each, (0, 0), 2.0) for each in picture)
+    tensor = np.stack([across ** 2, along ** 2, across * along], axis=-1)
+    tensor = np.repeat(tensor[:, :, None] / tensor.mean(), len(DEPTHS), axis=2).astype(np.float32)
+    texture = volume_with(replace(cup_volume.edges, tensor=0.5 * tensor))
+    estimate = localized(CUP, texture, seed, settings)
+    assert estimate.lost
+    assert -5 < estimate.support < estimate.evidence < ContourProfile.learned().least
+    estimate = localized(CUP, cup_volume, seed, settings)
+    assert not estimate.lost
+    assert estimate.evidence > ContourProfile.learned().least
 
 
 def test_an_object_that_is_not_there_is_lost(context):

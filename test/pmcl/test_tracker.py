@@ -125,6 +125,19 @@ def test_the_camera_s_own_motion_is_known(context):
     assert [each.mode for each in unknown] == ['default', 'default']
 
 
+def test_what_was_seen_well_and_hardly_is_any_more_is_not_believed(context):
+    pose, of = truth_of(0), settings('constant_pose')
+    with Localizer(CUP, of) as localizer:
+        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
+        for number in range(11):
+            estimate = tracker.track(volume(context, pose, number), rng)
+            for name in ('support', 'evidence'):  # three times 0.5 nat / px below is too little
+                less = {name: getattr(estimate, name) - 1.8}
+                assert tracker._believed(replace(estimate, **less)) == (number < 9)
+                less = {name: getattr(estimate, name) - 1.2}
+                assert tracker._believed(replace(estimate, **less))
+
+
 def test_a_track_ends_when_the_prediction_says_no_more_than_the_region(context, frames):
     (first, pose), empty = frames[0], frames[3][0]
     late = replace(empty, header=Header(400 * PERIOD),

@@ -11,6 +11,7 @@ from pmcl_ros.evaluation.report.localization import Localization, versions
 from pmcl_ros.evaluation.report.markup import Node, element, section, table
 from pmcl_ros.evaluation.report.posterior import coordinates
 from pmcl_ros.evaluation.report.search import NAMES
+from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.summary import credible_level
 from pmcl_ros.settings import Settings
 
@@ -85,6 +86,8 @@ def _sureness(run: Localization) -> list[Fact]:
         length = float(run.contour.lengths.sum())
         facts.append(Fact('score', 'evidence', f'{estimate.score:.0f} nat',
                           f'over {length:.0f} px of contour'))
+    facts.append(Fact('whole', 'whole contour', f'{estimate.evidence:+.2f} nat/px',
+                      f'lost below {ContourProfile.learned().least:+.2f}'))
     facts.append(Fact('support', 'weakest fifth', f'{estimate.support:+.2f} nat/px',
                       f'lost below {run.settings.least_support:+.2f}'))
     return facts

@@ -61,6 +61,7 @@ def check_texts(texts, run):
     for k, name in enumerate('xyz'):
         assert numbers(texts[name]) == pytest.approx([1e3 * estimate.pose[k, 3]], abs=0.051)
     assert numbers(texts['axis']) == pytest.approx(estimate.pose[:3, 2], abs=6e-4)
+    assert numbers(texts['whole']) == pytest.approx([estimate.evidence], abs=6e-3)
     assert numbers(texts['support']) == pytest.approx([estimate.support], abs=6e-3)
     assert numbers(texts['score']) == pytest.approx([estimate.score], abs=0.51)
     assert numbers(texts['weight']) == pytest.approx([100 * estimate.modes[0].weight], abs=0.51)
