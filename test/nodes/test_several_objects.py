@@ -54,7 +54,7 @@ def volume(files):
     tensor = np.array([0.05, 0.05, 0], np.float32)
     for pose in (LEFT, RIGHT):
         depth = NumbaRenderer().depths(Scene(model, CAMERA, window, 0.2, 0.8), pose[None])[0]
-        edges = edges_seen(depth, CAMERA, depths, 0.2 * model.radius, zoom=1, strength=2.0)
+        edges = edges_seen(depth, CAMERA, depths, 0.2 * model.radius, zoom=1, strength=3.0)
         tensor = tensor + edges.tensor
     header = Header(1_700_000_000_000_000_003)
     return volume_with(replace(edges, header=header, tensor=tensor.astype(np.float32)))
