@@ -115,10 +115,12 @@ class Soak:
         return ['| what | result |', '|---|---|', *(f'| {name} | {each} |' for name, each in rows)]
 
 
-def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool) -> Soak:
+def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
+         log: Path) -> Soak:
     """Take `captures` pictures of what is in a bag.
 
-    quick: small volumes and a search that finds little: for the graph, not for the poses.
+    log: where what the graph prints is written. quick: small volumes and a search that finds
+    little: for the graph, not for the poses.
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
     """
     result: Soak | None = None
@@ -151,6 +153,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             shared -= files_shared_without(graph.processes.values())
             result = run.result()
         result.status, result.tracebacks = graph.status, graph.log.count('Traceback')
+        log.write_text(graph.log)
         for line in graph.log.splitlines():
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
@@ -257,18 +260,18 @@ def main() -> int:
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='what the camera sees, with its truth.json and models/NAME.obj')
     parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
-                        help='folder for soak.json and soak.md')
+                        help='folder for soak.json, soak.md and graph.log')
     options = parser.parse_args()
     own_domain()
     began = time_ns()
     try:
+        options.out.mkdir(parents=True, exist_ok=True)
         result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
-                      options.quick, options.flood)
+                      options.quick, options.flood, options.out / 'graph.log')
     except PmclError as error:
         _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
         return 1
     violations = result.violations(options.flood)
-    options.out.mkdir(parents=True, exist_ok=True)
     report = [*result.markdown(), '', *(violations or ['All as it must be.'])]
     (options.out / 'soak.md').write_text('\n'.join(report) + '\n')
     (options.out / 'soak.json').write_text(json.dumps(

@@ -119,7 +119,9 @@ def test_soak(tmp_path, size, arguments):
     done = subprocess.run(
         with_shared_memory(size, *program) if alone else [sys.executable, '-m', *program],
         cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
+    log = tmp_path / 'graph.log'
+    assert done.returncode == 0, (done.stdout + done.stderr
+                                  + (log.read_text() if log.exists() else ''))
     found = json.loads((tmp_path / 'soak.json').read_text())
     dropped = sum(found['dropped'].values())
     assert found['captures'] == 8 == found['poses'] + found['lost'] + dropped
