@@ -26,8 +26,8 @@ from pmcl_ros.lightfield.light_field import LightField
 _PLAIN_LABELS = 3  # that the plain form is run on: each takes it a third of a second
 
 
-def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
-    """The volume of 7x7 views of 328x328, 75 labels, uint8 views to float32 likelihood.
+def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> Bench:
+    """The volume of 7x7 views of side x side, 75 labels, uint8 views to float32 likelihood.
 
     Stages: `views`, from uint8 to a checked LightField; `planes`, what is matched (smoothed
     colours and gradients); then by numba `sweep`, from planes to likelihood, or by gl `upload`,
@@ -39,7 +39,7 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
     """
     settings = DlvSettings(near=0.39, far=0.71, back_end=wanted)
     depths = depth_labels(settings.near, settings.far, settings.labels)
-    grid, counts = _grid(), _noise()
+    grid, counts = _grid(side), _noise(side)
     speeds = [(multiply_adds(), copied_bytes())]
     light_field = _light_field(grid, counts)
     task = Matching.of(light_field, depths, settings)
@@ -61,8 +61,8 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba') -> Bench:
     # The greatest speed counts: a busy machine makes the ratio too large rather than too small.
     speeds.append((multiply_adds(), copied_bytes()))
     ms['bound'] = 1e3 * max(least_work(task, settings) / np.max(speeds, axis=0))
-    geometry = (f'{settings.views}x{settings.views} views of 328x328, uint8, {settings.labels} '
-                f'labels, {settings.near} to {settings.far} m, F01 at 0.55 m, by {chosen}')
+    geometry = (f'{settings.views}x{settings.views} views of {side}x{side}, uint8, '
+                f'{settings.labels} labels, {settings.near} to {settings.far} m, F01 at 0.55 m, by {chosen}')
     return Bench(geometry, ms, ms['plain'] / ms['total'],
                  ratio_to_bound=ms['total'] / ms['bound'])
 
@@ -153,13 +153,14 @@ def least_work(task: Matching, settings: DlvSettings) -> NDArray[np.float64]:
                      * len(task.wanted.columns)], float)
 
 
-def _grid() -> ViewGrid:
-    return ViewGrid(Pinhole(328, 328, 945, 945, 163.5, 163.5), 0.00074, nominal_positions(7, 7),
-                    np.ones((7, 7), np.float32))
+def _grid(side: int) -> ViewGrid:
+    middle = (side - 1) / 2
+    return ViewGrid(Pinhole(side, side, 945, 945, middle, middle), 0.00074,
+                    nominal_positions(7, 7), np.ones((7, 7), np.float32))
 
 
-def _noise() -> NDArray[np.uint8]:
-    return np.random.default_rng(0).integers(0, 256, (7, 7, 328, 328, 3), np.uint8)
+def _noise(side: int) -> NDArray[np.uint8]:
+    return np.random.default_rng(0).integers(0, 256, (7, 7, side, side, 3), np.uint8)
 
 
 def _light_field(grid: ViewGrid, counts: NDArray[np.uint8]) -> LightField:
