@@ -138,6 +138,19 @@ class Localizer:
         with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
             return exact.points(pose)
 
+    def evidence(self, volume: Volume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4), nat: by contours and creases, as the mode default judges them.
+
+        Raises as `localize` does.
+        """
+        self._renderer.use()
+        edges, profile = self._edges(volume)
+        creases = None if volume.edges is None else self._creases
+        window = self._region.window(volume.pinhole, self._model.radius)
+        with self._renderer.contour_score(self._scene(volume, window), edges, profile,
+                                          creases) as exact:
+            return exact(poses)
+
     def _edges(self, volume: Volume) -> tuple[EdgeVolume, ContourProfile]:
         """Where contours are looked for, and what edge energies there say."""
         if volume.edges is not None:

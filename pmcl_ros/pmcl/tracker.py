@@ -22,6 +22,9 @@ from pmcl_ros.pmcl.weights import Weights
 _LOG = logging.getLogger(__name__)
 PREDICTED = 'predicted'  # an estimate's mode, beside those of `Localizer`
 _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are of another mode
+# nat: so much less likely beforehand is any one pose in a region than one where the object is
+# expected (20 cm and all orientations against a step of 1 cm and 0.06 rad).
+_BEFOREHAND = 15.0
 # Of the contour's support and evidence: captures that they are remembered of, and that say enough;
 # their least standard deviation [nat / px], and how many of these below its mean nobody believes.
 _REMEMBERED, _ENOUGH = 30, 10
@@ -35,7 +38,8 @@ class Tracker:
     it; the new posterior is that prior times the evidence. Where that finds nothing the whole
     region is searched, as a capture by itself is. So a capture takes no longer than both. Where
     that finds nothing either the object is lost: then the prediction goes on, ever wider, until it
-    says less than the region does, and the whole region is searched first.
+    says less than the region does, and the whole region is searched first. So it is now and then
+    while the object is followed, too: something that looks like it may be followed instead.
 
     localizer: of the same model and settings; whoever made it closes it.
     """
@@ -43,12 +47,14 @@ class Tracker:
     def __init__(self, localizer: Localizer, model: ObjectModel, settings: TrackingSettings
                  ) -> None:
         self._localizer, self._axis, self._settings = localizer, model.axis, settings
+        self._symmetry = model.symmetry
         self._action = None if settings.tracking == 'none' else ActionModel(
             settings.tracking, settings.track_sigma_translation, settings.track_sigma_rotation,
             settings.track_period)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._state: State | None = None  # after the last capture
         self._seen = False  # in the last capture
+        self._followed = 0  # captures since the whole region was last searched
         # Support and evidence, in captures in which it was.
         self._seen_with: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
 
@@ -93,6 +99,7 @@ class Tracker:
                 rng: np.random.Generator, progress: Progress | None) -> PoseEstimate:
         """What the likelier way finds, or else the other, if there is one."""
         def search() -> PoseEstimate:
+            self._followed = 0
             return self._localizer.localize(volume, rng, progress)
 
         if expected is None:
@@ -100,13 +107,34 @@ class Tracker:
         settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
 
         def follow() -> PoseEstimate:
+            self._followed += 1
             return self._localizer.follow(volume, prior, rng, settings.track_particles,
                                           settings.track_candidates)
 
         # A prediction of long ago is wide: it holds other things that look like the object.
         first, second = (follow, search) if self._seen else (search, follow)
         estimate = first()
-        return estimate if self._believed(estimate) else second()
+        if not self._believed(estimate):
+            return second()
+        if 0 < settings.track_check <= self._followed:
+            return self._likelier(volume, estimate, search())
+        return estimate
+
+    def _likelier(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
+                  found: PoseEstimate) -> PoseEstimate:
+        """What was followed, unless the region holds what there is far more evidence of."""
+        poses = np.stack([followed.pose, self._symmetry.folded(found.pose[None],
+                                                               followed.pose)[0]])
+        if found.lost or same_mode(poses[1:], poses[0], self._axis, _MODE_DISTANCE,
+                                   _MODE_ANGLE).all():
+            return followed
+        here, there = self._localizer.evidence(volume, poses)
+        if there < here + _BEFOREHAND:
+            return followed
+        _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '
+                     'where it is, %.0f where the object is', volume.header.stamp_ns, here, there)
+        self.reset()
+        return found
 
     def _believed(self, estimate: PoseEstimate) -> bool:
         """Whether the object is there, as well supported as it has been.

@@ -37,9 +37,9 @@ def truth_of(number):
     return pose
 
 
-def volume(context, pose, number, hidden=False):
+def volume(context, pose, number, hidden=False, strength=2.0):
     depth = depth_of(context, CUP, pose, CAMERA, 2)
-    edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=2.0)
+    edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=strength)
     tensor = (0.0 if hidden else 1.0) * edges.tensor + np.array([0.05, 0.05, 0], np.float32)
     return volume_with(replace(edges, header=Header(number * PERIOD),
                                tensor=tensor.astype(np.float32)))
@@ -136,6 +136,30 @@ def test_what_was_seen_well_and_hardly_is_any_more_is_not_believed(context):
                 assert tracker._believed(replace(estimate, **less)) == (number < 9)
                 less = {name: getattr(estimate, name) - 1.2}
                 assert tracker._believed(replace(estimate, **less))
+
+
+@pytest.mark.parametrize(('check', 'strength', 'moves_to_the_other'), [
+    (3, 2.0, True), (0, 2.0, False), (3, 0.7, False)])
+def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
+        context, check, strength, moves_to_the_other):
+    other = START.copy()
+    other[:3, 3] += 0.09, -0.03, 0.04
+    alone = [volume(context, START, number, strength=1.5) for number in range(2)]
+    second = [volume(context, other, number, strength=strength) for number in range(2, 8)]
+    both = [replace(each, edges=replace(each.edges, tensor=np.maximum(
+        each.edges.tensor, alone[0].edges.tensor))) for each in second]
+    frames = [(each, START) for each in (*alone, *both)]
+    estimates = tracked(frames, settings('constant_pose', track_check=check))
+    # The fourth is the third that is followed; then it goes on from where the object is.
+    there = [pose_error(each.pose, other, CUP.axis).translation < 0.005 for each in estimates]
+    assert there == [False] * 3 + [moves_to_the_other] * 5
+    followed = ['default'] + ['followed'] * 7
+    if moves_to_the_other:
+        followed[3] = 'default'
+    assert [each.mode for each in estimates] == followed
+    for each in estimates[:3] if moves_to_the_other else estimates:
+        assert pose_error(each.pose, START, CUP.axis).translation < 0.005
+    assert not any(each.lost for each in estimates)
 
 
 def test_a_track_ends_when_the_prediction_says_no_more_than_the_region(context, frames):

@@ -62,7 +62,8 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     speeds.append((multiply_adds(), copied_bytes()))
     ms['bound'] = 1e3 * max(least_work(task, settings) / np.max(speeds, axis=0))
     geometry = (f'{settings.views}x{settings.views} views of {side}x{side}, uint8, '
-                f'{settings.labels} labels, {settings.near} to {settings.far} m, F01 at 0.55 m, by {chosen}')
+                f'{settings.labels} labels, {settings.near} to {settings.far} m, F01 at 0.55 m, '
+                f'by {chosen}')
     return Bench(geometry, ms, ms['plain'] / ms['total'],
                  ratio_to_bound=ms['total'] / ms['bound'])
 
