@@ -48,7 +48,7 @@ def read_layers(likelihood: NDArray[np.float32], depths: NDArray[np.float64], co
     height, width, labels = likelihood.shape
     found = np.empty((height, width, count, 3), np.float32)
     with LOCK:
-        _read(np.ascontiguousarray(likelihood, np.float32), prominence, found)
+        _read(np.ascontiguousarray(likelihood, np.float32), float(prominence), found)
     inverse = 1 / np.asarray(depths, float)
     place = found[..., 0].astype(float)
     metres = 1 / (inverse[0] + place * (inverse[-1] - inverse[0]) / (labels - 1))

@@ -89,9 +89,11 @@ def sum_lenslets(counts: NDArray[np.uint16], black: float, lenslets: Lenslets,
     slots = np.full((2 * half + 1, 2 * half + 1), -1)
     slots[views[:, 0], views[:, 1]] = np.arange(len(views))
     pairs = np.ascontiguousarray(counts).view(np.uint32)
+    factors = factors.reshape(-1)
+    factors.flags.writeable = False  # as some are: what differs in this is compiled twice
     with LOCK:
         _sum(pairs, np.float32(black), lenslets.centres, np.float32(lenslets.radius), slots,
-             factors.reshape(-1), np.float32(scale), out.reshape(-1))
+             factors, np.float32(scale), out.reshape(-1))
 
 
 @compiled(parallel=True)

@@ -43,6 +43,7 @@ from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
+FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
@@ -227,10 +228,10 @@ class Localizer:
                                     candidates).run(prior, rng)
             if posterior is None:
                 return replace(self._estimator.of_prior(volume, prior, particles, rng),
-                               mode='followed')
+                               mode=FOLLOWED)
             estimate = self._estimator.of_posterior(
                 volume, posterior, search.about, exact.points, profile.least, rng)
-            return replace(estimate, mode='followed', evaluations=exact.evaluations)
+            return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations)
 
     def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
         """What the object shows of itself at each of poses (4, 4), by the mode default.

@@ -11,7 +11,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.action import ActionModel, State
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer, Progress
+from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer, Progress
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
@@ -26,9 +26,11 @@ _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are o
 # expected (20 cm and all orientations against a step of 1 cm and 0.06 rad).
 _BEFOREHAND = 15.0
 # Of the contour's support and evidence: captures that they are remembered of, and that say enough;
-# their least standard deviation [nat / px], and how many of these below its mean nobody believes.
+# how many standard deviations below its mean is unlikely, and what these are at least [nat / px]:
+# to believe that the object is hidden, and merely to doubt that it is what was followed.
 _REMEMBERED, _ENOUGH = 30, 10
-_LEAST_SCATTER, _UNLIKELY = 0.5, 3.0
+_UNLIKELY, _HIDDEN, _DOUBTED = 3.0, 0.5, 0.2
+_PAUSE = 3  # captures between two searches of the whole region for mere doubt
 
 
 class Tracker:
@@ -39,7 +41,8 @@ class Tracker:
     region is searched, as a capture by itself is. So a capture takes no longer than both. Where
     that finds nothing either the object is lost: then the prediction goes on, ever wider, until it
     says less than the region does, and the whole region is searched first. So it is now and then
-    while the object is followed, too: something that looks like it may be followed instead.
+    while the object is followed, too: ever more rarely, as something that looks like it may have
+    been taken for it when it was found, and when it has less evidence than it usually has.
 
     localizer: of the same model and settings; whoever made it closes it.
     """
@@ -55,6 +58,7 @@ class Tracker:
         self._state: State | None = None  # after the last capture
         self._seen = False  # in the last capture
         self._followed = 0  # captures since the whole region was last searched
+        self._confirmed = 0  # how often that was in vain since the object was found
         # Support and evidence, in captures in which it was.
         self._seen_with: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
 
@@ -82,6 +86,8 @@ class Tracker:
             estimate = replace(estimate, lost=True)
         was_seen, self._seen = self._seen, not estimate.lost
         if not estimate.lost:
+            if estimate.mode != FOLLOWED:
+                self._confirmed = 0
             self._seen_with.append((estimate.support, estimate.evidence))
             if not was_seen:
                 _LOG.info('found in capture %d', volume.header.stamp_ns)
@@ -116,7 +122,9 @@ class Tracker:
         estimate = first()
         if not self._believed(estimate):
             return second()
-        if 0 < settings.track_check <= self._followed:
+        if settings.track_check and (
+                self._followed >= settings.track_check * 2 ** min(self._confirmed, 20)
+                or (self._followed >= _PAUSE and not self._usual(estimate, _DOUBTED)[1])):
             return self._likelier(volume, estimate, search())
         return estimate
 
@@ -125,15 +133,14 @@ class Tracker:
         """What was followed, unless the region holds what there is far more evidence of."""
         poses = np.stack([followed.pose, self._symmetry.folded(found.pose[None],
                                                                followed.pose)[0]])
-        if found.lost or same_mode(poses[1:], poses[0], self._axis, _MODE_DISTANCE,
-                                   _MODE_ANGLE).all():
-            return followed
+        same = same_mode(poses[1:], poses[0], self._axis, _MODE_DISTANCE, _MODE_ANGLE).all()
         here, there = self._localizer.evidence(volume, poses)
-        if there < here + _BEFOREHAND:
+        if found.lost or same or there < here + _BEFOREHAND:
+            self._confirmed += 1
             return followed
         _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '
                      'where it is, %.0f where the object is', volume.header.stamp_ns, here, there)
-        self.reset()
+        self._state, self._seen = None, False  # how well it is seen is still known
         return found
 
     def _believed(self, estimate: PoseEstimate) -> bool:
@@ -142,11 +149,18 @@ class Tracker:
         `least_support` is for any object. One that was seen well many times, and now hardly is, is
         hidden, and what is found is something else.
         """
-        if estimate.lost or len(self._seen_with) < _ENOUGH:
-            return not estimate.lost
-        scatter = np.maximum(np.std(self._seen_with, axis=0), _LEAST_SCATTER)
-        least = np.mean(self._seen_with, axis=0) - _UNLIKELY * scatter
-        return bool(((estimate.support, estimate.evidence) >= least).all())
+        return not estimate.lost and bool(self._usual(estimate, _HIDDEN).all())
+
+    def _usual(self, estimate: PoseEstimate, least: float) -> NDArray[np.bool_]:
+        """(2,) whether support and evidence are not unlikely, by what they have been.
+
+        least: of their standard deviations [nat / px].
+        """
+        if len(self._seen_with) < _ENOUGH:
+            return np.ones(2, bool)
+        scatter = np.maximum(np.std(self._seen_with, axis=0), least)
+        return np.array([estimate.support, estimate.evidence] >= (
+            np.mean(self._seen_with, axis=0) - _UNLIKELY * scatter))
 
     def _expected(self, stamp_ns: int, camera: NDArray[np.float64] | None,
                   rng: np.random.Generator) -> State | None:

@@ -30,8 +30,9 @@ class TrackingSettings(PmclSettings):
         256, ge=16, le=100_000, description='tracking: poses drawn around the predicted one, by '
         'which each capture is first looked at')
     track_check: int = Field(
-        20, ge=0, le=100_000, description='tracking: in every so many captures that are followed '
-        'the whole region is searched as well, lest something else is followed; 0: never')
+        10, ge=0, le=100_000, description='tracking: after so many captures that were followed '
+        'the whole region is searched as well, lest something else was taken for the object; '
+        'then after twice as many, and so on, and when it has less evidence than usual; 0: never')
     track_camera: Literal['auto', 'topic', 'tf'] = Field(
         'auto', description='tracking camera: where the pose of the camera is from: topic, '
         'PoseStamped of the optical frame on camera_pose; tf, /tf; auto, tf where tf2_ros is '

@@ -138,6 +138,21 @@ def test_what_was_seen_well_and_hardly_is_any_more_is_not_believed(context):
                 assert tracker._believed(replace(estimate, **less))
 
 
+def test_what_has_less_evidence_than_usual_is_looked_for_elsewhere(context):
+    other = START.copy()
+    other[:3, 3] += 0.09, -0.03, 0.04
+    frames = [(volume(context, START, number, strength=3.0), START) for number in range(12)]
+    weaker = volume(context, START, 12, strength=2.0)
+    there = volume(context, other, 12, strength=3.0)
+    both = replace(weaker, edges=replace(weaker.edges, tensor=np.maximum(
+        weaker.edges.tensor, there.edges.tensor)))
+    for check, truth in ((10_000, other), (0, START)):  # long before it is due; never
+        found = tracked([*frames, (both, truth)], settings('constant_pose', track_check=check))
+        assert [each.mode for each in found[1:-1]] == ['followed'] * 11
+        assert found[-1].mode == ('default' if check else 'followed')
+        assert pose_error(found[-1].pose, truth, CUP.axis).translation < 0.005
+
+
 @pytest.mark.parametrize(('check', 'strength', 'moves_to_the_other'), [
     (3, 2.0, True), (0, 2.0, False), (3, 0.7, False)])
 def test_what_has_far_more_evidence_elsewhere_is_followed_instead(

@@ -1,5 +1,6 @@
 """What played sequences say: a table, and errors over frames as a picture."""
 
+from collections.abc import Callable
 from collections.abc import Sequence as Many
 
 import numpy as np
@@ -47,6 +48,7 @@ def row(name: str, frames: Many[Played]) -> dict[str, str]:
         'single [ms]': _median(single, 'seconds', 1e3),
         'times as fast': _ratio(single, [each.tracked for each in seen], 'seconds'),
         'by CPU time': _ratio(single, [each.tracked for each in seen], 'cpu'),
+        'on average': _ratio(single, [each.tracked for each in seen], 'seconds', np.mean),
         'slowest [ms]': _largest([each.tracked for each in frames]),
         'edges [ms]': f'{1e3 * np.median([each.volume_seconds for each in frames]):.0f}'}
 
@@ -94,10 +96,11 @@ def _median(outcomes: Many[Outcome], name: str, unit: float) -> str:
     return f'{unit * float(np.median([getattr(each, name) for each in outcomes])):.1f}'
 
 
-def _ratio(slow: Many[Outcome], fast: Many[Outcome], name: str) -> str:
+def _ratio(slow: Many[Outcome], fast: Many[Outcome], name: str,
+           typical: Callable[[list[float]], np.floating] = np.median) -> str:
     if not slow or not fast:
         return ''
-    first, last = (float(np.median([getattr(each, name) for each in outcomes]))
+    first, last = (float(typical([getattr(each, name) for each in outcomes]))
                    for outcomes in (slow, fast))
     return f'{first / last:.1f}'
 
