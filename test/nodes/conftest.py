@@ -1,20 +1,46 @@
 """The user that talks to nodes, and captures at every stage of the chain."""
 
 import json
+import os
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
+import rclpy
 from harness import ROOT, User
+from rclpy.context import Context
+from rclpy.node import Node
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.nodes.shared_memory import VARIABLE
 
+
+def _talk_as_processes_do():
+    """Let participants of this process talk by sockets and shared memory, as if of several.
+
+    Between the user and nodes in the tests' own process Fast DDS 2.14 would call each other's
+    readers and writers. While they find each other two threads may so wait for each other's
+    locks, for ever: a node is never found, or a participant never ends.
+    """
+    given = os.environ.get(VARIABLE)
+    # Read once, by the first participant; not for the processes that tests start.
+    os.environ[VARIABLE] = str(ROOT / 'test' / 'nodes' / 'fastdds.xml')
+    context = Context()
+    rclpy.init(context=context)
+    Node('first', context=context).destroy_node()
+    rclpy.shutdown(context=context)
+    del os.environ[VARIABLE]
+    if given is not None:
+        os.environ[VARIABLE] = given
+
+
+_talk_as_processes_do()
 CAMERA = ROOT / 'config' / 'cameras'
 
 
