@@ -135,7 +135,7 @@ class Tracker:
                                                                followed.pose)[0]])
         same = same_mode(poses[1:], poses[0], self._axis, _MODE_DISTANCE, _MODE_ANGLE).all()
         here, there = self._localizer.evidence(volume, poses)
-        if found.lost or same or there < here + _BEFOREHAND:
+        if not self._believed(found) or same or there < here + _BEFOREHAND:
             self._confirmed += 1
             return followed
         _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '

@@ -1,7 +1,6 @@
 """The user that talks to nodes, and captures at every stage of the chain."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -28,16 +27,13 @@ def _talk_as_processes_do():
     readers and writers. While they find each other two threads may so wait for each other's
     locks, for ever: a node is never found, or a participant never ends.
     """
-    given = os.environ.get(VARIABLE)
-    # Read once, by the first participant; not for the processes that tests start.
-    os.environ[VARIABLE] = str(ROOT / 'test' / 'nodes' / 'fastdds.xml')
-    context = Context()
-    rclpy.init(context=context)
-    Node('first', context=context).destroy_node()
-    rclpy.shutdown(context=context)
-    del os.environ[VARIABLE]
-    if given is not None:
-        os.environ[VARIABLE] = given
+    with pytest.MonkeyPatch.context() as patch:
+        # Read once, by the first participant; not for the processes that tests start.
+        patch.setenv(VARIABLE, str(ROOT / 'test' / 'nodes' / 'fastdds.xml'))
+        context = Context()
+        rclpy.init(context=context)
+        Node('first', context=context).destroy_node()
+        rclpy.shutdown(context=context)
 
 
 _talk_as_processes_do()
