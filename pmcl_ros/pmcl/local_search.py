@@ -8,53 +8,53 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.modes import different
 from pmcl_ros.pmcl.moved_contour import MovedContour, shrunk
-from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior
+from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.rivals import rivals
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import moved, same_mode, tangent
+from pmcl_ros.pmcl.summary import moved, tangent
 
-# Of each round: image px of a pixel of its edges, how far particles move, relative to the prior's
-# spread (none: they are drawn from the prior), and how many groups of them go on.
-_ROUNDS = ((4, 0.0, 24), (4, 0.4, 16), (2, 0.2, 12), (1, 0.1, 4))
-_CONTOUR = 64  # points of a contour that are looked at
-_MODES = 2  # that are refined
-_WIDEN = 2.5  # of a mode's Gaussian, as in the search
+# Different poses that go on: by a wire to coarse contours, from there to fine ones, to the end.
+_LIKELY, _HOPEFUL, _MODES = 16, 8, 2
+_BLUR = 4  # image px of a pixel of the wire's edges
+_WIRE = 64  # points of it
+# Of the Gaussian that particles of a mode begin in: few particles cannot fill the search's 2.5.
+_WIDEN = 1.5
 _MOVES = 1  # of the sampler at each of its powers
-_ALIKE_DISTANCE, _ALIKE_ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
 
 
 @dataclass(frozen=True)
 class LocalSearch:
     """Looks for the object near where a prior expects it.
 
-    search: what knows the exact evidence, refines a pose and models its neighbourhood.
-    contour: the points of a pose's contour. particles, candidates: how many.
+    contour: the points of a pose's contour, which is looked for in `edges`. coarse, fine: where
+    poses (n, 4, 4) come to uphill, and (n,) the evidence there. posterior: what knows the exact
+    evidence, refines a pose and models its neighbourhood. particles, candidates: how many.
     """
 
-    search: ContourPosterior
     contour: Callable[[NDArray[np.float64]], ContourPoints]
     edges: EdgeVolume
-    profile: ContourProfile
+    coarse: Ascend
+    fine: Ascend
+    posterior: ContourPosterior
     particles: int
     candidates: int
 
     def run(self, prior: Gaussian, rng: np.random.Generator) -> Posterior | None:
         """The posterior: prior times evidence; None where there is nothing to be seen near it.
 
-        It takes about the same time whatever is seen: so many candidates in each of four rounds,
-        ten steps of refinement, a sampler of so many particles.
+        It takes about the same time whatever is seen: so many candidates climb so many steps, ten
+        steps of refinement, a sampler of so many particles.
         """
-        found = self._found(prior, rng)
-        if found is None:
-            return None
-        modes = self._modes(found)
+        modes = self._modes(self._found(prior, rng))
         if not modes:
             return None
-        axis = self.search.model.axis
+        axis = self.posterior.model.axis
         scale = modes[0].local.scale
         starts = [self._begun(prior, mode) for mode in modes]
-        slides = [self.search.near(mode.pose) for mode in modes]
+        slides = [self.posterior.near(mode.pose) for mode in modes]
 
         def before(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             return -0.5 * prior.square_distance(poses, axis)
@@ -67,10 +67,10 @@ class LocalSearch:
             for k, (mode, slide) in enumerate(zip(modes, slides, strict=True)):
                 own = nearest == k
                 values[own] = slide.evidence(tangent(poses[own], mode.pose, axis))
-            return np.where(self.search.inside(poses), scale * values + before(poses), -np.inf)
+            return np.where(self.posterior.inside(poses), scale * values + before(poses), -np.inf)
 
         def exact(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            return scale * self.search.exact(poses) + before(poses)
+            return scale * self.posterior.exact(poses) + before(poses)
 
         poses, values, own = sample_posterior([rough, exact], starts, axis, self.particles,
                                               _MOVES, rng, lambda _: True)
@@ -81,57 +81,44 @@ class LocalSearch:
 
         A prior that reaches beyond the region may have its share of the product there.
         """
-        both = _product(prior, mode, self.search.model.axis)
-        return both if self.search.inside(both.pose[None])[0] else replace(both, pose=mode.pose)
+        both = _product(prior, mode, self.posterior.model.axis)
+        return both if self.posterior.inside(both.pose[None])[0] else replace(both, pose=mode.pose)
 
-    def _found(self, prior: Gaussian, rng: np.random.Generator) -> NDArray[np.float64] | None:
-        """(k, 4, 4) the best poses around the prior's, best first."""
-        axis, count = self.search.model.axis, self.candidates
-        contrast = ContourProfile.contrast()
-        best = prior.pose[None]
-        wire = self._wire(prior.pose)
-        if wire is None:
-            return None
-        coarser = {scale: shrunk(self.edges, scale) for scale, _, _ in _ROUNDS}
-        for scale, step, kept in _ROUNDS:
-            normal = rng.normal(size=(count, prior.basis.shape[1]))
-            if step == 0:
-                tried = moved(prior.pose, prior.deviations(normal))
-            else:
-                wire = self._wire(best[0]) or wire
-                origins = np.repeat(best, -(-count // len(best)), axis=0)[:count]
-                tried = moved(origins, prior.deviations(step * normal))
-            tried = np.concatenate([best, tried])
-            tried = tried[self.search.inside(tried)]
-            if not len(tried):
-                return None
-            values = wire.evidence(tried, coarser[scale],
-                                   self.profile if scale == 1 else contrast)
-            values -= 0.5 * prior.square_distance(tried, axis)
-            best = tried[np.argsort(-values, kind='stable')[:kept]]
-        return best
-
-    def _wire(self, pose: NDArray[np.float64]) -> MovedContour | None:
-        points = self.contour(pose)
+    def _found(self, prior: Gaussian, rng: np.random.Generator) -> NDArray[np.float64]:
+        """(k, 4, 4) different poses uphill from where the prior expects the object, best first."""
+        points, model = self.contour(prior.pose), self.posterior.model
         if not len(points.lengths):
-            return None
-        return MovedContour.of(pose, points, self.edges.pinhole, _CONTOUR)
+            return np.zeros((0, 4, 4))
+        wire = MovedContour.of(prior.pose, points, self.edges.pinhole, _WIRE)
+        blurred, contrast = shrunk(self.edges, _BLUR), ContourProfile.contrast()
+        normal = rng.normal(size=(self.candidates, prior.basis.shape[1]))
+        poses = np.concatenate([prior.pose[None], moved(prior.pose, prior.deviations(normal))])
+        poses = poses[self.posterior.inside(poses)]
+        poses = self._best(lambda each: (each, wire.evidence(each, blurred, contrast)), poses,
+                           prior, _LIKELY)
+        poses = self._best(self.coarse, poses, prior, _HOPEFUL)
+        others = rivals(model, poses[0]) if len(poses) else poses
+        others = others[self.posterior.inside(others)]
+        poses = np.concatenate([poses, self.coarse(others)[0]])
+        return self._best(self.fine, poses, prior, _MODES)
+
+    def _best(self, stage: Ascend, poses: NDArray[np.float64], prior: Gaussian, count: int
+              ) -> NDArray[np.float64]:
+        """At most `count` different ones of where poses come to, best by evidence and prior first.
+        """
+        poses, values = stage(poses)
+        values = values - 0.5 * prior.square_distance(poses, self.posterior.model.axis)
+        poses = poses[np.argsort(-values, kind='stable')]
+        return poses[different(poses, self.posterior.model.symmetry, count)]
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
-        """The best distinct modes near poses, best first, of those in the region."""
-        axis = self.search.model.axis
-        modes: list[Mode] = []
-        for pose in poses:
-            near = [same_mode(pose[None], each.pose, axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)[0]
-                    for each in modes]
-            if not any(near) and len(modes) < _MODES:
-                modes.append(self.search.refined(pose))
-        modes = [each for each in modes if self.search.inside(each.pose[None])[0]]
+        """The different modes near poses, best first, of those in the region."""
+        modes = [self.posterior.refined(each) for each in poses]
+        modes = [each for each in modes if self.posterior.inside(each.pose[None])[0]
+                 and each.local.length > 0]
         modes.sort(key=lambda mode: -mode.local.evidence)
-        if len(modes) > 1 and same_mode(modes[1].pose[None], modes[0].pose, axis, _ALIKE_DISTANCE,
-                                        _ALIKE_ANGLE)[0]:
-            return modes[:1]
-        return modes
+        poses = np.array([mode.pose for mode in modes]).reshape(-1, 4, 4)
+        return [modes[k] for k in different(poses, self.posterior.model.symmetry, _MODES)]
 
 
 def _product(prior: Gaussian, mode: Mode, axis: NDArray[np.float64] | None) -> Gaussian:

@@ -25,7 +25,7 @@ from pmcl_ros.pmcl.local_search import LocalSearch
 from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import ContourPosterior
+from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
@@ -36,7 +36,7 @@ from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import Ascend, ContourSearch
+from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import tangent
@@ -175,27 +175,33 @@ class Localizer:
             start, scores = self._proposals.propose(edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
-        least = -(-max(window.size) // LARGEST)  # climbs are drawn by the processor
-        climbs = [Climb(self._scene(volume, window.coarser(max(scale, least))), edges, profile,
-                        self._region, step)
-                  for scale, step in zip((_COARSE, _FINE, 1), _STEPS, strict=True)]
+        climbs = self._climbs(volume, edges, profile)
         with self._renderer.contour_score(self._scene(volume, window), edges, profile,
                                           creases) as exact:
             posterior = self._posterior(exact, edges, profile, exact.points, free, exact.creases)
+            rough = self._ascent(climbs[0], free, 0)
             coarse, fine, finest = (self._ascent(each, free) for each in climbs)
             if creases is not None:  # no climb sees them
                 fine = self._judged(fine, posterior.exact)
-            sample = ContourSearch(coarse, fine, finest, posterior).run(start, rng, progress,
-                                                                        watch)
+            sample = ContourSearch(rough, coarse, fine, finest, posterior).run(start, rng,
+                                                                               progress, watch)
             estimate = self._estimator.of_posterior(
                 volume, sample, posterior.about, exact.points, profile.least, rng)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def _ascent(self, climb: Climb, free: Free | None) -> Ascend:
+    def _climbs(self, volume: Volume, edges: EdgeVolume, profile: ContourProfile) -> list[Climb]:
+        """By coarse contours, fine ones, and those of the image's own resolution."""
+        window = self._region.window(volume.pinhole, self._model.radius)
+        least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
+        return [Climb(self._scene(volume, window.coarser(max(scale, least))), edges, profile,
+                      self._region, step)
+                for scale, step in zip((_COARSE, _FINE, 1), _STEPS, strict=True)]
+
+    def _ascent(self, climb: Climb, free: Free | None = None, tries: int = _TRIES) -> Ascend:
         def ascend(poses: NDArray[np.float64]
                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            found, values = climb(poses, _TRIES, _FARTHEST, _CONVERGED)
+            found, values = climb(poses, tries, _FARTHEST, _CONVERGED)
             barred = ~self._possible(found, free)
             if barred.any():  # what ends where it cannot be has not moved
                 found[barred], values[barred] = climb(poses[barred], 0, 0, 0)
@@ -220,18 +226,24 @@ class Localizer:
         self._renderer.use()
         self._check_range(volume)
         edges, profile = self._edges(volume)
+        creases = None if volume.edges is None else self._creases
         window = self._region.window(volume.pinhole, self._model.radius)
         with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
-                                          profile) as exact:
-            search = self._posterior(exact, edges, profile, exact.points)
-            posterior = LocalSearch(search, exact.points, edges, profile, particles,
+                                          profile, creases) as exact:
+            search = self._posterior(exact, edges, profile, exact.points, None, exact.creases)
+            climbs = self._climbs(volume, edges, profile)[:2]
+            coarse, fine = (self._ascent(each) for each in climbs)
+            if creases is not None:  # no climb sees them
+                fine = self._judged(fine, search.exact)
+            posterior = LocalSearch(exact.points, edges, coarse, fine, search, particles,
                                     candidates).run(prior, rng)
             if posterior is None:
                 return replace(self._estimator.of_prior(volume, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.of_posterior(
                 volume, posterior, search.about, exact.points, profile.least, rng)
-            return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations)
+            return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
+                each.evaluations for each in climbs))
 
     def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
         """What the object shows of itself at each of poses (4, 4), by the mode default.

@@ -17,6 +17,7 @@ from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import tangent
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+Ascend = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 Progress = Callable[[float], bool]
 
 _REFINEMENTS = 10

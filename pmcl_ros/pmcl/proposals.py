@@ -6,7 +6,6 @@ size: so a template of each orientation is rendered once, scaled to each depth, 
 of the contour evidence by plain additions.
 """
 
-import math
 from dataclasses import dataclass
 
 import cv2
@@ -26,8 +25,13 @@ from pmcl_ros.pmcl.symmetry import Symmetry
 from pmcl_ros.pmcl.templates import DIRECTIONS, POINTS, Templates
 
 _CELL = 4  # image px: the step of places
-_BLUR = 3.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
-_ROUGH, _HOPEFUL = 2, 0.25  # every how many-th is tried first, and what share goes on with all
+_BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
+# Of the energy outside a contour, against that on it: about as the learned profile has it.
+_OUTSIDE = 0.5
+# Cells: of so many in a square the best place is kept of each template, lest all of them are taken
+# for the strongest edges of the surroundings.
+_SQUARE = 8
+_TRIED = 12  # poses that are looked at for each that is kept: those alike are but one
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
@@ -37,14 +41,15 @@ _ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
 
 @dataclass(frozen=True)
 class _Places:
-    """The best place of each template and turn at one depth [m].
+    """Places at one depth [m] where templates fit best, in no order.
 
-    scores: (n * turns,). pixels: (n * turns, 2) where the origin is seen.
+    scores: (n,). pixels: (n, 2) where the origin is seen. templates: (n,) turned ones.
     """
 
     depth: float
     scores: NDArray[np.float64]
     pixels: NDArray[np.float64]
+    templates: NDArray[np.int64]
 
 
 class Proposals:
@@ -69,16 +74,16 @@ class Proposals:
         """
         pinhole = edges.pinhole
         offsets, directions = self._templates.turned(self._turns, pinhole)
-        places = [self._at_depth(edges, depth, offsets, directions)
+        places = [self._at_depth(edges, depth, offsets, directions, _TRIED * count)
                   for depth in self._region.depths(_DEPTH_STEP)]
         seen = [each for each in places if each is not None]
         if not seen:
             raise self._region.out_of_view(pinhole)
         scores = np.concatenate([each.scores for each in seen])
-        best = np.argsort(-scores, kind='stable')[:40 * count]
-        level, template = np.divmod(best, len(offsets))
+        best = np.argsort(-scores, kind='stable')[:_TRIED * count]
         pixels = np.concatenate([each.pixels for each in seen])[best]
-        depths = np.array([each.depth for each in seen])[level]
+        depths = np.concatenate([np.full(len(each.scores), each.depth) for each in seen])[best]
+        template = np.concatenate([each.templates for each in seen])[best]
         side, turn = np.divmod(template, len(self._turns))
         poses = _poses(pinhole, pixels, depths, self._templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
@@ -86,8 +91,8 @@ class Proposals:
         return poses[kept], scores[best[kept]]
 
     def _at_depth(self, edges: EdgeVolume, depth: float, offsets: NDArray[np.float32],
-                  directions: NDArray[np.uint8]) -> _Places | None:
-        """The best places at a depth; None where the object is out of view in all of them."""
+                  directions: NDArray[np.uint8], count: int) -> _Places | None:
+        """The best `count` places at a depth; None where the object is out of view in all."""
         pinhole = edges.pinhole
         scale = self._templates.depth / depth
         cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
@@ -107,25 +112,22 @@ class Proposals:
         after = (max(0, reach + rows[-1] + 1 - height), max(0, reach + columns[-1] + 1 - width))
         maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
         where = rows[0] + before[0], columns[0] + before[1], len(rows), len(columns)
-        scores, place = np.zeros(len(cells)), np.zeros(len(cells), np.int64)
         with LOCK:
-            # Few points tell which templates are worth trying with all.
-            rough, _ = _slide(maps, np.ascontiguousarray(cells[:, ::_ROUGH]),
-                              np.ascontiguousarray(directions[:, ::_ROUGH]), *where)
-            hopeful = np.argsort(-rough, kind='stable')[:math.ceil(_HOPEFUL * len(cells))]
-            scores[hopeful], place[hopeful] = _slide(maps, cells[hopeful], directions[hopeful],
-                                                     *where)
+            sums, place = _slide(maps, cells, directions, *where, _SQUARE)
         focal = np.sqrt(pinhole.fx * pinhole.fy)
         lengths = np.repeat(self._templates.lengths, len(self._turns)) * focal * scale
+        scores = (sums * (lengths[:, None] / _UNIT / POINTS)).ravel()
+        best = np.argpartition(-scores, min(count, len(scores)) - 1)[:count]
+        place = place.ravel()[best]
         row, column = np.divmod(place, len(columns))
         pixels = np.stack([columns[column], rows[row]], axis=-1) * _CELL + (_CELL - 1) / 2
-        return _Places(depth, scores / _UNIT * lengths / POINTS, pixels)
+        return _Places(depth, scores[best], pixels, best // sums.shape[1])
 
 
 def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
     """(directions, rows, columns) of cells, in units of 1 / 255.
 
-    Edge energy on a contour of each normal there, less that outside it.
+    Edge energy on a contour of each normal there, less half of that outside it.
     """
     inverse = 1 / edges.depths
     label = np.clip((1 / depth - inverse[0]) / (inverse[1] - inverse[0]), 0, len(inverse) - 1)
@@ -148,13 +150,14 @@ def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
             move = np.array([[1, 0, -step * nx], [0, 1, -step * ny]])
             outside += cv2.warpAffine(energy, move, (width, height),
                                       borderMode=cv2.BORDER_REPLICATE) / 3
-        maps[k] = np.rint(_UNIT * (np.minimum(energy, 2) - np.minimum(outside, 2)))
+        maps[k] = np.rint(_UNIT * (np.minimum(energy, 2) - _OUTSIDE * np.minimum(outside, 2)))
     return maps
 
 
 @compiled(parallel=True)
-def _slide(maps, offsets, directions, row, column, rows, columns):  # type: ignore[no-untyped-def]
-    """Each template's best sum over all places, and which place (row-major) that is.
+def _slide(maps, offsets, directions,  # type: ignore[no-untyped-def]
+           row, column, rows, columns, side):
+    """Each template's best sum over each square of places, and which place (row-major) that is.
 
     Whole rows of the maps are added, one after the other, with what lies between the places: long
     loops without branches.
@@ -163,8 +166,10 @@ def _slide(maps, offsets, directions, row, column, rows, columns):  # type: igno
     width = maps.shape[2]
     lines = maps.reshape(len(maps), -1)
     length = (rows - 1) * width + columns
-    best = np.zeros(count, np.int16)
-    place = np.zeros(count, np.int64)
+    across = -(-columns // side)
+    squares = across * -(-rows // side)
+    best = np.zeros((count, squares), np.int16)
+    place = np.zeros((count, squares), np.int32)
     for n in prange(count):
         starts = (row + offsets[n, :, 1]) * width + column + offsets[n, :, 0]
         total = np.zeros(length, np.int16)
@@ -175,20 +180,15 @@ def _slide(maps, offsets, directions, row, column, rows, columns):  # type: igno
             d = lines[directions[n, p + 3], starts[p + 3]:starts[p + 3] + length]
             for i in range(length):
                 total[i] += a[i] + b[i] + c[i] + d[i]
-        best[n] = total[0]
-        for r in range(rows):
-            most = best[n]
-            for i in range(r * width, r * width + columns):
-                most = max(most, total[i])
-            if most > best[n]:
-                best[n] = most
-                place[n] = r
-        # Now the row is known, the first column that reaches the sum.
-        first = place[n] * width
-        for i in range(columns):
-            if total[first + i] == best[n]:
-                place[n] = place[n] * columns + i
-                break
+        for k in range(squares):
+            top, left = k // across * side, k % across * side
+            best[n, k] = total[top * width + left]
+            place[n, k] = top * columns + left
+            for r in range(top, min(top + side, rows)):
+                for c in range(left, min(left + side, columns)):
+                    if total[r * width + c] > best[n, k]:
+                        best[n, k] = total[r * width + c]
+                        place[n, k] = r * columns + c
     return best, place
 
 

@@ -1,34 +1,33 @@
 """The default mode's search: proposals climb, by coarse contours, then by fine ones."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
-from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Progress
+from pmcl_ros.pmcl.modes import different
+from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior, Progress
 from pmcl_ros.pmcl.rivals import rivals
-from pmcl_ros.pmcl.summary import moved, same_mode
+from pmcl_ros.pmcl.summary import moved
 
-_HOPEFUL, _LEFT, _MODES = 24, 4, 3  # poses that go on to fine contours, from there, to the end
+# Poses that go on to climb, to fine contours, from there, to the end.
+_LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3
 _CHALLENGED = 2  # of the best poses, whose rivals are tried
 # About each of the poses left others begin again: so many; the contour moves so far to each, a
 # direction of the pose's freedom [image px, rms]; no farther than this [m, rad].
 _AROUND, _ASIDE, _WIDEST = 12, 3.0, np.array([0.03, 0.03, 0.03, 0.4, 0.4, 0.4])
-_ALIKE_DISTANCE, _ALIKE_ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
-
-Ascend = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-
 
 @dataclass(frozen=True)
 class ContourSearch:
     """Looks for the poses that contour evidence supports.
 
-    coarse, fine, finest: where poses (n, 4, 4) come to uphill, and (n,) the evidence there, -inf
-    where they cannot be; finest: at the image's own resolution. posterior: what is to be found.
+    rough: what poses (n, 4, 4) are worth where they are, by the coarse contours. coarse, fine,
+    finest: where they come to uphill, and (n,) the evidence there, -inf where they cannot be;
+    finest: at the image's own resolution. posterior: what is to be found.
     """
 
+    rough: Ascend
     coarse: Ascend
     fine: Ascend
     finest: Ascend
@@ -44,6 +43,8 @@ class ContourSearch:
         stages = _Stages(progress)
         found = start
         if stages.go_on(0):
+            values = self.rough(found)[1]
+            found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
             found = self._climbed(self.coarse, found, _HOPEFUL, 'coarse', watch)
         if stages.go_on(0.3):
             found = self._climbed(self.fine, found, _LEFT, 'fine', watch)
@@ -69,7 +70,7 @@ class ContourSearch:
         if watch is not None:
             watch(Generation(stage, poses, values))
         poses = poses[np.argsort(-values, kind='stable')]
-        return poses[self._different(poses, count)]
+        return poses[different(poses, self.posterior.model.symmetry, count)]
 
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
@@ -87,19 +88,8 @@ class ContourSearch:
         """The different modes near poses (n, 4, 4), best first."""
         modes = sorted((self.posterior.refined(each) for each in self.finest(poses)[0]),
                        key=lambda mode: -mode.local.evidence)
-        return [modes[k] for k in self._different(np.stack([mode.pose for mode in modes]))]
-
-    def _different(self, poses: NDArray[np.float64], count: int = _MODES) -> list[int]:
-        """Which of poses (n, 4, 4), best first, are not of the mode of an earlier one."""
-        model = self.posterior.model
-        kept: list[int] = []
-        for k, pose in enumerate(poses):
-            earlier = model.symmetry.folded(poses[kept], pose)
-            if not same_mode(earlier, pose, model.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE).any():
-                kept.append(k)
-            if len(kept) == count:
-                break
-        return kept
+        return [modes[k] for k in different(np.stack([mode.pose for mode in modes]),
+                                            self.posterior.model.symmetry, _MODES)]
 
 
 class _Stages:

@@ -31,7 +31,7 @@ class PmclSettings(Settings):
         0, ge=0, le=2 ** 31 - 1,
         description='of the random numbers: the same seed gives the same pose')
     proposals: int = Field(
-        200, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
+        600, ge=1, le=1000, description='default mode: poses kept from the scan of the region')
     particles: int = Field(192, ge=2, le=100_000, description='default mode: particles')
     moves: int = Field(
         3, ge=1, le=1000,

@@ -27,7 +27,7 @@ class TrackingSettings(PmclSettings):
         'between two captures [s]')
     track_particles: int = Field(64, ge=16, le=10_000, description='tracking: particles')
     track_candidates: int = Field(
-        256, ge=16, le=100_000, description='tracking: poses drawn around the predicted one, by '
+        1024, ge=16, le=100_000, description='tracking: poses drawn around the predicted one, by '
         'which each capture is first looked at')
     track_check: int = Field(
         10, ge=0, le=100_000, description='tracking: after so many captures that were followed '

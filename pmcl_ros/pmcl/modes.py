@@ -1,0 +1,27 @@
+"""When two poses are of one mode of the posterior."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.pmcl.summary import same_mode
+from pmcl_ros.pmcl.symmetry import Symmetry
+
+_DISTANCE, _ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
+
+
+def alike(poses: NDArray[np.float64], pose: NDArray[np.float64], symmetry: Symmetry
+          ) -> NDArray[np.bool_]:
+    """(n,) which of poses (n, 4, 4) are of the mode of `pose` (4, 4)."""
+    return same_mode(symmetry.folded(poses, pose), pose, symmetry.axis, _DISTANCE, _ANGLE)
+
+
+def different(poses: NDArray[np.float64], symmetry: Symmetry, count: int) -> list[int]:
+    """Which of poses (n, 4, 4), best first, are not of an earlier one's mode: `count` at most.
+    """
+    kept: list[int] = []
+    for k, pose in enumerate(poses):
+        if not alike(poses[kept], pose, symmetry).any():
+            kept.append(k)
+        if len(kept) == count:
+            break
+    return kept

@@ -1,0 +1,43 @@
+"""Which poses are of one mode, and which of many stand for the modes among them."""
+
+import numpy as np
+from pmcl_scenes import random_poses
+
+from pmcl_ros.pmcl.modes import alike, different
+from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.symmetry import Symmetry
+
+NONE = Symmetry(None, np.eye(4)[None])
+ROUND = Symmetry(np.array([0, 0, 1.0]), np.eye(4)[None])
+UPSIDE_DOWN = np.diag([1.0, -1, -1, 1])
+TURNED = Symmetry(None, np.stack([np.eye(4), UPSIDE_DOWN]))
+
+
+def around(pose, count, distance, angle, rng):
+    """Poses off by less than these, in any direction."""
+    off = rng.normal(size=(count, 2, 3))
+    off *= rng.random((count, 2, 1)) / np.linalg.norm(off, axis=2, keepdims=True)
+    return moved(pose, np.concatenate([distance * off[:, 0], angle * off[:, 1]], axis=1))
+
+
+def test_of_each_mode_the_best_is_kept():
+    rng = np.random.default_rng(0)
+    poses = random_poses(6, 0)
+    poses[:, 0, 3] = 0.1 * np.arange(6)
+    members = np.concatenate([around(pose, 5, 0.004, 0.05, rng) for pose in poses])
+    # In an order in which the first of mode k is at place k.
+    order = np.concatenate([np.arange(0, 30, 5), rng.permutation(np.delete(np.arange(30), slice(
+        0, None, 5)))])
+    assert different(members[order], NONE, 30) == list(range(6))
+    assert different(members[order], NONE, 4) == list(range(4))
+    assert different(members[:0], NONE, 4) == []
+
+
+def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
+    pose = random_poses(1, 3)[0]
+    spun = pose.copy()
+    spun[:3, :3] = pose[:3, :3] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
+    others = np.stack([pose, spun, pose @ UPSIDE_DOWN])
+    assert alike(others, pose, NONE).tolist() == [True, False, False]
+    assert alike(others, pose, ROUND).tolist() == [True, True, False]
+    assert alike(others, pose, TURNED).tolist() == [True, False, True]
