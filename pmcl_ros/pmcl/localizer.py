@@ -190,13 +190,14 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def _climbs(self, volume: Volume, edges: EdgeVolume, profile: ContourProfile) -> list[Climb]:
-        """By coarse contours, fine ones, and those of the image's own resolution."""
+    def _climbs(self, volume: Volume, edges: EdgeVolume, profile: ContourProfile, count: int = 3
+                ) -> list[Climb]:
+        """The first of: by coarse contours, by fine ones, at the image's own resolution."""
         window = self._region.window(volume.pinhole, self._model.radius)
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
         return [Climb(self._scene(volume, window.coarser(max(scale, least))), edges, profile,
                       self._region, step)
-                for scale, step in zip((_COARSE, _FINE, 1), _STEPS, strict=True)]
+                for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
 
     def _ascent(self, climb: Climb, free: Free | None = None, tries: int = _TRIES) -> Ascend:
         def ascend(poses: NDArray[np.float64]
@@ -231,7 +232,7 @@ class Localizer:
         with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
                                           profile, creases) as exact:
             search = self._posterior(exact, edges, profile, exact.points, None, exact.creases)
-            climbs = self._climbs(volume, edges, profile)[:2]
+            climbs = self._climbs(volume, edges, profile, 2)
             coarse, fine = (self._ascent(each) for each in climbs)
             if creases is not None:  # no climb sees them
                 fine = self._judged(fine, search.exact)

@@ -18,6 +18,7 @@ _CHALLENGED = 2  # of the best poses, whose rivals are tried
 # direction of the pose's freedom [image px, rms]; no farther than this [m, rad].
 _AROUND, _ASIDE, _WIDEST = 12, 3.0, np.array([0.03, 0.03, 0.03, 0.4, 0.4, 0.4])
 
+
 @dataclass(frozen=True)
 class ContourSearch:
     """Looks for the poses that contour evidence supports.
