@@ -39,7 +39,8 @@ class DlvNode(StageNode):
         warm_up(settings.back_end, settings.layers)
         self.health.back_end = ('numpy' if settings.interpolation == 'phase'
                                 else choose(settings.back_end))
-        volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, conversions.volume_to_message)
+        volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, conversions.volume_to_message,
+                                each_a_capture=True)
         edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
                                conversions.edges_to_message)
         depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, conversions.depth_to_message)

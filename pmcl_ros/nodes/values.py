@@ -11,6 +11,8 @@ from pmcl_ros.conversions import Buffer, message_from
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import StageNode
 
+_ANSWER = 1.0  # s: after that who has not said that a message came did not get it
+
 
 class Stamped(Protocol):
     """A value of one capture."""
@@ -27,14 +29,18 @@ class ValuePublisher(Generic[T]):
     """Hands each value to those who take it in this process, and sends it to all others.
 
     For `set_up` of a node, whose health counts what went which way. write: makes the message, in
-    the buffer.
+    the buffer. each_a_capture: whether messages that nobody got before the next overwrote them
+    count as dropped. Those who listen count what they miss after the first that they took (see
+    `Gaps`); until one has arrived only this end can, which may find them before they find it.
     """
 
     def __init__(self, node: StageNode, kind: type, topic: str, qos: QoSProfile,
-                 write: Callable[[T, Buffer], object]) -> None:
+                 write: Callable[[T, Buffer], object], each_a_capture: bool = False) -> None:
         self._node, self._write, self._buffer = node, write, Buffer()
         self._publisher = node.publisher(kind, topic, qos)
         self._name, self._topic = topic, node.resolve_topic_name(topic)
+        self._counts, self._patience = each_a_capture, _ANSWER
+        self._sent_ns = 0  # what may not have arrived
 
     def wanted(self) -> bool:
         """Whether anybody listens, as far as is known."""
@@ -50,8 +56,20 @@ class ValuePublisher(Generic[T]):
         if self._node.hand_over.give(self._topic, value, value.header.stamp_ns, sent):
             self._node.health.count(f'{self._name} handed over')
         if sent:
+            if self._counts:
+                self._count_unheard(value.header.stamp_ns)
             self._publisher.publish(self._write(value, self._buffer))
             self._node.health.count(f'{self._name} sent')
+
+    def _count_unheard(self, next_ns: int) -> None:
+        before, self._sent_ns = self._sent_ns, next_ns
+        if before and self.arrived(Duration(seconds=self._patience)):
+            self._counts = False
+        elif before:
+            self._patience = 0.0  # once is enough: only the first answer may take long
+            alone = self._publisher.get_subscription_count() == 1  # else another may have got it
+            self._node.dropped(f'capture {before}: not everybody who listens to {self._name} got '
+                               'it before the next was published', int(alone))
 
     def _others(self) -> int:
         """Subscriptions but those of the takers, which are there for other publishers."""

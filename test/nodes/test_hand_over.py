@@ -1,5 +1,8 @@
 """Values go by reference within a process, as messages elsewhere, and each comes once."""
 
+import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -31,7 +34,8 @@ class Giver(StageNode):
     name, settings_class = 'giver', Settings
 
     def set_up(self, _):
-        self.dlv = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, cv.volume_to_message)
+        self.dlv = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, cv.volume_to_message,
+                                  each_a_capture=True)
 
     def start(self):
         pass
@@ -147,8 +151,43 @@ def test_what_is_overwritten_before_it_is_taken_is_told(user, pair, start, stamp
             assert giver.dlv.arrived(Duration(seconds=PATIENCE))
         user.wait(lambda stamps=stamps: stamps[-1] in taker.stamps, 'the last')
     assert taker.stamps == [1, 5, 6]
-    assert taker.health.dropped == 3
+    assert (giver.health.dropped, taker.health.dropped) == (0, 3)
     assert 'dropped 3 of dlv' in capfd.readouterr().err
+
+
+LISTENER = """
+import sys, rclpy
+from std_msgs.msg import Float32MultiArray
+from pmcl_ros.conversions import volume_from
+rclpy.init()
+node = rclpy.create_node('listener')
+node.create_subscription(Float32MultiArray, 'dlv', lambda message: print(
+    volume_from(message).header.stamp_ns, flush=True), 10)
+rclpy.spin(node)
+"""
+
+
+def test_what_nobody_got_is_told_by_the_publisher(user, start, stamped, capfd):
+    giver = start(Giver)
+    with subprocess.Popen([sys.executable, '-c', LISTENER], stdout=subprocess.PIPE, text=True
+                          ) as listener:
+        try:
+            user.wait(giver.dlv.wanted, 'the listener')
+            listener.send_signal(signal.SIGSTOP)
+            for stamp in (1, 2, 3):
+                giver.dlv.publish(stamped(stamp))
+            listener.send_signal(signal.SIGCONT)
+            assert listener.stdout.readline() == '3\n'
+            assert giver.dlv.arrived(Duration(seconds=PATIENCE))
+            giver.dlv.publish(stamped(4))
+            assert listener.stdout.readline() == '4\n'
+        finally:
+            listener.kill()
+    giver.dlv.publish(stamped(5))  # from here on it is those who listen that count
+    assert giver.health.dropped == 2
+    told = capfd.readouterr().err
+    assert all((f'dropped capture {stamp}: not everybody who listens to dlv' in told)
+               == (stamp < 3) for stamp in (1, 2, 3, 4))
 
 
 def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, stamped):
