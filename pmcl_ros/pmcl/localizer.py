@@ -47,7 +47,7 @@ FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
-_FINEST = 0.1  # image px: likewise where an object is followed
+_FINEST = 0.05  # image px: likewise where an object is followed; it is found as much too near
 # Of the climbs, image px: how far aside slopes are taken on coarse, fine and the finest contours,
 # how far a step goes at most, and at least. Tries: of steps.
 _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
+from scipy.stats import qmc
 
 from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.summary import moved, tangent, tangent_basis
@@ -66,7 +67,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
 
     densities: logarithms (n,) of poses (n, 4, 4), but for a constant; -inf where no pose can be.
         The last is the posterior, those before are like it and cost less to ask.
-    start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares.
+    start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares,
+        by numbers that fill a Gaussian more evenly than random ones do (Halton 1960, scrambled).
     Bridges from that mixture to the first density, and from each to the next, by powers of their
     ratio, each so large that half of the particles stay effective, with `moves` Metropolis moves
     after each (Del Moral, Doucet, Jasra 2006). So the share of the particles about a mode is its
@@ -77,8 +79,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     records: for each density, what is told the particles and their values, first and after each
         step towards it.
     """
-    own = np.arange(count) % len(start)
-    normal = rng.normal(size=(count, start[0].basis.shape[1]))
+    own = np.arange(count) * len(start) // count  # in a row: every other number is not even
+    normal = _even(count, start[0].basis.shape[1], rng)
     poses = _displaced(start, np.stack([each.pose for each in start])[own], own, normal)
 
     def mixture(each: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,6 +119,14 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
             if record is not None:
                 record(poses, values)
     return poses, values, own
+
+
+def _even(count: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(count, dimensions) standard normal numbers."""
+    engine = qmc.Halton(dimensions, seed=rng)
+    made: NDArray[np.float64] = qmc.MultivariateNormalQMC(
+        np.zeros(dimensions), engine=engine).random(count)
+    return made
 
 
 def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArray[np.int64],
