@@ -1,6 +1,5 @@
 """DepthLikelihoodVolume -> PoseEstimate."""
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -8,33 +7,27 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.edges import edges_from_likelihood
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.gl import GlContext
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene, where
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.estimator import Contour, Estimator, Volume
+from pmcl_ros.pmcl.estimator import Estimator, Volume
 from pmcl_ros.pmcl.faithful import faithful_filter
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
-from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.local_search import LocalSearch
 from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.climb import Climb
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
-from pmcl_ros.pmcl.render.raster import LARGEST
-from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -44,17 +37,10 @@ from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
 FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
-_LOG = logging.getLogger(__name__)
-_COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of the search
-_DETAIL = 0.3  # image px: what may be left out of the mesh in them
-_FINEST = 0.05  # image px: likewise where an object is followed; it is found as much too near
-# Of the climbs, image px: how far aside slopes are taken on coarse, fine and the finest contours,
-# how far a step goes at most, and at least. Tries: of steps.
-_STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
+# image px: what may be left out of the mesh of what is followed, which seems as much too near
+_FINEST = 0.05
 
 Progress = Callable[[float], bool]
-Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
@@ -134,9 +120,7 @@ class Localizer:
         Raises as `localize` does.
         """
         self._renderer.use()
-        edges, profile = self._edges(volume)
-        window = self._region.window(volume.pinhole, self._model.radius)
-        with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
+        with replace(self._evidence(volume), creases=None).score() as exact:
             return exact.points(pose)
 
     def evidence(self, volume: Volume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,77 +129,36 @@ class Localizer:
         Raises as `localize` does.
         """
         self._renderer.use()
-        edges, profile = self._edges(volume)
-        creases = None if volume.edges is None else self._creases
-        window = self._region.window(volume.pinhole, self._model.radius)
-        with self._renderer.contour_score(self._scene(volume, window), edges, profile,
-                                          creases) as exact:
+        with self._evidence(volume).score() as exact:
             return exact(poses)
 
-    def _edges(self, volume: Volume) -> tuple[EdgeVolume, ContourProfile]:
-        """Where contours are looked for, and what edge energies there say."""
-        if volume.edges is not None:
-            return volume.edges, self._profile
-        _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-        whole = volume.read() if isinstance(volume, GlVolume) else volume
-        # The tables were learned on sharp edge volumes: other edges are judged by their contrast.
-        return edges_from_likelihood(whole), ContourProfile.contrast()
+    def _evidence(self, volume: Volume) -> ContourEvidence:
+        return ContourEvidence.of(volume, self._renderer, self._model, self._settings,
+                                  self._profile, self._creases)
 
     def _by_contour(self, volume: Volume, rng: np.random.Generator,
                     progress: Progress, start: NDArray[np.float64] | None,
                     watch: Watch | None, free: Free | None) -> PoseEstimate:
-        edges, profile = self._edges(volume)
-        # Their tables were learned on sharp edge volumes, as the contour's.
-        creases = None if volume.edges is None else self._creases
-        window = self._region.window(volume.pinhole, self._model.radius)
+        evidence = replace(self._evidence(volume), free=free)
         if start is not None and not len(start):
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
         if start is None:
-            start, scores = self._proposals.propose(edges, self._settings.proposals)
+            start, scores = self._proposals.propose(evidence.edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
-        climbs = self._climbs(volume, edges, profile)
-        with self._renderer.contour_score(self._scene(volume, window), edges, profile,
-                                          creases) as exact:
-            posterior = self._posterior(exact, edges, profile, exact.points, free, exact.creases)
-            rough = self._ascent(climbs[0], free, 0)
-            coarse, fine, finest = (self._ascent(each, free) for each in climbs)
-            if creases is not None:  # no climb sees them
-                fine = self._judged(fine, posterior.exact)
-            sample = ContourSearch(rough, coarse, fine, finest, posterior).run(start, rng,
-                                                                               progress, watch)
+        climbs = evidence.climbs()
+        with evidence.score() as exact:
+            posterior = evidence.posterior(exact, exact.points, exact.creases)
+            judge = posterior.exact if evidence.creases is not None else None
+            sample = ContourSearch(
+                evidence.ascent(climbs[0], 0), evidence.ascent(climbs[0]),
+                evidence.ascent(climbs[1], judge=judge), evidence.ascent(climbs[2]),
+                posterior).run(start, rng, progress, watch)
             estimate = self._estimator.of_posterior(
-                volume, sample, posterior.about, exact.points, profile.least, rng)
+                volume, sample, posterior.about, exact.points, evidence.profile.least, rng)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
-
-    def _climbs(self, volume: Volume, edges: EdgeVolume, profile: ContourProfile, count: int = 3
-                ) -> list[Climb]:
-        """The first of: by coarse contours, by fine ones, at the image's own resolution."""
-        window = self._region.window(volume.pinhole, self._model.radius)
-        least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
-        return [Climb(self._scene(volume, window.coarser(max(scale, least))), edges, profile,
-                      self._region, step)
-                for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
-
-    def _ascent(self, climb: Climb, free: Free | None = None, tries: int = _TRIES) -> Ascend:
-        def ascend(poses: NDArray[np.float64]
-                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            found, values = climb(poses, tries, _FARTHEST, _CONVERGED)
-            barred = ~self._possible(found, free)
-            if barred.any():  # what ends where it cannot be has not moved
-                found[barred], values[barred] = climb(poses[barred], 0, 0, 0)
-            return found, np.where(self._possible(found, free), values, -np.inf)
-        return ascend
-
-    @staticmethod
-    def _judged(ascend: Ascend, score: Score) -> Ascend:
-        def judged(poses: NDArray[np.float64]
-                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            found, _ = ascend(poses)
-            return found, score(found)
-        return judged
 
     def follow(self, volume: Volume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
@@ -226,23 +169,20 @@ class Localizer:
         """
         self._renderer.use()
         self._check_range(volume)
-        edges, profile = self._edges(volume)
-        creases = None if volume.edges is None else self._creases
-        window = self._region.window(volume.pinhole, self._model.radius)
-        with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
-                                          profile, creases) as exact:
-            search = self._posterior(exact, edges, profile, exact.points, None, exact.creases)
-            climbs = self._climbs(volume, edges, profile, 2)
-            coarse, fine = (self._ascent(each) for each in climbs)
-            if creases is not None:  # no climb sees them
-                fine = self._judged(fine, search.exact)
-            posterior = LocalSearch(exact.points, edges, coarse, fine, search, particles,
-                                    candidates).run(prior, rng)
+        evidence = replace(self._evidence(volume), detail=_FINEST)
+        climbs = evidence.climbs(2)
+        with evidence.score() as exact:
+            search = evidence.posterior(exact, exact.points, exact.creases)
+            judge = search.exact if evidence.creases is not None else None
+            posterior = LocalSearch(
+                exact.points, evidence.edges, evidence.ascent(climbs[0]),
+                evidence.ascent(climbs[1], judge=judge), search, particles, candidates
+            ).run(prior, rng)
             if posterior is None:
                 return replace(self._estimator.of_prior(volume, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.of_posterior(
-                volume, posterior, search.about, exact.points, profile.least, rng)
+                volume, posterior, search.about, exact.points, evidence.profile.least, rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
@@ -252,17 +192,15 @@ class Localizer:
         Raises as `localize` does.
         """
         self._renderer.use()
-        edges, profile = self._edges(volume)
+        evidence = replace(self._evidence(volume), creases=None, detail=_FINEST)
         camera = volume.pinhole
-        whole = Window(0, 0, (camera.width, camera.height))
-        depths = [self._renderer.depths(self._scene(volume, whole, _FINEST), each[None])[0]
-                  for each in poses]
-        window = self._region.window(camera, self._model.radius)
-        with self._renderer.contour_score(self._scene(volume, window, _FINEST), edges,
-                                          profile) as exact:
+        whole = scene(self._model, self._region, camera,
+                      Window(0, 0, (camera.width, camera.height)), _FINEST)
+        depths = [self._renderer.depths(whole, each[None])[0] for each in poses]
+        with evidence.score() as exact:
             points = [exact.points(each) for each in poses]
-        return [Look(pose, seen, depth, LocalModel.of(pose, self._model.axis, seen, edges, profile,
-                                                      CONTOUR_ERROR),
+        return [Look(pose, seen, depth, LocalModel.of(pose, self._model.axis, seen, evidence.edges,
+                                                      evidence.profile, CONTOUR_ERROR),
                      share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
@@ -274,18 +212,17 @@ class Localizer:
         The rest as in `localize`.
         """
         self._renderer.use()
-        edges, profile = self._edges(volume)
-        window = self._region.window(volume.pinhole, self._model.radius)
-        with self._renderer.contour_score(self._scene(volume, window), edges, profile) as exact:
+        evidence = replace(self._evidence(volume), creases=None)
+        with evidence.score() as exact:
             def contour(each: NDArray[np.float64]) -> ContourPoints:
                 points = exact.points(each)
                 return weighted(points, shown(points))
 
-            search = self._posterior(exact, edges, profile, contour)
+            search = evidence.posterior(exact, contour)
             mode = search.refined(pose)
             points = exact.points(mode.pose)
-            rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)), edges,
-                                     profile)
+            rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)),
+                                     evidence.edges, evidence.profile)
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
                 # What does not count slides along, to first order, and is taken off again.
@@ -294,7 +231,7 @@ class Localizer:
 
             posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
             estimate = self._estimator.of_posterior(
-                volume, posterior, search.about, contour, profile.least, rng,
+                volume, posterior, search.about, contour, evidence.profile.least, rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
@@ -302,50 +239,13 @@ class Localizer:
     def _by_likelihood(self, volume: Volume, rng: np.random.Generator,
                        progress: Progress, watch: Watch | None) -> PoseEstimate:
         window = self._region.window(volume.pinhole, self._model.radius)
-        with self._renderer.likelihood_score(self._scene(volume, window), volume) as score:
-            poses, scores = faithful_filter(self._in_region(score, 0.0), self._region,
-                                            self._settings, rng, progress,
-                                            recorder(watch, 'filter'))
+        drawn = scene(self._model, self._region, volume.pinhole, window)
+        with self._renderer.likelihood_score(drawn, volume) as score:
+            poses, scores = faithful_filter(
+                where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
+                self._region, self._settings, rng, progress, recorder(watch, 'filter'))
             estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)
             return replace(estimate, evaluations=score.evaluations)
-
-    def _posterior(self, score: Score, edges: EdgeVolume, profile: ContourProfile,
-                   contour: Contour, free: Free | None = None,
-                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
-                   ) -> ContourPosterior:
-        """contour, creases: what counts of a pose's."""
-        def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-            return LocalModel.of(pose, self._model.axis, contour(pose), edges, profile,
-                                 CONTOUR_ERROR if sure else None, creases(pose))
-
-        def near(pose: NDArray[np.float64]) -> SlidingContour:
-            return SlidingContour.of(pose, contour(pose), edges, profile, creases(pose))
-
-        return ContourPosterior(self._model, self._settings,
-                                self._in_region(score, -np.inf, free), about, near,
-                                lambda poses: self._possible(poses, free))
-
-    def _possible(self, poses: NDArray[np.float64], free: Free | None) -> NDArray[np.bool_]:
-        inside = self._region.contains(poses[:, :3, 3])
-        return inside if free is None else inside & free(poses)
-
-    def _in_region(self, score: Score, outside: float, free: Free | None = None) -> Score:
-        """The score of poses whose origin lies in the region of interest: the prior is uniform."""
-        def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            known = self._possible(poses, free)
-            values = np.full(len(poses), outside)
-            values[known] = score(poses[known])  # the rest need not be drawn
-            return values
-        return inside
-
-    def _scene(self, volume: Volume, window: Window, detail: float = 0.0) -> Scene:
-        """detail: what may be left out of the mesh at the image's own resolution [image px]."""
-        near, far = self._region.grown(self._model.radius)
-        model, camera = self._model, volume.pinhole
-        detail = _DETAIL if window.scale > 1 else detail
-        if detail > 0:
-            model = simplified(model, detail * near / max(camera.fx, camera.fy))
-        return Scene(model, camera, window, near, far)
 
     def _check_range(self, volume: Volume) -> None:
         far, near = volume.depths[0], volume.depths[-1]

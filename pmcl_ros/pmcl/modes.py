@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.symmetry import Symmetry
 
-_DISTANCE, _ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
+DISTANCE, ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
 
 
 def alike(poses: NDArray[np.float64], pose: NDArray[np.float64], symmetry: Symmetry
           ) -> NDArray[np.bool_]:
     """(n,) which of poses (n, 4, 4) are of the mode of `pose` (4, 4)."""
-    return same_mode(symmetry.folded(poses, pose), pose, symmetry.axis, _DISTANCE, _ANGLE)
+    return same_mode(symmetry.folded(poses, pose), pose, symmetry.axis, DISTANCE, ANGLE)
 
 
 def different(poses: NDArray[np.float64], symmetry: Symmetry, count: int) -> list[int]:

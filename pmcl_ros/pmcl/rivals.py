@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.pmcl.modes import ANGLE, DISTANCE
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.symmetry import Symmetry
-
-_ALIKE_DISTANCE, _ALIKE_ANGLE = 0.01, 0.15  # m, rad: as the search's modes
 
 
 def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -43,7 +42,7 @@ def _unlike(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.flo
     kept = [pose]
     for each in found:
         alike = symmetry.alike(each)[1:]
-        if not any(same_mode(alike, other, symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE).any()
+        if not any(same_mode(alike, other, symmetry.axis, DISTANCE, ANGLE).any()
                    for other in kept):
             kept.append(each)
     return np.array(kept[1:]).reshape(-1, 4, 4)

@@ -14,6 +14,7 @@ from pmcl_ros.errors import RenderError, VolumeError
 from pmcl_ros.header import Header
 from pmcl_ros.lightfield.geometry import ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.motion import uniform_poses
 from pmcl_ros.pmcl.region import Region
@@ -64,8 +65,8 @@ def test_scores_are_those_of_numbas_volume_to_four_digits(light_field):
             for localizer in (gl, numba):  # the latter reads a copy
                 scores = []
                 for volume in (resident, plain):
-                    scene = localizer._scene(volume, region.window(CAMERA, CUP.radius))
-                    with localizer._renderer.likelihood_score(scene, volume) as score:
+                    drawn = scene(CUP, region, CAMERA, region.window(CAMERA, CUP.radius))
+                    with localizer._renderer.likelihood_score(drawn, volume) as score:
                         scores.append(score(poses))
                         assert score.evaluations == len(poses)
                 np.testing.assert_allclose(*scores, rtol=1e-4)

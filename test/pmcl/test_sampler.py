@@ -109,3 +109,23 @@ def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
         np.testing.assert_allclose(np.cov(deviations.T) / np.outer(scale, scale),
                                    expected / np.outer(scale, scale), atol=0.3)
     assert costs[1] < 0.7 * costs[0]
+
+
+@pytest.mark.parametrize('modes', [1, 2, 3])
+def test_each_modes_particles_begin_evenly(modes):
+    places, target, size = random_poses(modes, 7), covariance_of(1), 60
+    starts = [Gaussian.of(each, target, None) for each in places]
+    means = []
+    for seed in range(12):
+        begun = []
+        sample_posterior([lambda poses: np.zeros(len(poses))], starts, None, size * modes, 1,
+                         np.random.default_rng(seed), lambda _: False,
+                         [lambda poses, _, begun=begun: begun.append(poses)])
+        for k, start in enumerate(starts):
+            # The particles of a mode follow each other.
+            off = tangent(begun[0][k * size:(k + 1) * size], start.pose, None) @ start.basis
+            normal = np.linalg.solve(start.spread, off.T)
+            means.append(normal.mean(axis=1))
+            assert np.cov(normal) == pytest.approx(np.eye(6), abs=0.6)
+    # Of random numbers it would be 1.
+    assert np.sqrt(np.mean(np.square(means)) * size) < 0.6

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.pmcl.contour_evidence import Free
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Free, Localizer
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.look import Look, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints

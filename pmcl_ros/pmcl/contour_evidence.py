@@ -1,0 +1,153 @@
+"""One volume as a place to look for an object's contours in: scores, climbs, posteriors."""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.edges import edges_from_likelihood
+from pmcl_ros.dlv.gl_volume import GlVolume
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.estimator import Contour, Volume
+from pmcl_ros.pmcl.level_of_detail import simplified
+from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Score
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
+from pmcl_ros.pmcl.render.climb import Climb
+from pmcl_ros.pmcl.render.crease_lines import CreasePoints
+from pmcl_ros.pmcl.render.raster import LARGEST
+from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.sliding_contour import SlidingContour
+
+_LOG = logging.getLogger(__name__)
+_COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of climbs
+_DETAIL = 0.3  # image px: what may be left out of the mesh in them
+# Of the climbs, image px: how far aside slopes are taken on coarse, fine and the finest contours,
+# how far a step goes at most, and at least. Tries: of steps.
+_STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
+
+Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class ContourEvidence:
+    """What an object's contours, and creases, say of its poses in one volume.
+
+    camera: of the volume. edges: where contours are looked for; profile: what their energies say.
+    creases: that count too. free: (n,) which of poses (n, 4, 4) are possible, beside being in the
+    region. detail: what may be left out of the mesh at the image's own resolution [image px].
+    """
+
+    renderer: Renderer
+    model: ObjectModel
+    settings: PmclSettings
+    region: Region
+    camera: Pinhole
+    edges: EdgeVolume
+    profile: ContourProfile
+    creases: Creases | None
+    free: Free | None = None
+    detail: float = 0.0
+
+    @classmethod
+    def of(cls, volume: Volume, renderer: Renderer, model: ObjectModel, settings: PmclSettings,
+           profile: ContourProfile, creases: Creases | None) -> 'ContourEvidence':
+        """In a volume's edges, or those of its likelihood.
+
+        Tables were learned on sharp edge volumes: other edges are judged by their contrast.
+        """
+        edges = volume.edges
+        if edges is None:
+            _LOG.info('no edge volume was given: contours are looked for in the likelihood')
+            whole = volume.read() if isinstance(volume, GlVolume) else volume
+            edges = edges_from_likelihood(whole)
+            profile, creases = ContourProfile.contrast(), None
+        region = Region(settings.roi_center, settings.roi_size)
+        return cls(renderer, model, settings, region, volume.pinhole, edges, profile, creases)
+
+    @property
+    def window(self) -> Window:
+        """The part of the image that the object can cover."""
+        return self.region.window(self.camera, self.model.radius)
+
+    def score(self) -> ContourScore:
+        """The evidence of poses at the image's own resolution; to be closed."""
+        return self.renderer.contour_score(self._scene(self.window), self.edges, self.profile,
+                                           self.creases)
+
+    def climbs(self, count: int = 3) -> list[Climb]:
+        """The first of: by coarse contours, by fine ones, at the image's own resolution."""
+        window = self.window
+        least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
+        return [Climb(self._scene(window.coarser(max(scale, least))), self.edges, self.profile,
+                      self.region, step)
+                for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
+
+    def ascent(self, climb: Climb, tries: int = _TRIES, judge: Score | None = None) -> Ascend:
+        """Where poses come to by a climb, and what they are worth there.
+
+        judge: by this; by default by the climb, which sees no creases.
+        """
+        def ascend(poses: NDArray[np.float64]
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            found, values = climb(poses, tries, _FARTHEST, _CONVERGED)
+            barred = ~self.possible(found)
+            if barred.any():  # what ends where it cannot be has not moved
+                found[barred], values[barred] = climb(poses[barred], 0, 0, 0)
+            if judge is not None:
+                return found, judge(found)
+            return found, np.where(self.possible(found), values, -np.inf)
+        return ascend
+
+    def posterior(self, score: Score, contour: Contour,
+                  creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
+                  ) -> ContourPosterior:
+        """By a score of poses; contour, creases: what counts of a pose's."""
+        edges, profile = self.edges, self.profile
+
+        def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+            return LocalModel.of(pose, self.model.axis, contour(pose), edges, profile,
+                                 CONTOUR_ERROR if sure else None, creases(pose))
+
+        def near(pose: NDArray[np.float64]) -> SlidingContour:
+            return SlidingContour.of(pose, contour(pose), edges, profile, creases(pose))
+
+        return ContourPosterior(self.model, self.settings, where(self.possible, score, -np.inf),
+                                about, near, self.possible)
+
+    def possible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of poses (n, 4, 4) can be: the prior is uniform on them."""
+        inside = self.region.contains(poses[:, :3, 3])
+        return inside if self.free is None else inside & self.free(poses)
+
+    def _scene(self, window: Window) -> Scene:
+        return scene(self.model, self.region, self.camera, window,
+                     _DETAIL if window.scale > 1 else self.detail)
+
+
+def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
+          detail: float = 0.0) -> Scene:
+    """An object anywhere in a region; detail: what may be left out of its mesh [image px]."""
+    near, far = region.grown(model.radius)
+    if detail > 0:
+        model = simplified(model, detail * near / max(camera.fx, camera.fy))
+    return Scene(model, camera, window, near, far)
+
+
+def where(possible: Free, score: Score, outside: float) -> Score:
+    """The score of possible poses; the rest have `outside`, and need not be drawn."""
+    def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        known = possible(poses)
+        values = np.full(len(poses), outside)
+        values[known] = score(poses[known])
+        return values
+    return inside
