@@ -46,6 +46,7 @@ def test_a_row_compares_frames_that_were_looked_at_both_ways():
     line = row('name', frames)
     assert line['error tracked [mm]'] == '3.0'  # of 1, 3 and 7
     assert line['single [mm]'] == '4.0'
+    assert line['more [mm]'] == '-1.00 ± 1.61'  # median of -3, -1 and 3, quartiles -2 and 1
     assert line['times as fast'] == '10.0'
     assert line['wrong'] == '1'
     assert line['claimed while hidden'] == '0 of 1'
