@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
@@ -217,11 +218,12 @@ def _distinct(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> lis
     kept: list[int] = []
     # Symmetries may move the origin so far: what is farther off is not alike.
     reach = _ALIKE_DISTANCE + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
+    tree = cKDTree(poses[:, :3, 3])
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
-        near = np.linalg.norm(poses[:, :3, 3] - poses[best, :3, 3], axis=1) < reach
-        near = np.flatnonzero(near & free)
+        near = np.array(tree.query_ball_point(poses[best, :3, 3], reach))
+        near = near[free[near]]
         folded = symmetry.folded(poses[near], poses[best])
         free[near] = ~same_mode(folded, poses[best], symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
         free[best] = False
