@@ -11,7 +11,8 @@ from pmcl_ros.conversions import Buffer, message_from
 from pmcl_ros.header import Header
 from pmcl_ros.nodes.base import StageNode
 
-_ANSWER = 1.0  # s: after that who has not said that a message came did not get it
+# s: after that who has not said that the first message came did not get it; likewise the next.
+_ANSWER, _AGAIN = 1.0, 0.1
 
 
 class Stamped(Protocol):
@@ -32,6 +33,7 @@ class ValuePublisher(Generic[T]):
     the buffer. each_a_capture: whether messages that nobody got before the next overwrote them
     count as dropped. Those who listen count what they miss after the first that they took (see
     `Gaps`); until one has arrived only this end can, which may find them before they find it.
+    (What arrives and is overwritten before they take their first, neither end counts.)
     """
 
     def __init__(self, node: StageNode, kind: type, topic: str, qos: QoSProfile,
@@ -39,8 +41,10 @@ class ValuePublisher(Generic[T]):
         self._node, self._write, self._buffer = node, write, Buffer()
         self._publisher = node.publisher(kind, topic, qos)
         self._name, self._topic = topic, node.resolve_topic_name(topic)
-        self._counts, self._patience = each_a_capture, _ANSWER
-        self._sent_ns = 0  # what may not have arrived
+        self._each_a_capture = each_a_capture
+        self._listeners = 0  # when they were last looked for
+        self._sent_ns = 0  # what may be the first to arrive; 0: one has
+        self._patience = _ANSWER
 
     def wanted(self) -> bool:
         """Whether anybody listens, as far as is known."""
@@ -56,20 +60,23 @@ class ValuePublisher(Generic[T]):
         if self._node.hand_over.give(self._topic, value, value.header.stamp_ns, sent):
             self._node.health.count(f'{self._name} handed over')
         if sent:
-            if self._counts:
+            if self._each_a_capture:
                 self._count_unheard(value.header.stamp_ns)
             self._publisher.publish(self._write(value, self._buffer))
             self._node.health.count(f'{self._name} sent')
 
     def _count_unheard(self, next_ns: int) -> None:
-        before, self._sent_ns = self._sent_ns, next_ns
-        if before and self.arrived(Duration(seconds=self._patience)):
-            self._counts = False
-        elif before:
-            self._patience = 0.0  # once is enough: only the first answer may take long
-            alone = self._publisher.get_subscription_count() == 1  # else another may have got it
-            self._node.dropped(f'capture {before}: not everybody who listens to {self._name} got '
-                               'it before the next was published', int(alone))
+        listeners = self._publisher.get_subscription_count()
+        if listeners > self._listeners:
+            self._sent_ns, self._patience = next_ns, _ANSWER  # nothing was sent to the new one
+        elif self._sent_ns and listeners and self.arrived(Duration(seconds=self._patience)):
+            self._sent_ns = 0  # from here on it is they who count
+        elif self._sent_ns:
+            if listeners == 1:  # else another may have got it
+                self._node.dropped(f'capture {self._sent_ns}: who listens to {self._name} did not '
+                                   'get it before the next was published')
+            self._sent_ns, self._patience = next_ns, _AGAIN
+        self._listeners = listeners
 
     def _others(self) -> int:
         """Subscriptions but those of the takers, which are there for other publishers."""

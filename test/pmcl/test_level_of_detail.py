@@ -10,8 +10,10 @@ from scipy.ndimage import distance_transform_edt
 
 from pmcl_ros.evaluation.sequences.sequence import Sequence
 from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.level_of_detail import _Faces, simplified
 from pmcl_ros.pmcl.localizer import _FINEST
+from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 
@@ -59,8 +61,9 @@ def test_what_is_followed_is_drawn_neither_smaller_nor_larger(seed):
     """At 0.6 m an outline that is too small by 1e-4 of itself puts the object 0.06 mm nearer."""
     sequence = Sequence(seed)
     camera = sequence._sensor.grid.pinhole
-    near = sequence.roi_center[2] - sequence.roi_size[2] / 2 - sequence.model.radius
-    small = simplified(sequence.model, _FINEST * near / camera.fx)
+    region = Region(sequence.roi_center, sequence.roi_size)
+    small = scene(sequence.model, region, camera, region.window(camera, sequence.model.radius),
+                  _FINEST).model
     assert len(small.faces) < 0.5 * len(sequence.model.faces)
     fine = camera.resized(4 * camera.width, 4 * camera.height)
     window = Window(0, 0, (fine.width, fine.height))
