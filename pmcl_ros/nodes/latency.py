@@ -72,6 +72,8 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
                 return localizer.localize(build_volume(light_field, dlv), random).pose
 
             result = _compare(graph, offline, captures)
+            if result['equal'] != captures:  # the nodes' own log tells why
+                sys.stderr.write(graph.log)
     if not result:
         raise GraphError('interrupted')
     return result
