@@ -33,7 +33,8 @@ class PoseEstimate:
         frame [rad^2]; a free axis of symmetry has variance pi^2 / 3.
     particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
     score: of the pose, in the units of the mode's score.
-    lost: the data support no pose.
+    lost: the data support no pose. incomplete: so only because a part of the contour is missing;
+        the whole is rather there.
     modes: what the search compared at its end, the weightiest first; the estimate is of the first.
         A rival that was tried and found not to be supported has weight 0. Empty where the mode
         compares none.
@@ -54,6 +55,7 @@ class PoseEstimate:
     support: float = math.nan
     evidence: float = math.nan
     evaluations: int = 0
+    incomplete: bool = False
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

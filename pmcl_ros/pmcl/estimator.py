@@ -63,11 +63,12 @@ class Estimator:
         support = contour_support(contour(pose), seen)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # No part must be missing, and the whole must rather be there than not.
-        lost = support < self.settings.least_support or evidence < least
+        partly, absent = support < self.settings.least_support, evidence < least
         return PoseEstimate(volume.header, pose, spread,
                             symmetry.folded(moved(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            lost, self.settings.mode, modes, support, evidence)
+                            partly or absent, self.settings.mode, modes, support, evidence,
+                            incomplete=partly and not absent)
 
     def of_prior(self, volume: Volume, prior: Gaussian, count: int,
                  rng: np.random.Generator) -> PoseEstimate:

@@ -10,6 +10,7 @@ from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.modes import different
 from pmcl_ros.pmcl.moved_contour import MovedContour, shrunk
+from pmcl_ros.pmcl.pilot import piloted
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.rivals import rivals
@@ -20,7 +21,7 @@ from pmcl_ros.pmcl.summary import moved, tangent
 _LIKELY, _HOPEFUL, _MODES = 16, 8, 2
 _BLUR = 4  # image px of a pixel of the wire's edges
 _WIRE = 64  # points of it
-# Of the Gaussian that particles of a mode begin in: few particles cannot fill the search's 2.5.
+# Of the Gaussian that pilots of a mode begin in: few particles cannot fill the search's 2.5.
 _WIDEN = 1.5
 _MOVES = 1  # of the sampler at each of its powers
 
@@ -72,7 +73,8 @@ class LocalSearch:
         def exact(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             return scale * self.posterior.exact(poses) + before(poses)
 
-        poses, values, own = sample_posterior([rough, exact], starts, axis, self.particles,
+        tilted, begun = piloted(rough, exact, starts, axis, rng)
+        poses, values, own = sample_posterior([tilted, exact], begun, axis, self.particles,
                                               _MOVES, rng, lambda _: True)
         return Posterior(tuple(modes), poses, values, own)
 

@@ -1,7 +1,6 @@
 """DepthLikelihoodVolume after DepthLikelihoodVolume -> PoseEstimate after PoseEstimate."""
 
 import logging
-from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.summary import covariance, mean_pose, same_mode
 from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+from pmcl_ros.pmcl.usual_look import UsualLook
 from pmcl_ros.pmcl.weights import Weights
 
 _LOG = logging.getLogger(__name__)
@@ -25,11 +25,9 @@ _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are o
 # nat: so much less likely beforehand is any one pose in a region than one where the object is
 # expected (20 cm and all orientations against a step of 1 cm and 0.06 rad).
 _BEFOREHAND = 15.0
-# Of the contour's support and evidence: captures that they are remembered of, and that say enough;
-# how many standard deviations below its mean is unlikely, and what these are at least [nat / px]:
-# to believe that the object is hidden, and merely to doubt that it is what was followed.
-_REMEMBERED, _ENOUGH = 30, 10
-_UNLIKELY, _HIDDEN, _DOUBTED = 3.0, 0.5, 0.2
+# nat / px: standard deviations at least of how well the object is usually seen, to believe that it
+# is hidden, and merely to doubt that it is what was followed.
+_HIDDEN, _DOUBTED = 0.5, 0.2
 _PAUSE = 3  # captures between two searches of the whole region for mere doubt
 
 
@@ -59,13 +57,12 @@ class Tracker:
         self._seen = False  # in the last capture
         self._followed = 0  # captures since the whole region was last searched
         self._confirmed = 0  # how often that was in vain since the object was found
-        # Support and evidence, in captures in which it was.
-        self._seen_with: deque[tuple[float, float]] = deque(maxlen=_REMEMBERED)
+        self._usual = UsualLook()
 
     def reset(self) -> None:
         """Forget the track: the next capture is searched as the first."""
-        self._state, self._seen = None, False
-        self._seen_with.clear()
+        self._state, self._seen, self._confirmed = None, False, 0
+        self._usual.forget()
 
     def track(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
               progress: Progress | None = None, camera: NDArray[np.float64] | None = None
@@ -82,13 +79,11 @@ class Tracker:
             return self._localizer.localize(volume, rng, progress)
         expected = self._expected(volume.header.stamp_ns, camera, rng)
         estimate = self._looked(volume, expected, rng, progress)
-        if not self._believed(estimate):
-            estimate = replace(estimate, lost=True)
         was_seen, self._seen = self._seen, not estimate.lost
         if not estimate.lost:
-            if estimate.mode != FOLLOWED:
+            if estimate.mode != FOLLOWED and not self._as_usual(estimate):
                 self._confirmed = 0
-            self._seen_with.append((estimate.support, estimate.evidence))
+            self._usual.remember(estimate)
             if not was_seen:
                 _LOG.info('found in capture %d', volume.header.stamp_ns)
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
@@ -98,7 +93,7 @@ class Tracker:
                       volume.header.stamp_ns)
         self._state = expected
         if expected is None:
-            self._seen_with.clear()
+            self._usual.forget()
         return estimate if expected is None else self._predicted(estimate, expected)
 
     def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
@@ -106,7 +101,7 @@ class Tracker:
         """What the likelier way finds, or else the other, if there is one."""
         def search() -> PoseEstimate:
             self._followed = 0
-            return self._localizer.localize(volume, rng, progress)
+            return self._judged(self._localizer.localize(volume, rng, progress))
 
         if expected is None:
             return search()
@@ -114,53 +109,72 @@ class Tracker:
 
         def follow() -> PoseEstimate:
             self._followed += 1
-            return self._localizer.follow(volume, prior, rng, settings.track_particles,
-                                          settings.track_candidates)
+            return self._judged(self._localizer.follow(
+                volume, prior, rng, settings.track_particles, settings.track_candidates))
 
         # A prediction of long ago is wide: it holds other things that look like the object.
         first, second = (follow, search) if self._seen else (search, follow)
         estimate = first()
-        if not self._believed(estimate):
-            return second()
+        if estimate.lost:
+            other = second()
+            return self._confirmed_by(other, estimate) if self._seen else other
         if settings.track_check and (
                 self._followed >= settings.track_check * 2 ** min(self._confirmed, 20)
-                or (self._followed >= _PAUSE and not self._usual(estimate, _DOUBTED)[1])):
+                or (self._followed >= _PAUSE and not self._usual.held(estimate, _DOUBTED)[1])):
             return self._likelier(volume, estimate, search())
         return estimate
 
     def _likelier(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
                   found: PoseEstimate) -> PoseEstimate:
         """What was followed, unless the region holds what there is far more evidence of."""
-        poses = np.stack([followed.pose, self._symmetry.folded(found.pose[None],
-                                                               followed.pose)[0]])
-        same = same_mode(poses[1:], poses[0], self._axis, _MODE_DISTANCE, _MODE_ANGLE).all()
+        poses = np.stack([followed.pose, found.pose])
         here, there = self._localizer.evidence(volume, poses)
-        if not self._believed(found) or same or there < here + _BEFOREHAND:
+        if found.lost or self._same(followed, found) or there < here + _BEFOREHAND:
             self._confirmed += 1
             return followed
         _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '
                      'where it is, %.0f where the object is', volume.header.stamp_ns, here, there)
-        self._state, self._seen = None, False  # how well it is seen is still known
+        # How well it is seen is still known.
+        self._state, self._seen, self._confirmed = None, False, 0
         return found
+
+    def _confirmed_by(self, found: PoseEstimate, followed: PoseEstimate) -> PoseEstimate:
+        """What was found in the whole region, or what was followed, if that is the same.
+
+        Of what is rather there, but less of its contour than of any object, the region is asked:
+        if nothing in it is more like the object, it is the object.
+        """
+        if (found.lost and found.incomplete and followed.incomplete and self._as_usual(followed)
+                and self._same(followed, found)):
+            self._confirmed += 1
+            return replace(followed, lost=False)
+        return found
+
+    def _same(self, followed: PoseEstimate, found: PoseEstimate) -> bool:
+        """Whether two estimates are of one mode."""
+        folded = self._symmetry.folded(found.pose[None], followed.pose)
+        return bool(same_mode(folded, followed.pose, self._axis, _MODE_DISTANCE,
+                              _MODE_ANGLE).all())
+
+    def _judged(self, estimate: PoseEstimate) -> PoseEstimate:
+        return replace(estimate, lost=not self._believed(estimate))
 
     def _believed(self, estimate: PoseEstimate) -> bool:
         """Whether the object is there, as well supported as it has been.
 
         `least_support` is for any object. One that was seen well many times, and now hardly is, is
-        hidden, and what is found is something else.
+        hidden, and what is found is something else. One whose contour often shows only in part is
+        believed by its own past while it is followed, once the region was searched for anything
+        likelier in vain.
         """
-        return not estimate.lost and bool(self._usual(estimate, _HIDDEN).all())
+        if estimate.incomplete:
+            return (self._seen and estimate.mode == FOLLOWED and self._confirmed > 0
+                    and self._as_usual(estimate))
+        return not estimate.lost and bool(self._usual.held(estimate, _HIDDEN).all())
 
-    def _usual(self, estimate: PoseEstimate, least: float) -> NDArray[np.bool_]:
-        """(2,) whether support and evidence are not unlikely, by what they have been.
-
-        least: of their standard deviations [nat / px].
-        """
-        if len(self._seen_with) < _ENOUGH:
-            return np.ones(2, bool)
-        scatter = np.maximum(np.std(self._seen_with, axis=0), least)
-        return np.array([estimate.support, estimate.evidence] >= (
-            np.mean(self._seen_with, axis=0) - _UNLIKELY * scatter))
+    def _as_usual(self, estimate: PoseEstimate) -> bool:
+        """Whether it is known how well the object is seen, and this is no worse."""
+        return self._usual.known and bool(self._usual.held(estimate, _DOUBTED).all())
 
     def _expected(self, stamp_ns: int, camera: NDArray[np.float64] | None,
                   rng: np.random.Generator) -> State | None:

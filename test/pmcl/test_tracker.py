@@ -233,3 +233,29 @@ def test_a_prior_that_is_out_of_view_finds_nothing(frames):
 def test_the_paper_s_filter_tracks_nothing():
     with pytest.raises(SettingsError, match='needs mode default, it is faithful'):
         TrackingSettings.make({'tracking': 'constant_pose', 'mode': 'faithful'})
+
+
+def test_what_often_shows_in_part_is_known_by_its_own_past(context):
+    # A card before it moves to and fro, at last so far that a single shot does not believe it.
+    whole = volume(context, START, 0)
+    columns = np.flatnonzero(depth_of(context, CUP, START, CAMERA, 1).any(axis=0))
+
+    def covered(part, number):
+        tensor = whole.edges.tensor.copy()
+        tensor[:, :round(columns[0] + part * np.ptp(columns))] = 0.05, 0.05, 0
+        header = Header(number * PERIOD)
+        return volume_with(replace(whole.edges, header=header, tensor=tensor)), START
+
+    parts = [0, 0.03, 0.05] * 4 + [0.25] * 3
+    of = settings('constant_pose', track_check=2)
+    slid = [covered(part, number) for number, part in enumerate(parts)]
+    estimates = tracked(slid, of)
+    assert not any(each.lost for each in estimates)
+    assert all(each.translation < 0.015 for each in errors(estimates, slid))
+    with Localizer(CUP, of) as localizer:
+        alone = localizer.localize(slid[-1][0], np.random.default_rng(0))
+    assert alone.lost
+    assert alone.incomplete
+    # All at once it is not: it is usually seen whole.
+    sudden = tracked([*(covered(0, number) for number in range(12)), slid[12]], of)
+    assert [each.lost for each in sudden] == [False] * 12 + [True]

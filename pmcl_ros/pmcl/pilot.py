@@ -1,0 +1,98 @@
+"""A sample by a cheap likeness of a density, to learn where the density itself differs from it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.pmcl.sampler import Gaussian, LogDensity, sample_posterior
+from pmcl_ros.pmcl.summary import moved, tangent
+from pmcl_ros.pmcl.weights import Weights
+
+_PILOTS = 192  # particles, by the likeness
+_ASKED = 32  # of them that are asked for the density
+_ENOUGH = 4  # particles for each dimension, to know a covariance by
+# How much of the ratio of both a slope leaves open, relative to a usual slope, squared.
+_RIDGE = 0.5
+_WIDEN = 2.0  # standard deviations of what is begun in, relative to the pilots'
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """What a density adds to its likeness about a mode, to first order [nat].
+
+    about: where it is expanded. slope: (d,) per unit of the tangent space. height: there.
+    """
+
+    about: Gaussian
+    slope: NDArray[np.float64]
+    height: float
+
+    def __call__(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
+                 ) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4)."""
+        off = tangent(poses, self.about.pose, axis) @ self.about.basis
+        return np.asarray(self.height + off @ self.slope)
+
+
+def piloted(rough: LogDensity, exact: LogDensity, starts: Sequence[Gaussian],
+            axis: NDArray[np.float64] | None, rng: np.random.Generator
+            ) -> tuple[LogDensity, list[Gaussian]]:
+    """A better likeness of `exact` than `rough`, and Gaussians to begin in.
+
+    rough: costs next to nothing. starts: a Gaussian about each mode.
+    A few particles that are far from where the density is do not come there in a few moves. So
+    it is asked at some poses that its likeness finds likely: about each mode a plane is laid
+    through what it says more, by ridge regression, and added to the likeness. The Gaussians are
+    as wide and deep as the sample is, by the tilted likeness. What is sampled in the end by
+    `exact` is the same with them: they only bring particles closer.
+    """
+    poses, values, own = sample_posterior([rough], starts, axis, _PILOTS, 1, rng, lambda _: True)
+    asked = np.linspace(0, _PILOTS - 1, _ASKED).astype(int)  # modes come after each other
+    more = np.full(_PILOTS, np.nan)
+    more[asked] = exact(poses[asked]) - values[asked]
+    more[~np.isfinite(more)] = np.nan
+    usual = float(np.nanmean(more)) if np.isfinite(more).any() else 0.0
+    tilts, begun = [], []
+    for k, start in enumerate(starts):
+        each = own == k
+        tilt, better = _learned(start, poses[each], more[each] - usual, axis)
+        tilts.append(tilt)
+        begun.append(better)
+
+    def tilted(at: NDArray[np.float64]) -> NDArray[np.float64]:
+        nearest = np.stack([each.square_distance(at, axis) for each in starts]).argmin(axis=0)
+        result = rough(at) + usual
+        for k, tilt in enumerate(tilts):
+            result[nearest == k] += tilt(at[nearest == k], axis)
+        return result
+
+    return tilted, begun
+
+
+def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float64],
+             axis: NDArray[np.float64] | None) -> tuple[Tilt, Gaussian]:
+    """Of the pilots of one mode; more: (n,) what the density says more, NaN where not asked."""
+    dimensions = start.basis.shape[1]
+    known = np.isfinite(more)
+    if len(poses) < _ENOUGH * dimensions:
+        return Tilt(start, np.zeros(dimensions), more[known].mean() if known.any() else 0), start
+    off = tangent(poses, start.pose, axis) @ start.basis
+    centre = off.mean(axis=0)
+    least = 1e-4 * start.spread @ start.spread.T  # where all pilots are one
+    root = np.linalg.cholesky(np.cov(off.T) + least)
+    normal = np.linalg.solve(root, (off[known] - centre).T).T
+    terms = np.concatenate([np.ones((len(normal), 1)), normal], axis=1)
+    ridge = np.diag(np.append(1e-6, np.full(dimensions, _RIDGE)))
+    height, *slopes = np.linalg.solve(terms.T @ terms + ridge, terms.T @ more[known])
+    slope = np.linalg.solve(root.T, slopes)
+    # The sample as the tilt weighs it; of what that leaves too few of, as it was.
+    weights = Weights(off @ slope)
+    mean = weights.normalised @ off
+    covariance = (off - mean).T @ ((off - mean) * weights.normalised[:, None])
+    trusted = weights.effective_size / (weights.effective_size + 2 * dimensions)
+    covariance = trusted * covariance + (1 - trusted) * np.cov(off.T) + least
+    better = Gaussian.of(moved(start.pose, (start.basis @ mean)[None])[0],
+                         start.basis @ (_WIDEN ** 2 * covariance) @ start.basis.T, axis)
+    return Tilt(start, slope, height - float(slope @ centre)), better
