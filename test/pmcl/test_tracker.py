@@ -81,6 +81,7 @@ def test_an_object_is_followed_lost_predicted_and_found_again(frames, tracks, mo
     assert modes[:5] == ['default', 'followed', 'followed', PREDICTED, PREDICTED]
     assert [each.lost for each in estimates] == [False] * 3 + [True] * 2 + [False] * 2
     assert modes[6] == 'followed'
+    assert not any(each.incomplete for each in estimates)  # it is there, or nothing is
     for number, error in enumerate(errors(estimates, frames)):
         if number not in (3, 4):
             assert error.translation < 0.005
