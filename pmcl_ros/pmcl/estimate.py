@@ -33,14 +33,14 @@ class PoseEstimate:
         frame [rad^2]; a free axis of symmetry has variance pi^2 / 3.
     particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
     score: of the pose, in the units of the mode's score.
-    lost: the data support no pose. incomplete: so only because a part of the contour is missing;
-        the whole is rather there.
+    lost: the data support no pose.
     modes: what the search compared at its end, the weightiest first; the estimate is of the first.
         A rival that was tried and found not to be supported has weight 0. Empty where the mode
         compares none.
     support: of the weakest part of the contour, evidence: of all of it, mean [nat / px]
         (`support.py`); NaN where the mode looks for no contour.
     evaluations: poses that were drawn and scored to find it.
+    incomplete: a part of the contour is missing, by the support, but the whole is rather there.
     """
 
     header: Header

@@ -21,7 +21,7 @@ from pmcl_ros.pmcl.summary import moved, tangent
 _LIKELY, _HOPEFUL, _MODES = 16, 8, 2
 _BLUR = 4  # image px of a pixel of the wire's edges
 _WIRE = 64  # points of it
-# Of the Gaussian that pilots of a mode begin in: few particles cannot fill the search's 2.5.
+# Of the Gaussian that pilots of a mode begin in: they are too few to fill the search's 2.5.
 _WIDEN = 1.5
 _MOVES = 1  # of the sampler at each of its powers
 

@@ -13,8 +13,9 @@ from pmcl_ros.pmcl.weights import Weights
 _PILOTS = 192  # particles, by the likeness
 _ASKED = 32  # of them that are asked for the density
 _ENOUGH = 4  # particles for each dimension, to know a covariance by
-# How much of the ratio of both a slope leaves open, relative to a usual slope, squared.
+# How much of what the density says more a plane leaves open, relative to a usual slope; squared.
 _RIDGE = 0.5
+_DOUBT = 3.0  # answers that a height of its own outweighs, where there are too few for a plane
 _WIDEN = 2.0  # standard deviations of what is begun in, relative to the pilots'
 
 
@@ -48,27 +49,27 @@ def piloted(rough: LogDensity, exact: LogDensity, starts: Sequence[Gaussian],
     as wide and deep as the sample is, by the tilted likeness. What is sampled in the end by
     `exact` is the same with them: they only bring particles closer.
     """
-    poses, values, own = sample_posterior([rough], starts, axis, _PILOTS, 1, rng, lambda _: True)
+    def nearest(at: NDArray[np.float64]) -> NDArray[np.int64]:
+        off = np.stack([each.square_distance(at, axis) for each in starts])
+        return np.asarray(off.argmin(axis=0))
+
+    poses, values, _ = sample_posterior([rough], starts, axis, _PILOTS, 1, rng, lambda _: True)
     asked = np.linspace(0, _PILOTS - 1, _ASKED).astype(int)  # modes come after each other
     more = np.full(_PILOTS, np.nan)
     more[asked] = exact(poses[asked]) - values[asked]
     more[~np.isfinite(more)] = np.nan
     usual = float(np.nanmean(more)) if np.isfinite(more).any() else 0.0
-    tilts, begun = [], []
-    for k, start in enumerate(starts):
-        each = own == k
-        tilt, better = _learned(start, poses[each], more[each] - usual, axis)
-        tilts.append(tilt)
-        begun.append(better)
+    of = nearest(poses)
+    learned = [_learned(start, poses[of == k], more[of == k] - usual, axis)
+               for k, start in enumerate(starts)]
 
     def tilted(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        nearest = np.stack([each.square_distance(at, axis) for each in starts]).argmin(axis=0)
-        result = rough(at) + usual
-        for k, tilt in enumerate(tilts):
-            result[nearest == k] += tilt(at[nearest == k], axis)
+        result, of = rough(at) + usual, nearest(at)
+        for k, (tilt, _) in enumerate(learned):
+            result[of == k] += tilt(at[of == k], axis)
         return result
 
-    return tilted, begun
+    return tilted, [begun for _, begun in learned]
 
 
 def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float64],
@@ -77,22 +78,23 @@ def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float
     dimensions = start.basis.shape[1]
     known = np.isfinite(more)
     if len(poses) < _ENOUGH * dimensions:
-        return Tilt(start, np.zeros(dimensions), more[known].mean() if known.any() else 0), start
+        height = float(more[known].sum() / (known.sum() + _DOUBT))
+        return Tilt(start, np.zeros(dimensions), height), start
     off = tangent(poses, start.pose, axis) @ start.basis
     centre = off.mean(axis=0)
     least = 1e-4 * start.spread @ start.spread.T  # where all pilots are one
     root = np.linalg.cholesky(np.cov(off.T) + least)
     normal = np.linalg.solve(root, (off[known] - centre).T).T
     terms = np.concatenate([np.ones((len(normal), 1)), normal], axis=1)
-    ridge = np.diag(np.append(1e-6, np.full(dimensions, _RIDGE)))
+    ridge = _RIDGE * np.eye(dimensions + 1)
     height, *slopes = np.linalg.solve(terms.T @ terms + ridge, terms.T @ more[known])
     slope = np.linalg.solve(root.T, slopes)
-    # The sample as the tilt weighs it; of what that leaves too few of, as it was.
+    # The sample as the tilt weighs it; as it was, the fewer that leaves.
     weights = Weights(off @ slope)
-    mean = weights.normalised @ off
-    covariance = (off - mean).T @ ((off - mean) * weights.normalised[:, None])
     trusted = weights.effective_size / (weights.effective_size + 2 * dimensions)
-    covariance = trusted * covariance + (1 - trusted) * np.cov(off.T) + least
+    share = trusted * weights.normalised + (1 - trusted) / len(off)
+    mean = share @ off
+    covariance = (off - mean).T @ ((off - mean) * share[:, None]) + least
     better = Gaussian.of(moved(start.pose, (start.basis @ mean)[None])[0],
                          start.basis @ (_WIDEN ** 2 * covariance) @ start.basis.T, axis)
     return Tilt(start, slope, height - float(slope @ centre)), better

@@ -14,7 +14,7 @@ from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer, Progress
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.summary import covariance, mean_pose, same_mode
+from pmcl_ros.pmcl.summary import covariance, credible_level, mean_pose, same_mode
 from pmcl_ros.pmcl.tracking_settings import TrackingSettings
 from pmcl_ros.pmcl.usual_look import UsualLook
 from pmcl_ros.pmcl.weights import Weights
@@ -29,6 +29,8 @@ _BEFOREHAND = 15.0
 # is hidden, and merely to doubt that it is what was followed.
 _HIDDEN, _DOUBTED = 0.5, 0.2
 _PAUSE = 3  # captures between two searches of the whole region for mere doubt
+_LICENCE = 30  # captures after such a search in which an incomplete contour is believed
+_FORESEEN = 0.99  # of the prediction: what is outside is somewhere else
 
 
 class Tracker:
@@ -78,12 +80,17 @@ class Tracker:
         if self._action is None:
             return self._localizer.localize(volume, rng, progress)
         expected = self._expected(volume.header.stamp_ns, camera, rng)
+        if expected is None:  # what is found begins a track
+            self._confirmed = 0
+            self._usual.forget()
         estimate = self._looked(volume, expected, rng, progress)
         was_seen, self._seen = self._seen, not estimate.lost
         if not estimate.lost:
-            if estimate.mode != FOLLOWED and not self._as_usual(estimate):
+            again = not was_seen or estimate.mode != FOLLOWED
+            if again and not (self._as_usual(estimate) and self._foreseen(estimate, expected)):
                 self._confirmed = 0
-            self._usual.remember(estimate)
+            if not estimate.incomplete:  # else less and less would be usual
+                self._usual.remember(estimate)
             if not was_seen:
                 _LOG.info('found in capture %d', volume.header.stamp_ns)
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
@@ -92,8 +99,6 @@ class Tracker:
             _LOG.info('lost in capture %d: the whole region is searched until it is found',
                       volume.header.stamp_ns)
         self._state = expected
-        if expected is None:
-            self._usual.forget()
         return estimate if expected is None else self._predicted(estimate, expected)
 
     def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
@@ -116,8 +121,7 @@ class Tracker:
         first, second = (follow, search) if self._seen else (search, follow)
         estimate = first()
         if estimate.lost:
-            other = second()
-            return self._confirmed_by(other, estimate) if self._seen else other
+            return self._confirmed_by(estimate, second(), expected)
         if settings.track_check and (
                 self._followed >= settings.track_check * 2 ** min(self._confirmed, 20)
                 or (self._followed >= _PAUSE and not self._usual.held(estimate, _DOUBTED)[1])):
@@ -127,28 +131,39 @@ class Tracker:
     def _likelier(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
                   found: PoseEstimate) -> PoseEstimate:
         """What was followed, unless the region holds what there is far more evidence of."""
-        poses = np.stack([followed.pose, found.pose])
-        here, there = self._localizer.evidence(volume, poses)
-        if found.lost or self._same(followed, found) or there < here + _BEFOREHAND:
+        here, there = self._localizer.evidence(volume, np.stack([followed.pose, found.pose]))
+        # Of what is incomplete itself no more is asked.
+        good = not found.lost or (followed.incomplete and found.incomplete
+                                  and self._as_usual(found))
+        if not good or self._same(followed, found) or there < here + _BEFOREHAND:
             self._confirmed += 1
             return followed
         _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '
                      'where it is, %.0f where the object is', volume.header.stamp_ns, here, there)
         # How well it is seen is still known.
         self._state, self._seen, self._confirmed = None, False, 0
-        return found
+        return replace(found, lost=False)
 
-    def _confirmed_by(self, found: PoseEstimate, followed: PoseEstimate) -> PoseEstimate:
-        """What was found in the whole region, or what was followed, if that is the same.
+    def _confirmed_by(self, one: PoseEstimate, other: PoseEstimate, expected: State
+                      ) -> PoseEstimate:
+        """The other of what was followed and found in the whole region, or what both agree on.
 
         Of what is rather there, but less of its contour than of any object, the region is asked:
-        if nothing in it is more like the object, it is the object.
+        if nothing in it is more like the object than what is where it was foreseen, it is that.
         """
-        if (found.lost and found.incomplete and followed.incomplete and self._as_usual(followed)
-                and self._same(followed, found)):
+        if (one.incomplete and other.incomplete and other.lost and self._as_usual(one)
+                and self._same(one, other) and self._foreseen(other, expected)):
             self._confirmed += 1
-            return replace(followed, lost=False)
-        return found
+            return replace(one if one.mode == FOLLOWED else other, lost=False)
+        return other
+
+    def _foreseen(self, estimate: PoseEstimate, expected: State | None) -> bool:
+        """Whether it is where it was expected."""
+        if expected is None:
+            return False
+        mean, spread = self._about(expected)
+        pose = self._symmetry.folded(estimate.pose[None], mean)[0]
+        return credible_level(pose, mean, spread, self._axis) <= _FORESEEN
 
     def _same(self, followed: PoseEstimate, found: PoseEstimate) -> bool:
         """Whether two estimates are of one mode."""
@@ -164,12 +179,12 @@ class Tracker:
 
         `least_support` is for any object. One that was seen well many times, and now hardly is, is
         hidden, and what is found is something else. One whose contour often shows only in part is
-        believed by its own past while it is followed, once the region was searched for anything
-        likelier in vain.
+        believed by its own past while it is followed, if the region was searched for anything
+        likelier not long ago, in vain.
         """
         if estimate.incomplete:
             return (self._seen and estimate.mode == FOLLOWED and self._confirmed > 0
-                    and self._as_usual(estimate))
+                    and self._followed <= _LICENCE and self._as_usual(estimate))
         return not estimate.lost and bool(self._usual.held(estimate, _HIDDEN).all())
 
     def _as_usual(self, estimate: PoseEstimate) -> bool:
@@ -212,7 +227,8 @@ class Tracker:
         pose, spread = self._about(expected)
         count = len(expected.poses)
         return replace(estimate, pose=pose, covariance=spread, particles=expected.poses,
-                       log_weights=np.full(count, -np.log(count)), mode=PREDICTED)
+                       log_weights=np.full(count, -np.log(count)), mode=PREDICTED,
+                       incomplete=False)
 
     def _about(self, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean pose (4, 4) and covariance (6, 6) of a state."""

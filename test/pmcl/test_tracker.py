@@ -252,6 +252,7 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context):
     slid = [covered(part, number) for number, part in enumerate(parts)]
     estimates = tracked(slid, of)
     assert not any(each.lost for each in estimates)
+    assert all(each.incomplete for each in estimates[-3:])
     assert all(each.translation < 0.015 for each in errors(estimates, slid))
     with Localizer(CUP, of) as localizer:
         alone = localizer.localize(slid[-1][0], np.random.default_rng(0))
