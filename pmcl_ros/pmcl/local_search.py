@@ -23,6 +23,7 @@ _BLUR = 4  # image px of a pixel of the wire's edges
 _WIRE = 64  # points of it
 # Of the Gaussian that pilots of a mode begin in: they are too few to fill the search's 2.5.
 _WIDEN = 1.5
+_NEGLIGIBLE = 10.0  # nat: so much less mass than the best mode's
 _MOVES = 1  # of the sampler at each of its powers
 
 
@@ -54,24 +55,32 @@ class LocalSearch:
             return None
         axis = self.posterior.model.axis
         scale = modes[0].local.scale
-        starts = [self._begun(prior, mode) for mode in modes]
-        slides = [self.posterior.near(mode.pose) for mode in modes]
 
         def before(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             return -0.5 * prior.square_distance(poses, axis)
 
+        def exact(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+            return scale * self.posterior.exact(poses) + before(poses)
+
+        starts = [self._begun(prior, mode) for mode in modes]
+        # Faint modes are wide: the best one's neighbourhood would count as theirs, where their
+        # slid contour is wrong.
+        peaks = scale * self.posterior.exact(np.stack([mode.pose for mode in modes]))
+        masses = peaks + [_share(prior, mode, start, axis)
+                          for mode, start in zip(modes, starts, strict=True)]
+        kept = np.flatnonzero(masses >= masses.max() - _NEGLIGIBLE)
+        modes, starts = [modes[k] for k in kept], [starts[k] for k in kept]
+        scale = modes[0].local.scale
+        slides = [self.posterior.near(mode.pose) for mode in modes]
+
         def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            """By the slid contour of the nearest mode."""
-            off = np.stack([each.square_distance(poses, axis) for each in starts])
-            nearest = off.argmin(axis=0)
+            """By the slid contour of the mode that is likeliest to be about there."""
+            nearest = np.stack([each.log_density(poses, axis) for each in starts]).argmax(axis=0)
             values = np.zeros(len(poses))
             for k, (mode, slide) in enumerate(zip(modes, slides, strict=True)):
                 own = nearest == k
                 values[own] = slide.evidence(tangent(poses[own], mode.pose, axis))
             return np.where(self.posterior.inside(poses), scale * values + before(poses), -np.inf)
-
-        def exact(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            return scale * self.posterior.exact(poses) + before(poses)
 
         tilted, begun = piloted(rough, exact, starts, axis, rng)
         poses, values, own = sample_posterior([tilted, exact], begun, axis, self.particles,
@@ -134,3 +143,13 @@ def _product(prior: Gaussian, mode: Mode, axis: NDArray[np.float64] | None) -> G
     step = local.basis @ np.linalg.solve(told + expected, expected @ off)
     wide = local.basis @ np.linalg.inv(told / _WIDEN ** 2 + expected) @ local.basis.T
     return Gaussian.of(moved(mode.pose, step[None])[0], wide, axis)
+
+
+def _share(prior: Gaussian, mode: Mode, product: Gaussian, axis: NDArray[np.float64] | None
+           ) -> float:
+    """Log of what of a mode the prior leaves, by Laplace's approximation, but for a constant."""
+    from_mode = mode.local.basis.T @ tangent(product.pose[None], mode.pose, axis)[0]
+    told = mode.local.scale * mode.local.information
+    return float(-0.5 * (from_mode @ told @ from_mode
+                         + prior.square_distance(product.pose[None], axis)[0])
+                 + np.linalg.slogdet(product.spread)[1])

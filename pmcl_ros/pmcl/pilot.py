@@ -50,8 +50,8 @@ def piloted(rough: LogDensity, exact: LogDensity, starts: Sequence[Gaussian],
     `exact` is the same with them: they only bring particles closer.
     """
     def nearest(at: NDArray[np.float64]) -> NDArray[np.int64]:
-        off = np.stack([each.square_distance(at, axis) for each in starts])
-        return np.asarray(off.argmin(axis=0))
+        likely = np.stack([each.log_density(at, axis) for each in starts])
+        return np.asarray(likely.argmax(axis=0))
 
     poses, values, _ = sample_posterior([rough], starts, axis, _PILOTS, 1, rng, lambda _: True)
     asked = np.linspace(0, _PILOTS - 1, _ASKED).astype(int)  # modes come after each other
