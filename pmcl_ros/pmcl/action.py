@@ -1,15 +1,18 @@
 """Where an object that was seen is expected in the next capture: the action models of tracking."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.motion import perturb
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import moved, tangent
+
+_ANCESTORS = 512  # at most: particles of the last state that one of the next may be from
 
 Model = Literal['constant_pose', 'constant_velocity', 'camera']
 
@@ -32,17 +35,6 @@ class State:
                 camera: NDArray[np.float64] | None) -> 'State':
         """Of an object of which no motion is known."""
         return cls(stamp_ns, poses, np.zeros((len(poses), 6)), camera)
-
-    def seen(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None, before: 'State',
-             rng: np.random.Generator) -> 'State':
-        """The state in which poses (n, 4, 4) were found, where this one was expected.
-
-        Each particle moved from one of the last, whichever: they know nothing of each other. A
-        turn about the axis of symmetry is none.
-        """
-        drawn = before.poses[rng.integers(len(before.poses), size=len(poses))]
-        time = 1e-9 * (self.stamp_ns - before.stamp_ns)
-        return replace(self, poses=poses, velocities=_steps(poses, drawn, axis) / time)
 
 
 @dataclass(frozen=True)
@@ -73,6 +65,27 @@ class ActionModel:
         grown = (time / self.period) ** 0.5
         noisy = perturb(poses, grown * self.translation, grown * self.rotation, rng)
         return State(stamp_ns, noisy, state.velocities, camera)
+
+    def updated(self, before: State, stamp_ns: int, poses: NDArray[np.float64],
+                camera: NDArray[np.float64] | None, axis: NDArray[np.float64] | None,
+                rng: np.random.Generator) -> State:
+        """The state in which poses (n, 4, 4) were found, later than the state `before`.
+
+        Each came from one of those before, drawn by how likely this model moves that one there: so
+        what was known of the velocity is kept where poses are unsure. A turn about the axis of
+        symmetry is none.
+        """
+        if self.model != 'constant_velocity':
+            return State.at_rest(stamp_ns, poses, camera)
+        time = 1e-9 * (stamp_ns - before.stamp_ns)
+        expected = self._moved(before, time, camera)[:_ANCESTORS]
+        spread = np.repeat([self.translation, self.rotation], 3) * (time / self.period) ** 0.5
+        here, there = (tangent(each, expected[0], axis) / np.maximum(spread, 1e-9)
+                       for each in (poses, expected))
+        likely = -0.5 * cdist(here, there, 'sqeuclidean')
+        drawn = (likely + rng.gumbel(size=likely.shape)).argmax(axis=1)
+        velocities = _steps(poses, before.poses[drawn], axis) / time
+        return State(stamp_ns, poses, velocities, camera)
 
     def _moved(self, state: State, time: float, camera: NDArray[np.float64] | None
                ) -> NDArray[np.float64]:

@@ -35,12 +35,13 @@ class PoseEstimate:
     score: of the pose, in the units of the mode's score.
     lost: the data support no pose.
     modes: what the search compared at its end, the weightiest first; the estimate is of the first.
-        A rival that was tried and found not to be supported has weight 0. Empty where the mode
-        compares none.
+        A rival that was tried and found not to be supported has weight 0, or is left out where an
+        object is followed. Empty where the mode compares none.
     support: of the weakest part of the contour, evidence: of all of it, mean [nat / px]
         (`support.py`); NaN where the mode looks for no contour.
     evaluations: poses that were drawn and scored to find it.
     incomplete: a part of the contour is missing, by the support, but the whole is rather there.
+    in_view: share of the mesh's vertices in the image's field.
     """
 
     header: Header
@@ -56,6 +57,7 @@ class PoseEstimate:
     evidence: float = math.nan
     evaluations: int = 0
     incomplete: bool = False
+    in_view: float = 1.0
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

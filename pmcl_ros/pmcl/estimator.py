@@ -59,8 +59,8 @@ class Estimator:
         modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
                                float(shares[k]), posterior.modes[k].local.evidence)
                       for k in order)
-        seen = share(pose) * share_in_view(self.model, pose, volume.pinhole)
-        support = contour_support(contour(pose), seen)
+        in_view = share_in_view(self.model, pose, volume.pinhole)
+        support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # No part must be missing, and the whole must rather be there than not.
         partly, absent = support < self.settings.least_support, evidence < least
@@ -68,7 +68,7 @@ class Estimator:
                             symmetry.folded(moved(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent, self.settings.mode, modes, support, evidence,
-                            incomplete=partly and not absent)
+                            incomplete=partly and not absent, in_view=in_view)
 
     def of_prior(self, volume: Volume, prior: Gaussian, count: int,
                  rng: np.random.Generator) -> PoseEstimate:

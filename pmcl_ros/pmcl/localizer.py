@@ -123,14 +123,17 @@ class Localizer:
         with replace(self._evidence(volume), creases=None).score() as exact:
             return exact.points(pose)
 
-    def evidence(self, volume: Volume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of poses (n, 4, 4), nat: by contours and creases, as the mode default judges them.
+    def log_likelihoods(self, volume: Volume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4), nat: their evidence by contours and creases, in mode default.
 
-        Raises as `localize` does.
+        It is scaled as for a posterior about the best of them. Raises as `localize` does.
         """
         self._renderer.use()
-        with self._evidence(volume).score() as exact:
-            return exact(poses)
+        evidence = self._evidence(volume)
+        with evidence.score() as exact:
+            values = exact(poses)
+            about = evidence.posterior(exact, exact.points, exact.creases).about
+            return about(poses[values.argmax()], True).scale * values
 
     def _evidence(self, volume: Volume) -> ContourEvidence:
         return ContourEvidence.of(volume, self._renderer, self._model, self._settings,

@@ -25,21 +25,23 @@ _MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are o
 # nat: so much less likely beforehand is any one pose in a region than one where the object is
 # expected (20 cm and all orientations against a step of 1 cm and 0.06 rad).
 _BEFOREHAND = 15.0
-# nat / px: standard deviations at least of how well the object is usually seen, to believe that it
-# is hidden, and merely to doubt that it is what was followed.
+# nat / px: standard deviations at least of how well the object is usually seen, to doubt that what
+# looks like any object is this one, and that it has no less evidence than usual.
 _HIDDEN, _DOUBTED = 0.5, 0.2
 _PAUSE = 3  # captures between two searches of the whole region for mere doubt
 _LICENCE = 30  # captures after such a search in which an incomplete contour is believed
 _FORESEEN = 0.99  # of the prediction: what is outside is somewhere else
+_IN_VIEW = 0.5  # of the object: with less it is known by single shots alone
 
 
 class Tracker:
     """Follows one object from capture to capture.
 
     Each capture is searched around where the last posterior, moved by the action model, expects
-    it; the new posterior is that prior times the evidence. Where that finds nothing the whole
-    region is searched, as a capture by itself is. So a capture takes no longer than both. Where
-    that finds nothing either the object is lost: then the prediction goes on, ever wider, until it
+    it; the new posterior is that prior times the evidence. Where what that finds is not believed
+    by itself the whole region is searched, as a capture by itself is, and the likelier of both is
+    believed if it is where it was foreseen and has its usual evidence. So a capture takes no
+    longer than both. Else the object is lost: then the prediction goes on, ever wider, until it
     says less than the region does, and the whole region is searched first. So it is now and then
     while the object is followed, too: ever more rarely, as something that looks like it may have
     been taken for it when it was found, and when it has less evidence than it usually has.
@@ -80,82 +82,97 @@ class Tracker:
         if self._action is None:
             return self._localizer.localize(volume, rng, progress)
         expected = self._expected(volume.header.stamp_ns, camera, rng)
-        if expected is None:  # what is found begins a track
+        if expected is None:  # what is found begins a track, but how it looks is known
             self._confirmed = 0
-            self._usual.forget()
-        estimate = self._looked(volume, expected, rng, progress)
-        was_seen, self._seen = self._seen, not estimate.lost
-        if not estimate.lost:
+        estimate, there = self._looked(volume, expected, rng, progress)
+        was_seen, self._seen = self._seen, there
+        if there:
             again = not was_seen or estimate.mode != FOLLOWED
             if again and not (self._as_usual(estimate) and self._foreseen(estimate, expected)):
                 self._confirmed = 0
-            if not estimate.incomplete:  # else less and less would be usual
-                self._usual.remember(estimate)
+            self._usual.remember(estimate)
             if not was_seen:
                 _LOG.info('found in capture %d', volume.header.stamp_ns)
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
-            return estimate
+            return replace(estimate, lost=False)
         if was_seen:
             _LOG.info('lost in capture %d: the whole region is searched until it is found',
                       volume.header.stamp_ns)
+        self._usual.fade()
         self._state = expected
-        return estimate if expected is None else self._predicted(estimate, expected)
+        lost = replace(estimate, lost=True)
+        return lost if expected is None else self._predicted(lost, expected)
 
     def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
-                rng: np.random.Generator, progress: Progress | None) -> PoseEstimate:
-        """What the likelier way finds, or else the other, if there is one."""
+                rng: np.random.Generator, progress: Progress | None
+                ) -> tuple[PoseEstimate, bool]:
+        """What the likelier way finds, or else the other; whether it is the object."""
         def search() -> PoseEstimate:
             self._followed = 0
-            return self._judged(self._localizer.localize(volume, rng, progress))
+            return self._localizer.localize(volume, rng, progress)
 
         if expected is None:
-            return search()
+            return (found := search()), self._believed(found, None)
         settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
 
         def follow() -> PoseEstimate:
             self._followed += 1
-            return self._judged(self._localizer.follow(
-                volume, prior, rng, settings.track_particles, settings.track_candidates))
+            return self._localizer.follow(
+                volume, prior, rng, settings.track_particles, settings.track_candidates)
 
         # A prediction of long ago is wide: it holds other things that look like the object.
-        first, second = (follow, search) if self._seen else (search, follow)
-        estimate = first()
-        if estimate.lost:
-            return self._confirmed_by(estimate, second(), expected)
-        if settings.track_check and (
-                self._followed >= settings.track_check * 2 ** min(self._confirmed, 20)
-                or (self._followed >= _PAUSE and not self._usual.held(estimate, _DOUBTED)[1])):
-            return self._likelier(volume, estimate, search())
-        return estimate
+        if not self._seen:
+            if self._believed(found := search(), expected):
+                return found, True
+            return self._weighed(volume, follow(), found, expected)
+        if self._believed(followed := follow(), expected) and not self._due(followed):
+            return followed, True
+        return self._weighed(volume, followed, search(), expected)
 
-    def _likelier(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
-                  found: PoseEstimate) -> PoseEstimate:
-        """What was followed, unless the region holds what there is far more evidence of."""
-        here, there = self._localizer.evidence(volume, np.stack([followed.pose, found.pose]))
-        # Of what is incomplete itself no more is asked.
-        good = not found.lost or (followed.incomplete and found.incomplete
-                                  and self._as_usual(found))
-        if not good or self._same(followed, found) or there < here + _BEFOREHAND:
-            self._confirmed += 1
-            return followed
-        _LOG.warning('capture %d: something else was followed: there is %.0f nat of evidence '
-                     'where it is, %.0f where the object is', volume.header.stamp_ns, here, there)
-        # How well it is seen is still known.
-        self._state, self._seen, self._confirmed = None, False, 0
-        return replace(found, lost=False)
+    def _due(self, followed: PoseEstimate) -> bool:
+        """Whether the whole region is to be searched although the object is followed."""
+        return bool(self._settings.track_check) and (
+            self._followed >= self._settings.track_check * 2 ** min(self._confirmed, 20)
+            or (self._followed >= _PAUSE and not self._usual.held(followed, _DOUBTED)[1]))
 
-    def _confirmed_by(self, one: PoseEstimate, other: PoseEstimate, expected: State
-                      ) -> PoseEstimate:
-        """The other of what was followed and found in the whole region, or what both agree on.
+    def _weighed(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
+                 found: PoseEstimate, expected: State) -> tuple[PoseEstimate, bool]:
+        """The likelier of what was followed and what the region holds; whether it is the object.
 
-        Of what is rather there, but less of its contour than of any object, the region is asked:
-        if nothing in it is more like the object than what is where it was foreseen, it is that.
+        The other one is, too, where it passes as any object does and the likelier one as nothing.
         """
-        if (one.incomplete and other.incomplete and other.lost and self._as_usual(one)
-                and self._same(one, other) and self._foreseen(other, expected)):
-            self._confirmed += 1
-            return replace(one if one.mode == FOLLOWED else other, lost=False)
-        return other
+        here, there = self._localizer.log_likelihoods(
+            volume, np.stack([followed.pose, found.pose]))
+        same = self._same(followed, found)
+        # What is lost is foreseen no better by what is followed than by what is found.
+        stays = same or there - here < (_BEFOREHAND if self._seen else 0)
+        likelier, other = (followed, found) if stays else (found, followed)
+        tracked = self._believed(followed, expected)
+        if self._believed(likelier, expected) or self._recognised(likelier, expected, same):
+            if stays:
+                self._confirmed += 1
+            elif self._seen and tracked:
+                _LOG.warning('capture %d: something else was followed: the object is elsewhere, '
+                             'likelier by %.0f nat', volume.header.stamp_ns, there - here)
+                self._state, self._seen, self._confirmed = None, False, 0
+            self._followed = 0
+            return likelier, True
+        self._followed = 0
+        if not other.incomplete and self._believed(other, expected):
+            return other, True
+        return likelier, False
+
+    def _recognised(self, estimate: PoseEstimate, expected: State, same: bool) -> bool:
+        """Whether it is the object, if nothing in the region is likelier.
+
+        It is enough that its contour is rather there than not, with no less evidence than usual:
+        what hides an object does not look like it just where that was foreseen.
+        same: the search of the region came there, too; asked for while nothing is usual.
+        """
+        looks_right = self._as_usual(estimate) if self._usual.known else (
+            estimate.incomplete and self._seen and same)
+        return (looks_right and estimate.in_view >= _IN_VIEW
+                and self._foreseen(estimate, expected))
 
     def _foreseen(self, estimate: PoseEstimate, expected: State | None) -> bool:
         """Whether it is where it was expected."""
@@ -171,25 +188,30 @@ class Tracker:
         return bool(same_mode(folded, followed.pose, self._axis, _MODE_DISTANCE,
                               _MODE_ANGLE).all())
 
-    def _judged(self, estimate: PoseEstimate) -> PoseEstimate:
-        return replace(estimate, lost=not self._believed(estimate))
+    def _believed(self, estimate: PoseEstimate, expected: State | None) -> bool:
+        """Whether it is the object, by itself and as it has been seen.
 
-    def _believed(self, estimate: PoseEstimate) -> bool:
-        """Whether the object is there, as well supported as it has been.
-
-        `least_support` is for any object. One that was seen well many times, and now hardly is, is
-        hidden, and what is found is something else. One whose contour often shows only in part is
-        believed by its own past while it is followed, if the region was searched for anything
-        likelier not long ago, in vain.
+        `least_support` is for any object. One that was seen well, and now hardly is, may be hidden
+        by something like it. One whose contour often shows only in part is believed by its own
+        past: while it is followed, if the region was searched for anything likelier not long ago,
+        in vain; and found anew, if it looks quite as it did.
         """
+        followed = self._seen and estimate.mode == FOLLOWED
         if estimate.incomplete:
-            return (self._seen and estimate.mode == FOLLOWED and self._confirmed > 0
-                    and self._followed <= _LICENCE and self._as_usual(estimate))
-        return not estimate.lost and bool(self._usual.held(estimate, _HIDDEN).all())
+            if estimate.in_view < _IN_VIEW:
+                return False
+            if estimate.mode != FOLLOWED:
+                return (not self._seen or expected is None) and self._usual.typical(estimate)
+            return (followed and self._confirmed > 0 and self._followed <= _LICENCE
+                    and self._as_usual(estimate) and self._foreseen(estimate, expected))
+        near = followed or (self._seen and self._foreseen(estimate, expected))
+        return not estimate.lost and (bool(self._usual.held(estimate, _HIDDEN).all()) if near
+                                      else self._usual.half_there(estimate))
 
     def _as_usual(self, estimate: PoseEstimate) -> bool:
-        """Whether it is known how well the object is seen, and this is no worse."""
-        return self._usual.known and bool(self._usual.held(estimate, _DOUBTED).all())
+        """Whether it is known how much evidence the object usually has, and this is no less."""
+        return (estimate.evidence > 0 and self._usual.known
+                and bool(self._usual.held(estimate, _DOUBTED)[1]))
 
     def _expected(self, stamp_ns: int, camera: NDArray[np.float64] | None,
                   rng: np.random.Generator) -> State | None:
@@ -218,9 +240,10 @@ class Tracker:
         weights = Weights(np.where(near, estimate.log_weights, -np.inf))
         poses = estimate.particles[weights.resample(self._settings.track_particles, rng)]
         stamp_ns = estimate.header.stamp_ns
-        if expected is None or self._state is None:
+        if expected is None or self._state is None or self._action is None:
             return State.at_rest(stamp_ns, poses, camera)
-        return replace(expected, camera=camera).seen(poses, self._axis, self._state, rng)
+        poses = self._symmetry.folded(poses, self._about(expected)[0])
+        return self._action.updated(self._state, stamp_ns, poses, camera, self._axis, rng)
 
     def _predicted(self, estimate: PoseEstimate, expected: State) -> PoseEstimate:
         """That the object is lost, and where it should be."""

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.estimate import PoseEstimate
 
-# Captures that are remembered, and that say enough; how many standard deviations below its mean is
-# unlikely.
-_REMEMBERED, _ENOUGH = 30, 10
-_UNLIKELY = 3.0
+_REMEMBERED, _ENOUGH = 30, 10  # captures: that are remembered, that say enough
+_UNLIKELY = 3.0  # standard deviations below the mean
+_AMONG = 2 ** 0.5  # likewise of both, root of the sum of squares: still as usual
+_LEAST = 0.2  # nat / px: of these standard deviations
 
 
 class UsualLook:
@@ -28,9 +28,15 @@ class UsualLook:
         """As if it had never been seen."""
         self._seen_with.clear()
 
+    def fade(self) -> None:
+        """It was not seen: the oldest look is forgotten, as it may look different by now."""
+        if self._seen_with:
+            self._seen_with.popleft()
+
     def remember(self, estimate: PoseEstimate) -> None:
         """It was seen so."""
-        self._seen_with.append((estimate.support, estimate.evidence))
+        if np.isfinite([estimate.support, estimate.evidence]).all():
+            self._seen_with.append((estimate.support, estimate.evidence))
 
     def held(self, estimate: PoseEstimate, least: float) -> NDArray[np.bool_]:
         """(2,) whether support and evidence are not unlikely, by what they have been.
@@ -42,3 +48,16 @@ class UsualLook:
         scatter = np.maximum(np.std(self._seen_with, axis=0), least)
         return np.array([estimate.support, estimate.evidence] >= (
             np.mean(self._seen_with, axis=0) - _UNLIKELY * scatter))
+
+    def typical(self, estimate: PoseEstimate) -> bool:
+        """Whether it is known what is usual, and this is well among it."""
+        if not self.known:
+            return False
+        less = (np.mean(self._seen_with, axis=0) - [estimate.support, estimate.evidence]
+                ) / np.maximum(np.std(self._seen_with, axis=0), _LEAST)
+        return bool(np.linalg.norm(np.maximum(less, 0)) <= _AMONG)
+
+    def half_there(self, estimate: PoseEstimate) -> bool:
+        """Whether it has half of the usual evidence at least, or that is not known."""
+        return not self.known or bool(
+            estimate.evidence >= max(np.mean(self._seen_with, axis=0)[1], 0) / 2)

@@ -20,7 +20,8 @@ def test_an_object_among_stronger_edges_is_found(seed):
     with Localizer(sequence.model, settings) as localizer:
         volume = edges_of(sequence, frame)
         estimate = localizer.localize(volume, np.random.default_rng(0))
-        there, found = localizer.evidence(volume, np.stack([frame.pose, estimate.pose]))
+        there, found = (each.local.evidence
+                        for each in localizer.looks(volume, [frame.pose, estimate.pose]))
     error = pose_error(estimate.pose, frame.pose, sequence.model.axis)
     assert not estimate.lost
     assert error.translation < 0.02

@@ -39,3 +39,29 @@ def test_of_what_was_seldom_seen_or_forgotten_nothing_is_unusual():
     for each in (usual, forgotten):
         assert not each.known
         assert each.held(seen(-9, -9), 0.2).all()
+
+
+def test_old_looks_are_forgotten_one_by_one_while_it_is_not_seen():
+    usual, *_ = looks(30, np.random.default_rng(3))
+    usual.remember(seen(0.5, 9.0))  # the last of them
+    for known in [True] * 20 + [False] * 15:
+        usual.fade()
+        assert usual.known == known
+        assert not known or not usual.half_there(seen(0.5, 0.9))
+    assert usual.half_there(seen(0.5, 0.9))  # who knows
+
+
+def test_what_is_well_among_what_was_seen_is_typical():
+    usual, mean, scatter = looks(30, np.random.default_rng(4))
+    scatter = np.maximum(scatter, 0.2)
+    for off, typical in (([0, 0], True), ([-9, -9], True), ([1.4, -9], True), ([-9, 1.43], False),
+                         ([0.99, 0.99], True), ([1.01, 1.01], False)):
+        assert usual.typical(seen(*(mean - off * scatter))) == typical
+    few, *_ = looks(9, np.random.default_rng(4))
+    assert not few.typical(seen(*mean))
+
+
+def test_half_of_the_usual_evidence_is_asked():
+    usual, mean, _ = looks(30, np.random.default_rng(5))
+    for evidence, there in ((mean[1] / 2 + 1e-6, True), (mean[1] / 2 - 1e-6, False)):
+        assert usual.half_there(seen(-9, evidence)) == there
