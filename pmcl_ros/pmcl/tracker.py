@@ -148,16 +148,17 @@ class Tracker:
         stays = same or there - here < (_BEFOREHAND if self._seen else 0)
         likelier, other = (followed, found) if stays else (found, followed)
         tracked = self._believed(followed, expected)
-        if self._believed(likelier, expected) or self._recognised(likelier, expected, same):
+        accepted = (self._believed(likelier, expected)
+                    or self._recognised(likelier, expected, same))
+        self._followed = 0  # the region was searched just now
+        if accepted:
             if stays:
                 self._confirmed += 1
             elif self._seen and tracked:
                 _LOG.warning('capture %d: something else was followed: the object is elsewhere, '
                              'likelier by %.0f nat', volume.header.stamp_ns, there - here)
                 self._state, self._seen, self._confirmed = None, False, 0
-            self._followed = 0
             return likelier, True
-        self._followed = 0
         if not other.incomplete and self._believed(other, expected):
             return other, True
         return likelier, False
