@@ -11,7 +11,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 .PHONY: demo test lint venv docs eval bench soak clean
 
 demo: $(RUN)
-	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
+	@$(BIN)/python -m pmcl_ros.cli.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
 	@tools/system.sh test
@@ -41,7 +41,7 @@ bench: $(RUN)
 # Captures through the whole graph; fails when one is lost unnoticed, or something grows
 CAPTURES_SOAKED ?= 500
 soak: $(RUN)
-	$(BIN)/python -m pmcl_ros.nodes.soak --captures $(CAPTURES_SOAKED)
+	$(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED)
 
 # Debian packages, then ROS and the run-time wheels; says how long that took.
 $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg

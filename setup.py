@@ -49,7 +49,7 @@ setup(
         'pmcl_bringup = pmcl_ros.nodes.bringup:main',
         'pmcl_record = pmcl_ros.nodes.record:main',
         'pmcl_replay = pmcl_ros.nodes.replay:main',
-        'pmcl_soak = pmcl_ros.nodes.soak:main',
+        'pmcl_soak = pmcl_ros.evaluation.bench.soak:main',
         'pmcl = pmcl_ros.cli:main',
     ]},
 )

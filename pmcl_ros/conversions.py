@@ -5,24 +5,24 @@ return holds until the next is written to the same buffer. Readers check all tha
 raise MessageError with what is wrong, the values and the remedy, and never copy big fields.
 """
 
-from pmcl_ros.nodes.messages.buffer import Buffer
-from pmcl_ros.nodes.messages.camera_info import baseline_from, pinhole_from, pinhole_to_message
-from pmcl_ros.nodes.messages.cdr import message_from, multi_array_from
-from pmcl_ros.nodes.messages.diagnostics import diagnostics_to_message
-from pmcl_ros.nodes.messages.header import (
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.camera_info import baseline_from, pinhole_from, pinhole_to_message
+from pmcl_ros.messages.cdr import message_from, multi_array_from
+from pmcl_ros.messages.diagnostics import diagnostics_to_message
+from pmcl_ros.messages.header import (
     Part,
     header_from,
     header_to_message,
     part_from,
     time_to_message,
 )
-from pmcl_ros.nodes.messages.image import (
+from pmcl_ros.messages.image import (
     depth_from,
     depth_to_message,
     picture_from,
     picture_to_message,
 )
-from pmcl_ros.nodes.messages.light_field import (
+from pmcl_ros.messages.light_field import (
     LightFieldMessages,
     light_field_from,
     light_field_to_messages,
@@ -31,14 +31,14 @@ from pmcl_ros.nodes.messages.light_field import (
     pupil_to_message,
     views_to_message,
 )
-from pmcl_ros.nodes.messages.marker import (
+from pmcl_ros.messages.marker import (
     mesh_to_marker,
     no_markers,
     objects_to_markers,
     place_markers,
     region_to_marker,
 )
-from pmcl_ros.nodes.messages.pose import (
+from pmcl_ros.messages.pose import (
     PoseMessages,
     estimate_to_messages,
     estimate_to_transform,
@@ -46,14 +46,14 @@ from pmcl_ros.nodes.messages.pose import (
     pose_from,
     pose_with_covariance_from,
 )
-from pmcl_ros.nodes.messages.raw_frame import (
+from pmcl_ros.messages.raw_frame import (
     RawMessages,
     counts_from,
     metadata_from,
     raw_frame_from,
     raw_frame_to_messages,
 )
-from pmcl_ros.nodes.messages.volume import (
+from pmcl_ros.messages.volume import (
     edges_from,
     edges_to_message,
     volume_from,

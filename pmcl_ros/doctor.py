@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Literal
 
 from pmcl_ros.camera.lytro.discovery import find_camera
-from pmcl_ros.errors import PmclError, RenderError
-from pmcl_ros.gl import GlContext
-from pmcl_ros.kernels import cache_folder
+from pmcl_ros.runtime.errors import PmclError, RenderError
+from pmcl_ros.runtime.gl import GlContext
+from pmcl_ros.runtime.kernels import cache_folder
 
 Verdict = Literal['ok', 'note', 'wrong']
 
@@ -129,7 +129,7 @@ def ros() -> Finding:
         return Finding('ROS 2', 'note', 'none: `pmcl` works, the nodes do not',
                        '. /opt/ros/jazzy/setup.bash, or without ROS on this machine: '
                        "pip install '.[ros]'")
-    command = [sys.executable, '-m', 'pmcl_ros.nodes.loopback']
+    command = [sys.executable, '-m', 'pmcl_ros.nodes.runtime.loopback']
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_ROS_PATIENCE)
     except subprocess.TimeoutExpired:

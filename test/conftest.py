@@ -8,7 +8,7 @@ import socket
 
 import pytest
 
-from pmcl_ros.gl import GlContext
+from pmcl_ros.runtime.gl import GlContext
 
 
 def _own_domain():

@@ -14,7 +14,7 @@ from pmcl_ros.cli.coverage import examples_of
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.learning import Example
+from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.settings import PmclSettings

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pmcl_ros.camera.client import CameraStatus, Picture
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_picture
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 
 class NoMorePictures(CameraError):  # noqa: N818 -- the end of a folder, no failure

@@ -11,8 +11,8 @@ from pmcl_ros.camera.lfp_picture import LARGEST_RAW, lfp_to_picture, picture_to_
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 _RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
 _MEMORY = 100 << 20  # bytes that unpacking may take; of what `xz -9` wrote it takes 65 MiB

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 LARGEST_TEXT = 4_000_000  # bytes; the camera's JSON has some ten thousand
 

@@ -20,8 +20,8 @@ from pmcl_ros.camera.lfp import (
     reference_of,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.errors import CameraError
-from pmcl_ros.settings import explain
+from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.settings import explain
 
 LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
 

@@ -6,8 +6,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from pmcl_ros.errors import CameraError
-from pmcl_ros.settings import explain
+from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.settings import explain
 
 _Level = Annotated[int, Field(ge=0, le=4095)]
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 _SUFFIXES = ('.png', '.jpg', '.jpeg')
 _COUNTS = 16  # of 12 bits per level of 8 bits

@@ -4,8 +4,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import CameraError
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _PAIRS = 4096  # that one task unpacks
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 # The mosaic of every first-generation Lytro: row 0 is B G B G, row 1 is G R G R.
 _TILE, _UPPER_LEFT = 'r,gr:gb,b', 'b'

@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 Source = Literal['wifi', 'gateway', 'files']
 

@@ -9,7 +9,7 @@ from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.lytro.discovery import find_camera
 from pmcl_ros.camera.lytro.settings import LinkSettings
 from pmcl_ros.camera.settings import CameraSettings
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 
 def open_camera(settings: CameraSettings) -> CameraClient:

@@ -11,7 +11,7 @@ import numpy as np
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 _LOG = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.bags import extract_captures, record_capture, record_light_field
 from pmcl_ros.cli.base import FOLDER, PATH
-from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
+from pmcl_ros.messages.bags import extract_captures, record_capture, record_light_field
 
 
 @click.group()

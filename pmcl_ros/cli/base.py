@@ -9,7 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from pmcl_ros.errors import PmclError
+from pmcl_ros.runtime.errors import PmclError
 
 STDERR = Console(stderr=True)
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)

@@ -10,10 +10,10 @@ from rich.progress import Progress
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FILE, PATH, STDERR
-from pmcl_ros.evaluation.calibration_report import numbers, summary, tables, write_report
-from pmcl_ros.lightfield.boards import Checkerboard
-from pmcl_ros.lightfield.calibrate import CalibrationResult, calibrate_folder
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.drawing.calibration_report import numbers, summary, tables, write_report
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
 

@@ -24,7 +24,7 @@ from pmcl_ros.camera.simulated.process import READY
 from pmcl_ros.camera.simulated.server import CameraServer
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.cli.gateway import gateway
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 _PORT = click.IntRange(0, 65535)
 _USUAL_SECOND_PORT = 5679

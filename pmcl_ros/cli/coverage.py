@@ -8,21 +8,21 @@ import numpy as np
 from rich.progress import track
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture, find_captures
-from pmcl_ros.evaluation.contour_errors import LEVEL, fitted_error
-from pmcl_ros.evaluation.coverage import run_coverage
-from pmcl_ros.evaluation.crease_study import (
+from pmcl_ros.evaluation.studies.coverage import run_coverage
+from pmcl_ros.evaluation.studies.crease_study import (
     Result,
     crease_profile,
     table,
     with_and_without,
 )
-from pmcl_ros.evaluation.learning import Example, Samples, fitted, profiles
-from pmcl_ros.evaluation.searches import Search, Supports, searches
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evaluation.studies.searches import Search, Supports, searches
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.learning.contour_errors import LEVEL, fitted_error
+from pmcl_ros.learning.contour_tables import Example, Samples, fitted, profiles
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region

@@ -13,11 +13,11 @@ from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FILE, FOLDER, PATH
 from pmcl_ros.cli.sources import open_decoders
-from pmcl_ros.evaluation.pictures import write_png
-from pmcl_ros.evaluation.view_comparison import IdealViews, compare_views, table
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
-from pmcl_ros.lightfield.sources.npz import write_npz
+from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.uncalibrated import uncalibrated_decoder
 from pmcl_ros.lightfield.white_balance import shades_of_grey
 

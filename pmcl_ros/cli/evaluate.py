@@ -15,9 +15,9 @@ from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR
 from pmcl_ros.cli.calibrate import run_calibration
 from pmcl_ros.cli.sources import open_decoders
+from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.curves import pictures
-from pmcl_ros.evaluation.pictures import write_png
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_batches
 from pmcl_ros.evaluation.records import (
@@ -30,8 +30,8 @@ from pmcl_ros.evaluation.records import (
 from pmcl_ros.evaluation.tables import markdown, rows_of
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
-from pmcl_ros.lightfield.boards import Checkerboard
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 
 _INTERRUPTED = 130  # exit status, as of a shell's command

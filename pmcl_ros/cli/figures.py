@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 
 from pmcl_ros.cli.base import FOLDER
-from pmcl_ros.evaluation.figures import FIGURES, TABLES
-from pmcl_ros.evaluation.pictures import write_png
+from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.studies.figures import FIGURES, TABLES
 
 
 @click.command()

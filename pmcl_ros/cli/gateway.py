@@ -17,7 +17,7 @@ from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.lytro.discovery import find_camera
 from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.cli.base import FILE
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 
 @click.command()

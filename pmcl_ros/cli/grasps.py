@@ -8,15 +8,15 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import FILE
-from pmcl_ros.errors import GraspError
-from pmcl_ros.evaluation.grasp_picture import grasp_picture
-from pmcl_ros.evaluation.pictures import write_png
+from pmcl_ros.drawing.grasp_picture import grasp_picture
+from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.profile import Profile
 from pmcl_ros.grasps.revolution import grasps_of
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import GraspError
 
 _SIGMAS = (0.002, 0.005)  # m: for which the table tells how surely a grasp is clear
 

@@ -10,7 +10,7 @@ from pmcl_ros.camera.lfp import Container
 from pmcl_ros.camera.lfp_picture import LARGEST_RAW, file_set, is_file_set
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.cli.base import FILE, FOLDER
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 
 @click.group()

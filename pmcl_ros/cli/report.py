@@ -8,20 +8,20 @@ from typing import Any
 import click
 from rich.progress import Progress
 
-from pmcl_ros.bag_captures import is_bag, read_bag
 from pmcl_ros.camera.files import is_picture, read_metadata
 from pmcl_ros.cli.base import FILE, STDERR
 from pmcl_ros.cli.sources import open_decoders, open_source, source_options
-from pmcl_ros.errors import PmclError, SettingsError
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.evaluation.truth import Truth
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.messages.bag_captures import is_bag, read_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.resources import resolve
-from pmcl_ros.settings import read_yaml
+from pmcl_ros.runtime.errors import PmclError, SettingsError
+from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.settings import read_yaml
 
 _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 

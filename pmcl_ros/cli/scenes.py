@@ -7,13 +7,13 @@ import numpy as np
 from rich.progress import Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.evaluation.scenes.files import write_capture
-from pmcl_ros.evaluation.scenes.random_scene import random_scene
-from pmcl_ros.evaluation.scenes.render import render
-from pmcl_ros.evaluation.scenes.settings import KINDS, SceneSettings
-from pmcl_ros.evaluation.sequences.files import write_sequence
-from pmcl_ros.evaluation.sequences.sequence import Sequence
-from pmcl_ros.evaluation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.scenes.files import write_capture
+from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.scenes.render import render
+from pmcl_ros.simulation.scenes.settings import KINDS, SceneSettings
+from pmcl_ros.simulation.sequences.files import write_sequence
+from pmcl_ros.simulation.sequences.sequence import Sequence
+from pmcl_ros.simulation.sequences.settings import SequenceSettings
 
 _SEQUENCE = SequenceSettings.model_fields
 

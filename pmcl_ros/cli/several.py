@@ -12,13 +12,13 @@ from rich.progress import Progress
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evaluation.pictures import outlines, write_png
+from pmcl_ros.drawing.pictures import outlines, write_png
 from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.several.scene_localizer import SceneLocalizer
 
 
 def localize_several(read: Callable[[], LightField], objects: Sequence[Path],

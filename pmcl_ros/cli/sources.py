@@ -8,11 +8,11 @@ import click
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.cli.base import FILE, PATH, STDERR
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
 
 _CALIBRATION = "The camera's calibration, YAML."
 _WHITE = ("The camera's white image, RAW[.xz] with its TXT, or a folder of such: the one that "

@@ -8,8 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import STDERR
-from pmcl_ros.evaluation.scenes.settings import KINDS, SceneSettings
-from pmcl_ros.evaluation.sweep_study import Arm, Found, compare
+from pmcl_ros.evaluation.studies.sweep_study import Arm, Found, compare
 from pmcl_ros.lightfield.sweep.plan import (
     MATCHING,
     SweepPlan,
@@ -17,6 +16,7 @@ from pmcl_ros.lightfield.sweep.plan import (
     pose_of,
     width_for,
 )
+from pmcl_ros.simulation.scenes.settings import KINDS, SceneSettings
 
 _Pose = tuple[float, float, float, float, float, float, float]
 

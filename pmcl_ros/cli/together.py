@@ -10,11 +10,11 @@ import click
 from rich.progress import track
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.evaluation.pictures import write_png
-from pmcl_ros.evaluation.scenes.settings import SceneSettings
-from pmcl_ros.evaluation.together import Together
-from pmcl_ros.evaluation.together import together as in_scene
-from pmcl_ros.evaluation.together_table import table
+from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.studies.together import Together
+from pmcl_ros.evaluation.studies.together import together as in_scene
+from pmcl_ros.evaluation.studies.together_table import table
+from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 
 @click.command()

@@ -6,12 +6,12 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.evaluation.pictures import write_png
-from pmcl_ros.evaluation.sequences.play import Played, play
-from pmcl_ros.evaluation.sequences.report import picture, recoveries, recovery, row, table
-from pmcl_ros.evaluation.sequences.sequence import Sequence
-from pmcl_ros.evaluation.sequences.settings import SequenceSettings
-from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.studies.tracking import Played, play
+from pmcl_ros.evaluation.studies.tracking_table import picture, recoveries, recovery, row, table
+from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+from pmcl_ros.simulation.sequences.sequence import Sequence
+from pmcl_ros.simulation.sequences.settings import SequenceSettings
 
 _FIELDS = SequenceSettings.model_fields
 

@@ -12,9 +12,9 @@ from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.likelihood import log_likelihood
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _LOG = logging.getLogger(__name__)
 

@@ -7,19 +7,20 @@ from functools import lru_cache
 import numpy as np
 
 from pmcl_ros.dlv.back_end import make_likelihood
-from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.likelihood import truncate
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
 from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 2 ** 31  # of a volume with its edges; making them takes about thrice that

@@ -12,12 +12,12 @@ import numpy as np
 from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.cost_inputs import Matching
 from pmcl_ros.dlv.likelihood import row_likelihood
-from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, room_of_coefficients, row_costs
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _NONE = np.empty((0, 0, 0), np.float32)
 

@@ -11,12 +11,12 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.cost_inputs import Matching
 from pmcl_ros.dlv.cost_shaders import GROUP, LABELS, LIKELIHOOD, LINE, MATCH, SUM
-from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _PAIR = np.dtype([('weights', 'f4', 4), ('limits', 'f4', 4), ('inside', 'i4', 4)])
 _NODE = np.dtype([('taps', 'f4', (2, 4)), ('cell', 'i4', 4)])

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
-from pmcl_ros.dlv.lattice import Lattice
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import VolumeError
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 
 from pmcl_ros.dlv.layer_sums import DD, DE, DQ, EE, EQ, GG, LD, LE, LL, LQ, OG, OO, QQ
-from pmcl_ros.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled
 
 _LEAST = 1e-9  # so little is no contrast
 

@@ -6,7 +6,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.view_moments import CONSTANT, FIRST, REST, SECOND, ViewMoments
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 REACH = 3  # px: of the derivatives' weights, exact for polynomials up to the sixth degree
 

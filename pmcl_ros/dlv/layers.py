@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _NOTHING = np.float32(1e-30)  # a sum of costs this small has no reciprocal
 

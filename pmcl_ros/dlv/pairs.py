@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.lightfield.geometry import ViewGrid
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.runtime.errors import VolumeError
 
 _ROUNDING = 1e-6  # px: a place so little outside is inside
 

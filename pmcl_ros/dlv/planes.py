@@ -7,8 +7,8 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.sampling import SMOOTHER
-from pmcl_ros.kernels import LOCK, compiled
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 # Exponent that encodes linear light, whatever a camera's own is for looking: the noise of dark and
 # of bright pixels counts about alike.

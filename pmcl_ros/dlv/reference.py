@@ -10,10 +10,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.lattice import Lattice
+from pmcl_ros.dlv.label_segments import Runs
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.planes import ENCODING, LUMINANCE
-from pmcl_ros.dlv.runs import Runs
 from pmcl_ros.dlv.sampling import neutral_taps, smoothed
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.light_field import LightField

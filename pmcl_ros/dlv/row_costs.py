@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.samples import sample_row
 from pmcl_ros.dlv.sampling import TAPS
-from pmcl_ros.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled
 
 # Pixels worked on at once: as many as the widest vectors hold, so that no loop has a remainder.
 LANES = 16

@@ -1,7 +1,7 @@
 """Rows of samples between the pixels of a plane."""
 
 from pmcl_ros.dlv.sampling import TAPS
-from pmcl_ros.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled
 
 
 @compiled()

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 BackEnd = Literal['auto', 'numba', 'gl']
 LayersFrom = Literal['volume', 'joint']

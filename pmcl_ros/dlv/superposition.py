@@ -13,18 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.layer_evidence import fit_rays
 from pmcl_ros.dlv.layer_sums import LL, NN, OO, REACH, SUMS, window_sums
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.planes import colour_planes
 from pmcl_ros.dlv.sampling import SMOOTHER
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.view_moments import TAPS, ViewMoments, refocused_moments
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.kernels import LOCK
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import VolumeError
+from pmcl_ros.runtime.kernels import LOCK
 
 _SPACING = 0.2  # px by which the outermost view moves from one refocused depth to the next
 _WIDEST = 0.9  # px by which it may move off the middle: there the series has lost a few per cent

@@ -11,8 +11,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.errors import VolumeError
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 CONSTANT, FIRST, SECOND, REST = slice(0, 1), slice(1, 3), slice(3, 6), slice(6, 8)
 TAPS = 6  # pixels along an axis that a sample is made from: a polynomial of the fifth degree

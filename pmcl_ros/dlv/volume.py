@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.layers import Layers, read_layers
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.superposition import Superposition
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import VolumeError
 
 
 def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:

@@ -12,11 +12,11 @@ from functools import cached_property
 from pathlib import Path
 
 from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.sources.read import read_light_field
+from pmcl_ros.lightfield.readers.read import read_light_field
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evaluation.charts import Chart, Line, draw
+from pmcl_ros.drawing.charts import Chart, Line, draw
 from pmcl_ros.evaluation.recall import (
     cumulative,
     found,

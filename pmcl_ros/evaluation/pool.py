@@ -15,9 +15,9 @@ from pathlib import Path
 import numba
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.errors import PmclError
 from pmcl_ros.evaluation.shared import Shared
 from pmcl_ros.evaluation.trials import Job, Trial, Worker
+from pmcl_ros.runtime.errors import PmclError
 
 _LOOK = 0.2  # s: so often it is asked whether to stop
 _AHEAD = 2  # batches whose volumes are on disk at once: one worked on, one for when it is done

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @dataclass(frozen=True)

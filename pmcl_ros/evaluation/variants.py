@@ -8,18 +8,18 @@ import numpy as np
 import yaml
 
 from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.dlv.edges import edge_volume
-from pmcl_ros.dlv.lattice import Lattice
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pixel_grid import Lattice
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.lightfield.geometry import ViewGrid
+from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 Base = Literal['default', 'faithful', 'centre']
 

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import GraspError
-from pmcl_ros.pose_history import PoseHistory, between
+from pmcl_ros.geometry.pose_buffer import PoseHistory, between
+from pmcl_ros.runtime.errors import GraspError
 
 
 class ArmHistory(PoseHistory):

@@ -7,11 +7,11 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.grasps.grasp import Grasp
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import Settings
 
 _Vector = tuple[float, float, float]
 _SLACK = 1e-3  # of hand-written unit vectors: they are normalised

@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pmcl_ros.grasps.frames import inverse, transform
-from pmcl_ros.settings import Settings
+from pmcl_ros.geometry.transforms import inverse, transform
+from pmcl_ros.runtime.settings import Settings
 
 
 class GripperSettings(Settings):

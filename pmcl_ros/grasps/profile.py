@@ -6,8 +6,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import GraspError
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import GraspError
 
 _ASIDE = 0.0123  # rad: the cut misses vertices, where triangles would be cut twice or not at all
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import GraspError
+from pmcl_ros.geometry.transforms import about, covariance_at, without_spin
 from pmcl_ros.grasps.clearance import Clearance, surface_points
-from pmcl_ros.grasps.frames import about, covariance_at, without_spin
 from pmcl_ros.grasps.grasp import Grasp
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import GraspError
 
 _UP = np.array([0, 0, 1.0])
 _LEVEL = 0.1  # of a unit vector: less than this across the axis makes no direction

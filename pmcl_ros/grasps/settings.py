@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 _HALF_TURN = 1.5707963267948966
 _Length = Annotated[float, Field(gt=0)]

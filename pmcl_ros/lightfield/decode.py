@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.devignette import relative_light
-from pmcl_ros.lightfield.geometry import ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.plan import DecodePlan
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.runtime.errors import LightFieldError
 
 VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
 _PITCH = 10  # raw pixels per pixel of the calibration

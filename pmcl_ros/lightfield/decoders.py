@@ -7,10 +7,10 @@ from pathlib import Path
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.white_images import WhiteImages
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
 

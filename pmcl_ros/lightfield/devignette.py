@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError
 
 # Below this part of the light at a lenslet's centre a pixel holds more noise than picture: it is
 # not brightened further.

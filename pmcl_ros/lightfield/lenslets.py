@@ -12,8 +12,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import LOCK, compiled
-from pmcl_ros.lightfield.lattice import Lattice
+from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 DARKEST = 0.05  # of the light at a lenslet's centre: less holds more noise than picture
 # Lenslets that are summed at once: a row of them, so that samples are written one after the other.

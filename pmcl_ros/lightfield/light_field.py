@@ -6,11 +6,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.header import Header
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.colour import NEUTRAL, Colour
-from pmcl_ros.lightfield.geometry import ViewGrid
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _TASK = 2 ** 18  # values that one task checks
 

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.lightfield.calibration import Calibration
-from pmcl_ros.lightfield.geometry import ViewGrid
-from pmcl_ros.lightfield.lattice import Lattice
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets, sum_lenslets
 from pmcl_ros.lightfield.pupil import Pupil
+from pmcl_ros.lightfield.readers.reduction import MOST_BYTES
 from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views
-from pmcl_ros.lightfield.sources.reduction import MOST_BYTES
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.runtime.errors import LightFieldError
 
 _MOST_VIEWS = 21
 _LEAST_SIDE = 8  # px, of a view, as in a calibration

@@ -6,10 +6,10 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.kernels import LOCK, compiled
-from pmcl_ros.lightfield.geometry import nominal_positions
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
+from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _BRIGHTEST = 1.1  # times the centre's light: no view gets as much, if the lattice is the camera's
 _EVERY = 2  # lenslet of every second row is measured: their phases cover the pixel alike

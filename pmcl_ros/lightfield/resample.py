@@ -7,11 +7,11 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.counts import VIEW_MOST, VIEW_WHITE
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.lightfield.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 
 @dataclass(frozen=True)

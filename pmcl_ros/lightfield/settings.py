@@ -2,7 +2,7 @@
 
 from pydantic import Field, model_validator
 
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 
 class DecodeSettings(Settings):

@@ -3,10 +3,10 @@
 import logging
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
+from pmcl_ros.lightfield.calibration.light_from_picture import light_from_picture
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
-from pmcl_ros.lightfield.lattice_fit import fit_lattice, lattice_from_picture
-from pmcl_ros.lightfield.light_from_picture import light_from_picture
 
 _LOG = logging.getLogger(__name__)
 _PITCH = 10  # raw px for each view pixel

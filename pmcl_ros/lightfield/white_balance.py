@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError
 
 _NORM = 6  # Minkowski's; 1 would be the grey world, infinity the brightest pixel
 _SATURATED, _DARK = 0.9, 0.005

@@ -14,17 +14,17 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
-from pmcl_ros.errors import PmclError
-from pmcl_ros.nodes.hand_over import HandOver
-from pmcl_ros.nodes.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
-from pmcl_ros.nodes.parameter_file import (
+from pmcl_ros.nodes.runtime.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
+from pmcl_ros.nodes.runtime.parameter_file import (
     check_parameter_file,
     parameter_file,
     parameter_files,
 )
-from pmcl_ros.nodes.running import PARENT, SIGNALS, NodeThread, pause, ros
-from pmcl_ros.nodes.supervision import Supervisor
+from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, NodeThread, pause, ros
+from pmcl_ros.nodes.runtime.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
+from pmcl_ros.nodes.transport.intra_process_bus import HandOver
+from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
 

@@ -11,13 +11,13 @@ from pmcl_ros.dlv.back_end import choose
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.pictures import layers_picture
+from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.nodes.audience import Audience, Output
-from pmcl_ros.nodes.base import BIG, SMALL, StageNode
-from pmcl_ros.nodes.matching import Matching
-from pmcl_ros.nodes.running import run
-from pmcl_ros.nodes.values import ValuePublisher, subscribe_value
+from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.transport.deferred_publisher import Audience, Output
+from pmcl_ros.nodes.transport.exact_synchronizer import Matching
+from pmcl_ros.nodes.transport.values import ValuePublisher, subscribe_value
 
 # topic: type, what reads (and so checks) a message as it comes, quality of service
 _INPUTS = {

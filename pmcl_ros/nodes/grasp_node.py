@@ -11,17 +11,17 @@ from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros import conversions
-from pmcl_ros.errors import GraspError, PmclError
-from pmcl_ros.grasps.frames import transform, turned_covariance
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.transforms import transform, turned_covariance
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker, Ranking
 from pmcl_ros.grasps.settings import GraspSettings
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.arms import arm_of
-from pmcl_ros.nodes.base import SMALL, StageNode
-from pmcl_ros.nodes.grasp_messages import first_of, grasps_to_messages, grippers_to_markers
-from pmcl_ros.nodes.running import run
-from pmcl_ros.resources import resolve
+from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_markers
+from pmcl_ros.nodes.runtime.arms import arm_of
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.runtime.errors import GraspError, PmclError
+from pmcl_ros.runtime.resources import resolve
 
 _PATIENCE = 0.5  # s: how much later than its pose a covariance may come
 

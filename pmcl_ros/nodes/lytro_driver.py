@@ -25,13 +25,13 @@ from pmcl_ros.camera.roll import Roll
 from pmcl_ros.camera.settings import CameraSettings
 from pmcl_ros.camera.sources import open_camera
 from pmcl_ros.conversions import Buffer, header_to_message, raw_frame_to_messages
-from pmcl_ros.errors import CameraError, LinkError, PmclError
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.audience import DISCOVERY
-from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
-from pmcl_ros.nodes.running import run
-from pmcl_ros.nodes.values import ValuePublisher
-from pmcl_ros.resources import resolve
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.transport.deferred_publisher import DISCOVERY
+from pmcl_ros.nodes.transport.values import ValuePublisher
+from pmcl_ros.runtime.errors import CameraError, LinkError, PmclError
+from pmcl_ros.runtime.resources import resolve
 
 _LOOK = 2.0  # s between two looks for pictures that nobody here asked for, or that got lost
 _LONGEST = 30.0  # s between two when the camera does not answer

@@ -3,11 +3,11 @@
 from pydantic import Field, model_validator
 
 from pmcl_ros import conversions
-from pmcl_ros.errors import SettingsError
-from pmcl_ros.nodes.arms import tf2
-from pmcl_ros.nodes.base import StageNode
+from pmcl_ros.nodes.runtime.arms import tf2
+from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.tracking_settings import TrackingSettings
+from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 
 class PmclNodeSettings(TrackingSettings):

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros import conversions
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.nodes.base import SMALL, StageNode
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 
 _PICTURES = 4  # kept
 

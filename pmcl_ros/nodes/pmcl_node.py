@@ -16,26 +16,26 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
-from pmcl_ros.errors import LocalizationError
-from pmcl_ros.evaluation.pictures import overlay
-from pmcl_ros.nodes.awaited import Awaited
-from pmcl_ros.nodes.base import BIG, SMALL, StageNode
-from pmcl_ros.nodes.matching import Matching
+from pmcl_ros.drawing.pictures import overlay
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
-from pmcl_ros.nodes.running import run
+from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.runtime.tracked_camera import tracked_camera
+from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
-from pmcl_ros.nodes.tracked_camera import tracked_camera
-from pmcl_ros.nodes.values import subscribe_value
-from pmcl_ros.nodes.worker import Worker
+from pmcl_ros.nodes.transport.exact_synchronizer import Matching
+from pmcl_ros.nodes.transport.missing_captures import Awaited
+from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.several.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.several.scene_localizer import SceneLocalizer
-from pmcl_ros.pmcl.tracker import PREDICTED, Tracker
-from pmcl_ros.resources import resolve
+from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
+from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.resources import resolve
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.

@@ -14,13 +14,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Qos
 
-from pmcl_ros import bags
-from pmcl_ros.bags import BagWriter, Recorded
-from pmcl_ros.errors import BagError, PmclError
-from pmcl_ros.nodes.message_types import message_type
-from pmcl_ros.nodes.progress import Progress
-from pmcl_ros.nodes.running import Interrupted, pause, ros
+from pmcl_ros.messages import bags
+from pmcl_ros.messages.bags import BagWriter, Recorded
+from pmcl_ros.nodes.runtime.message_types import message_type
+from pmcl_ros.nodes.runtime.progress import Progress
+from pmcl_ros.nodes.runtime.running import Interrupted, pause, ros
 from pmcl_ros.nodes.topics import BIG, PRESETS, TOPICS, Quality, TopicEntry
+from pmcl_ros.runtime.errors import BagError, PmclError
 
 _REST = 5.0  # s: after a signal, for what waits to be written while more may be coming
 _ROOM = 4  # big messages that may wait to be written: a capture's come at once

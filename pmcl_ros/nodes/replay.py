@@ -11,13 +11,13 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Qos
 
-from pmcl_ros.bags import Recorded, Topic, read, topics
-from pmcl_ros.errors import BagError, PmclError
-from pmcl_ros.nodes.in_step import InStep
-from pmcl_ros.nodes.message_types import message_type
-from pmcl_ros.nodes.progress import Progress
-from pmcl_ros.nodes.running import pause, ros
+from pmcl_ros.messages.bags import Recorded, Topic, read, topics
+from pmcl_ros.nodes.runtime.message_types import message_type
+from pmcl_ros.nodes.runtime.progress import Progress
+from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.nodes.topics import PRESETS
+from pmcl_ros.nodes.transport.lockstep_player import InStep
+from pmcl_ros.runtime.errors import BagError, PmclError
 
 _ROUND = 1.0  # s: a bag of one capture would begin again as fast as DDS can take it
 _PATIENCE = 30.0  # s: for messages to arrive; DDS gives up who has been silent for 20

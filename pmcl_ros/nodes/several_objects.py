@@ -10,17 +10,17 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.pictures import outlines
-from pmcl_ros.nodes.base import LATCHED, SMALL, StageNode
+from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
+from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_object.names import distinct_names
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.several.names import distinct_names
-from pmcl_ros.pmcl.several.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.several.scene_localizer import SceneLocalizer
-from pmcl_ros.resources import resolve
+from pmcl_ros.runtime.resources import resolve
 
 
 class ObjectList:

@@ -10,17 +10,17 @@ from std_msgs.msg import String
 from pmcl_ros import conversions
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.settings import DecodeSettings
-from pmcl_ros.nodes.audience import Audience
-from pmcl_ros.nodes.base import BIG, LATCHED, StageNode
-from pmcl_ros.nodes.live import live_parameters
-from pmcl_ros.nodes.running import run
-from pmcl_ros.nodes.values import subscribe_value
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
+from pmcl_ros.nodes.runtime.live import live_parameters
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.transport.deferred_publisher import Audience
+from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.nodes.view_outputs import view_outputs
-from pmcl_ros.resources import resolve
+from pmcl_ros.runtime.resources import resolve
 
 
 class SubapertureNode(StageNode):

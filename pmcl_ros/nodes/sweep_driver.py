@@ -9,20 +9,20 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros import conversions
-from pmcl_ros.errors import LightFieldError, PmclError, SettingsError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.lens import Lens
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
-from pmcl_ros.nodes.audience import Audience
-from pmcl_ros.nodes.base import StageNode
-from pmcl_ros.nodes.camera_messages import colours_from, lens_from
-from pmcl_ros.nodes.camera_poses import camera_poses
-from pmcl_ros.nodes.running import run
+from pmcl_ros.messages.camera_image import colours_from, lens_from
+from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.nodes.runtime.camera_poses import camera_poses
+from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.transport.deferred_publisher import Audience
 from pmcl_ros.nodes.view_outputs import view_outputs
-from pmcl_ros.resources import resolve
+from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
+from pmcl_ros.runtime.resources import resolve
 
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _WAITING = 100  # images that may wait for a pose

@@ -7,9 +7,9 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros import conversions
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.nodes.audience import Output
-from pmcl_ros.nodes.base import BIG, SMALL, StageNode
-from pmcl_ros.nodes.values import ValuePublisher
+from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.transport.deferred_publisher import Output
+from pmcl_ros.nodes.transport.values import ValuePublisher
 
 
 def view_outputs(node: StageNode) -> list[Output[LightField]]:

@@ -7,26 +7,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.edges import edges_from_likelihood
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import edges_from_likelihood
+from pmcl_ros.evidence.model_error import CONTOUR_ERROR
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimator import Contour, Volume
 from pmcl_ros.pmcl.level_of_detail import simplified
+from pmcl_ros.pmcl.linearized_contour import SlidingContour
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
-from pmcl_ros.pmcl.render.climb import Climb
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
+from pmcl_ros.pmcl.render.gauss_newton import Climb
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.sliding_contour import SlidingContour
 
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of climbs

@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 SHARP = np.deg2rad(30)  # between normals: round parts of more than twelve facets a turn have less

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 
 
 @dataclass(frozen=True)

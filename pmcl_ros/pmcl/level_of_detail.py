@@ -10,8 +10,8 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from pmcl_ros.kernels import compiled
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.kernels import compiled
 
 _FEWEST = 1000  # faces that are not worth simplifying, and the first try
 _PIECES = 64  # of the model's diameter: faces are cut to such pieces, to be found by their centres

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.contour_profile import ContourProfile
-from pmcl_ros.pmcl.energies import evidence_across
-from pmcl_ros.pmcl.model_error import FACING, ModelError
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.model_error import FACING, ModelError
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.summary import tangent_basis

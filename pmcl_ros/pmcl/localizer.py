@@ -7,34 +7,34 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LocalizationError, RenderError
-from pmcl_ros.gl import GlContext
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene, where
-from pmcl_ros.pmcl.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Volume
-from pmcl_ros.pmcl.faithful import faithful_filter
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
+from pmcl_ros.pmcl.linearized_contour import SlidingContour
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.local_search import LocalSearch
-from pmcl_ros.pmcl.look import Look, weighted
-from pmcl_ros.pmcl.model_error import CONTOUR_ERROR
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particle_filter import faithful_filter
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
-from pmcl_ros.pmcl.render.climb import Climb
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gauss_newton import Climb
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.support import share_in_view
+from pmcl_ros.pmcl.tracking.local_search import LocalSearch
+from pmcl_ros.pmcl.tracking.observation import Look, weighted
 from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.runtime.errors import LocalizationError, RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
 # image px: what may be left out of the mesh of what is followed, which seems as much too near

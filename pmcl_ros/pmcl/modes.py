@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.summary import same_mode
-from pmcl_ros.pmcl.symmetry import Symmetry
 
 DISTANCE, ANGLE = 0.01, 0.15  # m, rad: closer poses are of one mode
 

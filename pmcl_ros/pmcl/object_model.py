@@ -13,9 +13,9 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.errors import ObjectModelError
-from pmcl_ros.pmcl.symmetry import Symmetry, generated
-from pmcl_ros.settings import Settings, read_yaml
+from pmcl_ros.geometry.symmetry import Symmetry, generated
+from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.runtime.settings import Settings, read_yaml
 
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table

@@ -9,11 +9,11 @@ from scipy.special import logsumexp
 
 from pmcl_ros.pmcl.ascent import ascent
 from pmcl_ros.pmcl.history import Watch, recorder
+from pmcl_ros.pmcl.linearized_contour import SlidingContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import tangent
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]

@@ -16,14 +16,14 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.kernels import LOCK, compiled
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.summary import same_mode
-from pmcl_ros.pmcl.symmetry import Symmetry
 from pmcl_ros.pmcl.templates import DIRECTIONS, POINTS, Templates
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _CELL = 4  # image px: the step of places
 _BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts

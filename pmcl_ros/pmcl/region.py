@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LocalizationError
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
+from pmcl_ros.runtime.errors import LocalizationError
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pmcl_ros.dlv.build import build_gl_volume, build_volume
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimator import Volume
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _LOG = logging.getLogger(__name__)
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.ambiguous_poses import rivals
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
 from pmcl_ros.pmcl.modes import different
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior, Progress
-from pmcl_ros.pmcl.rivals import rivals
 from pmcl_ros.pmcl.summary import moved
 
 # Poses that go on to climb, to fine contours, from there, to the end.

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.pmcl.support import LEAST_SUPPORT
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
 _Size = Annotated[float, Field(gt=0, le=10)]

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.errors import ObjectModelError
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.runtime.errors import ObjectModelError
 
 POINTS = 64  # of an outline, a multiple of 4
 DIRECTIONS = 32  # of its normals

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LocalizationError
+from pmcl_ros.runtime.errors import LocalizationError
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pytest
 from pmcl_ros.camera import files
 from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 COUNTS = np.random.default_rng(0).integers(0, 4096, (6, 8)).astype(np.uint16)
 

@@ -26,7 +26,7 @@ from pmcl_ros.camera.lfp import Container, container_bytes
 from pmcl_ros.camera.lfp_picture import file_set, picture_to_lfp
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.cli import main
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 WHITE = Path(__file__).parents[2] / 'config' / 'cameras' / 'demo_white.RAW.xz'
 RAW = pack12(np.random.default_rng(0).integers(0, 4096, (6, 8)).astype(np.uint16))

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 SHIPPED = Path(__file__).parents[2] / 'config' / 'cameras' / 'demo_white.TXT'
 

@@ -6,8 +6,8 @@ import pytest
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 REAL = Path(__file__).parents[1] / 'data/real_mosaics'
 

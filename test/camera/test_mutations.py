@@ -17,7 +17,7 @@ from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.lfp import container_bytes
 from pmcl_ros.camera.lfp_picture import picture_to_lfp
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 RAW = pack12(np.random.default_rng(0).integers(0, 4096, (6, 8)).astype(np.uint16))
 MEMORY = 20_000_000  # bytes, of files of some thousand

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pmcl_ros.camera.packing import pack12, unpack12
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 WHITE = Path(__file__).parents[2] / 'config' / 'cameras' / 'demo_white.RAW.xz'
 EVEN_SIZES = st.tuples(st.integers(1, 9), st.sampled_from([2, 4, 8])) | st.just((8, 5))

@@ -5,8 +5,8 @@ import pytest
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import CameraError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.runtime.errors import CameraError
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pmcl_ros.camera.file_camera import FileCamera
 from pmcl_ros.camera.roll import Roll
 from pmcl_ros.camera.settings import CameraSettings
 from pmcl_ros.camera.sources import open_camera
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.white_images import WhiteImages, choose_white
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 SIDE = 16
 ONE_CAMERA = {  # name: zoom, focus, exposure [s], brightness of the range

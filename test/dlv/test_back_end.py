@@ -13,7 +13,7 @@ from dlv_fields import make_grid, noise_field
 from pmcl_ros.dlv import back_end
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 FEW = {'labels': 9, 'edge_labels': 3, 'views': 3}
 
@@ -73,7 +73,7 @@ import logging
 import sys
 import numpy as np
 from pmcl_ros.dlv.build import warm_up
-from pmcl_ros.errors import RenderError
+from pmcl_ros.runtime.errors import RenderError
 logging.basicConfig(level=logging.INFO, stream=sys.stdout)
 for each in ('auto', 'gl'):
     try:

@@ -6,7 +6,7 @@ from dlv_fields import Texture
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.lightfield.sources.read import read_light_field
+from pmcl_ros.lightfield.readers.read import read_light_field
 
 SIDE, VIEWS = 96, 9
 FOCAL, SENSOR, BASELINE, FOCUS = 100.0, 35.0, 0.05, 8.0  # mm, mm, m, m

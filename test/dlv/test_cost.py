@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.cost import cost_volume
-from pmcl_ros.dlv.matching import Matching
+from pmcl_ros.dlv.cost_inputs import Matching
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings

@@ -11,9 +11,9 @@ from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import VolumeError
 
 FAR, NEAR, SPLIT = 0.75, 0.4, 60
 

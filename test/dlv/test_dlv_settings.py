@@ -1,7 +1,7 @@
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 
 def test_defaults_are_valid_and_described():

@@ -14,8 +14,8 @@ from pmcl_ros.dlv import cost, reference
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.errors import RenderError, VolumeError
-from pmcl_ros.gl import GlContext
+from pmcl_ros.runtime.errors import RenderError, VolumeError
+from pmcl_ros.runtime.gl import GlContext
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import RenderError, VolumeError
+from pmcl_ros.runtime.errors import RenderError, VolumeError
 
 FEW = {'labels': 25, 'edge_labels': 2, 'views': 3, 'back_end': 'numba'}
 

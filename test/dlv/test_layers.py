@@ -12,7 +12,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.layers import read_layers
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 
 DEPTHS = depth_labels(0.3, 0.9, 40)

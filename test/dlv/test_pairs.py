@@ -8,7 +8,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.errors import VolumeError
+from pmcl_ros.runtime.errors import VolumeError
 
 
 def with_weights(grid, weights):

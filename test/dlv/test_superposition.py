@@ -8,9 +8,9 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.superposition import Superposition, fit_superposition
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import VolumeError
 
 MIDDLE, SIZE, NOISE = 1.73, 50, 0.01  # px per view step, px, of the encoded intensity
 SETTINGS = DlvSettings(near=1 / 2.1, far=1 / 1.4, labels=20, edge_labels=2)  # depth: 1 / (px/step)

@@ -11,7 +11,7 @@ from pmcl_ros.dlv.theory.lemma import counterexample, printed
 from pmcl_ros.dlv.theory.likelihood import depth_likelihood
 from pmcl_ros.dlv.theory.mixture import Mixture, squared_distance
 from pmcl_ros.dlv.theory.two_layers import BACK, FRONT, NEITHER, TwoLayers
-from pmcl_ros.errors import VolumeError
+from pmcl_ros.runtime.errors import VolumeError
 
 COLOURS = arrays(float, (2, 3), elements=st.floats(0, 1))
 SIGMAS = arrays(float, 3, elements=st.floats(0.02, 0.3))

@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.dlv.view_moments import REST, SECOND, TAPS, ViewMoments, refocused_moments
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.lightfield.geometry import nominal_positions
+from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.runtime.errors import VolumeError
 
 
 def places(side, jitter=0.0, seed=0):

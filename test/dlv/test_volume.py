@@ -4,9 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.errors import VolumeError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import VolumeError
 
 PINHOLE = Pinhole(4, 3, 100.0, 100.0, 1.5, 1.0)
 DEPTHS = depth_labels(0.3, 0.9, 5)

@@ -10,12 +10,12 @@ import pytest
 from pmcl_scenes import bracket
 from tiny_capture import QUICK, write_capture
 
-from pmcl_ros.errors import LocalizationError
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_batches
 from pmcl_ros.evaluation.shared import Shared
 from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.runtime.errors import LocalizationError
 
 TIMES = {'seconds': 0.0, 'dlv_seconds': 0.0, 'decode_seconds': 0.0, 'renderer': ''}
 ROW = (Variant.parse(QUICK),)

@@ -9,7 +9,7 @@ from pmcl_scenes import bracket, cup, model_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation.surface_errors import Surface
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 
 PINHOLE = Pinhole(328, 328, 945.0, 945, 163.5, 163.5)
 SEEDS = st.integers(0, 2 ** 31)

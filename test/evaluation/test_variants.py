@@ -8,10 +8,10 @@ from pmcl_scenes import cup
 from tiny_capture import light_field, pose, write_capture
 
 from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @pytest.fixture

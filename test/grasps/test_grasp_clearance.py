@@ -8,13 +8,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
+from pmcl_ros.geometry.transforms import covariance_at, without_spin
 from pmcl_ros.grasps.clearance import (
     Clearance,
     in_grasp_frame,
     rectangle_probability,
     surface_points,
 )
-from pmcl_ros.grasps.frames import covariance_at, without_spin
 from pmcl_ros.grasps.gripper import GripperSettings
 
 FETCH = GripperSettings()

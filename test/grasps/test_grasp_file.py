@@ -5,9 +5,9 @@ import yaml
 from click.testing import CliRunner
 
 from pmcl_ros.cli import main
-from pmcl_ros.errors import ObjectModelError, SettingsError
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 
 FETCH = GripperSettings()
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.errors import GraspError
-from pmcl_ros.grasps.frames import about, transform
+from pmcl_ros.geometry.transforms import about, transform
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.runtime.errors import GraspError
 
 FETCH, SETTINGS = GripperSettings(), GraspSettings()
 PLACE = (0.72, 0.1, 0.75)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from pmcl_ros.errors import GraspError
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.profile import Profile
 from pmcl_ros.grasps.revolution import grasps_of
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import GraspError
 
 NAMES = ['cup', 'bottle', 'goblet', 'lying cup']
 FETCH = GripperSettings()

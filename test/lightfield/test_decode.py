@@ -9,11 +9,11 @@ from synthetic_camera import SIDE, SyntheticCamera, spot, waves, whole_text
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.geometry import nominal_positions
+from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError
 
 OUTSIDE = {(row, column) for row in (0, 8) for column in (0, 1, 7, 8)} | {
     (row, column) for row in (1, 7) for column in (0, 8)}  # corners and their neighbours

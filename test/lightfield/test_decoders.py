@@ -9,9 +9,9 @@ import pytest
 from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros.camera.files import write_raw_frame
-from pmcl_ros.errors import CameraError, LightFieldError
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.runtime.errors import CameraError, LightFieldError
 
 
 @pytest.fixture(scope='module')

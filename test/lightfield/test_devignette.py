@@ -5,9 +5,9 @@ from hypothesis import strategies as st
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.devignette import devignette, relative_light
+from pmcl_ros.runtime.errors import LightFieldError
 
 SIDE = 40
 

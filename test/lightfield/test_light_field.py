@@ -1,11 +1,12 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError
 
 GRID = ViewGrid(Pinhole(5, 4, 10, 10, 2, 1.5), 0.001, nominal_positions(1, 3), np.ones((1, 3)))
 SHAPE = (1, 3, 4, 5, 3)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from synthetic_camera import SIDE, SyntheticCamera
 
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.lenslets import Lenslets
 from pmcl_ros.lightfield.pupil import Pupil
+from pmcl_ros.runtime.errors import LightFieldError
 
 
 @pytest.fixture(scope='module')

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.white_balance import shades_of_grey
+from pmcl_ros.runtime.errors import LightFieldError
 
 RANDOM = np.random.default_rng(3)
 

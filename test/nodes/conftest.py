@@ -14,10 +14,11 @@ from rclpy.node import Node
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.nodes.shared_memory import VARIABLE
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.nodes.runtime.shared_memory import VARIABLE
 
 
 def _talk_as_processes_do():
@@ -29,7 +30,7 @@ def _talk_as_processes_do():
     """
     with pytest.MonkeyPatch.context() as patch:
         # Read once, by the first participant; not for the processes that tests start.
-        patch.setenv(VARIABLE, str(ROOT / 'test' / 'nodes' / 'fastdds.xml'))
+        patch.setenv(VARIABLE, str(ROOT / 'test' / 'support' / 'fastdds.xml'))
         context = Context()
         rclpy.init(context=context)
         Node('first', context=context).destroy_node()

@@ -14,7 +14,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.nodes.topics import TOPICS
 
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']

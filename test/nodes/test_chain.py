@@ -10,17 +10,17 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evaluation.pictures import layers_picture, overlay
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.drawing.pictures import layers_picture, overlay
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.messages import bags
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 CAMERA = ROOT / 'config' / 'cameras'

@@ -17,7 +17,7 @@ from pmcl_ros import conversions as cv
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.simulated.process import served
-from pmcl_ros.nodes.base import LATCHED, SMALL
+from pmcl_ros.nodes.runtime.base import LATCHED, SMALL
 
 DRIVER = 'pmcl_ros.nodes.lytro_driver'
 SHUTDOWN = Transition.TRANSITION_ACTIVE_SHUTDOWN

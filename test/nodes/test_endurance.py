@@ -20,8 +20,8 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
-from pmcl_ros.nodes.awaited import Awaited
-from pmcl_ros.nodes.gaps import Gaps
+from pmcl_ros.nodes.transport.missing_captures import Awaited
+from pmcl_ros.nodes.transport.sequence_gaps import Gaps
 
 BRINGUP = 'pmcl_ros.nodes.bringup'
 NODES = ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
@@ -114,7 +114,8 @@ def with_shared_memory(size, *arguments):
     ids=['in turn', 'flood', 'flood, little shared memory'])
 def test_soak(tmp_path, size, arguments):
     # In shared memory of its own: some of what others open there is shared across domains.
-    program = ['pmcl_ros.nodes.soak', '--captures', '8', '--quick', '--out', tmp_path, *arguments]
+    program = ['pmcl_ros.evaluation.bench.soak', '--captures', '8', '--quick', '--out', tmp_path,
+               *arguments]
     alone = may_mount() or size == '1m'
     done = subprocess.run(
         with_shared_memory(size, *program) if alone else [sys.executable, '-m', *program],
@@ -175,9 +176,9 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
 def test_messages_come_without_room_in_shared_memory(size):
     """16k: no process gets any; 1m: the first one does."""
     done = subprocess.run(
-        with_shared_memory(size, 'pmcl_ros.nodes.transport', '--messages', '5', '--side', '164',
-                           '--copies', '1'), cwd=ROOT, capture_output=True, text=True,
-        timeout=PATIENCE, check=False)
+        with_shared_memory(size, 'pmcl_ros.evaluation.bench.volume_transport', '--messages', '5',
+                           '--side', '164', '--copies', '1'),
+        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)

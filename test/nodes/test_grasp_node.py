@@ -15,13 +15,13 @@ from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions as cv
-from pmcl_ros.grasps.frames import inverse, transform, turned_covariance
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.transforms import inverse, transform, turned_covariance
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, SMALL
-from pmcl_ros.nodes.grasp_messages import pose_to_message
+from pmcl_ros.messages.grasp import pose_to_message
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
 SETTINGS = GraspSettings(grasps=str(FILE), arm='topic')

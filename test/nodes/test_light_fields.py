@@ -13,17 +13,18 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray, String
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.messages import bags
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 CAMERA = ROOT / 'config' / 'cameras'
 GRIDS = {(17, 17): (24, 20), (1, 5): (40, 30), (4, 6): (33, 21)}

@@ -12,8 +12,8 @@ from std_msgs.msg import Float32MultiArray, String
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
 
 from pmcl_ros import conversions as cv
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
 

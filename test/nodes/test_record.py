@@ -15,9 +15,9 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.messages import bags
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.nodes.topics import PRESETS
 
 RECORD, REPLAY, BRINGUP = (f'pmcl_ros.nodes.{each}' for each in ('record', 'replay', 'bringup'))

@@ -14,11 +14,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, LATCHED
-from pmcl_ros.nodes.message_types import message_type
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages import bags
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED
+from pmcl_ros.nodes.runtime.message_types import message_type
 
 REPLAY = 'pmcl_ros.nodes.replay'
 ALL = QoSProfile(depth=100)  # of a subscriber that misses nothing, however late it takes it

@@ -18,8 +18,8 @@ from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
 from pmcl_ros import conversions as cv
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 LONG = {'mode': 'faithful', 'faithful_iterations': 100_000, 'faithful_particles': 2,
         'faithful_threshold': 10.0}

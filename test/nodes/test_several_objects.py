@@ -19,9 +19,9 @@ from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.pmcl_node import PmclNode
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window

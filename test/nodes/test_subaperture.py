@@ -15,10 +15,10 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.nodes.base import BIG, LATCHED, SMALL
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 
 NAME = 'subaperture_node'
 

@@ -15,18 +15,18 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.scenes.moved import photographs, seen_from
-from pmcl_ros.evaluation.scenes.random_scene import random_scene
-from pmcl_ros.evaluation.scenes.settings import SceneSettings
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
-from pmcl_ros.nodes.base import BIG, SMALL
-from pmcl_ros.nodes.grasp_messages import pose_to_message
+from pmcl_ros.messages import bags
+from pmcl_ros.messages.grasp import pose_to_message
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.simulation.scenes.moved import photographs, seen_from
+from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

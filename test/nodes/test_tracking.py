@@ -8,15 +8,15 @@ from harness import ACTIVATE, CONFIGURE, DEACTIVATE, Process
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from pmcl_ros import bags
 from pmcl_ros import conversions as cv
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.sequences.files import FIXED_FRAME
-from pmcl_ros.evaluation.sequences.play import edges_of
-from pmcl_ros.evaluation.sequences.sequence import Sequence
-from pmcl_ros.evaluation.sequences.settings import SequenceSettings
-from pmcl_ros.header import Header
-from pmcl_ros.nodes.base import BIG, SMALL
+from pmcl_ros.evaluation.studies.tracking import edges_of
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages import bags
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.simulation.sequences.files import FIXED_FRAME
+from pmcl_ros.simulation.sequences.sequence import Sequence
+from pmcl_ros.simulation.sequences.settings import SequenceSettings
 
 HIDDEN = (2, 3)
 

@@ -8,17 +8,17 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.linearized_contour import SlidingContour
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.sliding_contour import SlidingContour
 from pmcl_ros.pmcl.summary import moved
 
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))

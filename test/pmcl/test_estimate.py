@@ -5,7 +5,7 @@ import pytest
 from pmcl_scenes import pose_of
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.header import Header
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 
 

@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 from pmcl_scenes import bracket, cup, model_of, random_poses
 from scipy.ndimage import distance_transform_edt
 
-from pmcl_ros.evaluation.sequences.sequence import Sequence
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.level_of_detail import _Faces, simplified
 from pmcl_ros.pmcl.localizer import _FINEST
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.simulation.sequences.sequence import Sequence
 
 CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
 

@@ -6,10 +6,10 @@ from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of, ra
 from scipy.spatial import cKDTree
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.pmcl.contour_profile import ContourProfile
-from pmcl_ros.pmcl.energies import energies_across
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import energies_across
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
-from pmcl_ros.pmcl.model_error import ModelError
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.summary import credible_level, moved, tangent

@@ -22,13 +22,13 @@ from pmcl_scenes import (
 )
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.errors import LocalizationError, RenderError
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.summary import canonical
+from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])

@@ -3,9 +3,9 @@
 import numpy as np
 from pmcl_scenes import random_poses
 
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import alike, different
 from pmcl_ros.pmcl.summary import moved
-from pmcl_ros.pmcl.symmetry import Symmetry
 
 NONE = Symmetry(None, np.eye(4)[None])
 ROUND = Symmetry(np.array([0, 0, 1.0]), np.eye(4)[None])

@@ -6,8 +6,8 @@ import trimesh
 import yaml
 from pmcl_scenes import bracket, cup
 
-from pmcl_ros.errors import ObjectModelError, SettingsError
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 
 MODELS = Path(__file__).parents[2] / 'models'
 

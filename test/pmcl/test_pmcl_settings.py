@@ -1,8 +1,8 @@
 import pytest
 
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 
 def test_defaults_are_valid_and_described():

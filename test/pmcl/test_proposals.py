@@ -8,14 +8,14 @@ import trimesh
 from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of, random_poses
 
 from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
-from pmcl_ros.errors import LocalizationError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.summary import rotation_distance, same_mode
 from pmcl_ros.pmcl.templates import Templates
+from pmcl_ros.runtime.errors import LocalizationError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 REGION = Region((0, 0, 0.4), (0.1, 0.1, 0.16))

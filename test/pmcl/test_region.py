@@ -3,9 +3,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pmcl_ros.errors import LocalizationError
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.runtime.errors import LocalizationError
 
 CAMERA = Pinhole(200, 150, 300, 260, 101, 73)
 WIDE = Pinhole(200, 150, 80, 90, 101, 73)

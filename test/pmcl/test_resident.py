@@ -10,16 +10,16 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.errors import RenderError, VolumeError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import ViewGrid, nominal_positions
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.motion import uniform_poses
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.resident import volume_for
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import RenderError, VolumeError
 
 CUP = model_of(cup(), [0, 0, 1])
 SEARCH = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.1, 0.1, 0.1), renderer='gl', proposals=4,

@@ -8,7 +8,7 @@ _PROGRAM = """
 import sys
 import numba, numpy as np
 from pmcl_ros.evaluation.bench import pmcl as bench
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene

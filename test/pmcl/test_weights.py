@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pmcl_ros.errors import LocalizationError
 from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.runtime.errors import LocalizationError
 
 LOGS = arrays(float, st.integers(1, 60), elements=st.floats(-800, 800) | st.just(-np.inf))
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,8 @@ from pmcl_ros.camera.gateway.token import check_token
 from pmcl_ros.camera.lfp import LARGEST_TEXT
 from pmcl_ros.camera.lfp_picture import LARGEST_RAW
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.errors import CameraError, LinkError, SettingsError
-from pmcl_ros.settings import explain
+from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.runtime.settings import explain
 
 _LARGEST_ANSWER = 1 << 20  # bytes of JSON
 _TIME = re.compile('[0-9]{19}')

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import requests
 
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 Progress = Callable[[int, int], None]
 

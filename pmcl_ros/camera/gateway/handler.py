@@ -16,7 +16,7 @@ from urllib.parse import unquote, urlsplit
 from pmcl_ros.camera.gateway.cache import CachedFile
 from pmcl_ros.camera.gateway.ranges import UnsatisfiableError, selected
 from pmcl_ros.camera.gateway.service import BusyError, Capture
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 if TYPE_CHECKING:
     from pmcl_ros.camera.gateway.server import GatewayServer

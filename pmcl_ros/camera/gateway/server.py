@@ -14,7 +14,7 @@ from typing import Any
 
 from pmcl_ros.camera.gateway.handler import Handler
 from pmcl_ros.camera.gateway.service import Service
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 _MOST_CONNECTIONS = 32
 _READING = 60.0  # seconds from one answer, or the connection, to the end of the next request

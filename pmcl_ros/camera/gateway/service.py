@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.camera.gateway.cache import Cache, CachedFile
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 _REMEMBERED = 100  # captures whose keys are not taken for new ones
 

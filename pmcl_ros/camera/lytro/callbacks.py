@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from pmcl_ros.camera.lytro.connection import dial
 from pmcl_ros.camera.lytro.settings import Address, LinkSettings
-from pmcl_ros.errors import LinkError, ProtocolError
+from pmcl_ros.runtime.errors import LinkError, ProtocolError
 
 HEARTBEAT = 'HeartbeatTick'
 SHUTTER_PRESSED = 'ShutterPressed'

@@ -28,7 +28,7 @@ from pmcl_ros.camera.lytro.payloads import (
 )
 from pmcl_ros.camera.lytro.settings import Address, LinkSettings
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 _PAUSE = 0.2  # seconds between two looks at the picture list
 

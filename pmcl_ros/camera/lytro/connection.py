@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from pmcl_ros.camera.lytro.frames import HEADER_LENGTH, Header, Request, download
 from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.errors import LinkError, ProtocolError
+from pmcl_ros.runtime.errors import LinkError, ProtocolError
 
 _SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has stalled
 

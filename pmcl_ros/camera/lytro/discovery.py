@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from zeroconf import Error, ServiceBrowser, ServiceStateChange, Zeroconf
 
 from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 SERVICE = '_lytro._tcp.local.'
 CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera

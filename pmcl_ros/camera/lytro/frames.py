@@ -4,7 +4,7 @@ import struct
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from pmcl_ros.errors import ProtocolError
+from pmcl_ros.runtime.errors import ProtocolError
 
 MAGIC = 0xFAAA55AF
 HEADER_LENGTH = 28

@@ -10,7 +10,7 @@ from pmcl_ros.camera.lytro.connection import Connection
 from pmcl_ros.camera.lytro.frames import CHUNK, CONTENT_LENGTH, Request
 from pmcl_ros.camera.lytro.payloads import decode_length
 from pmcl_ros.camera.lytro.settings import Address, LinkSettings
-from pmcl_ros.errors import CameraError, LinkError, ProtocolError
+from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
 

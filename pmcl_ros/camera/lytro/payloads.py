@@ -6,7 +6,7 @@ import struct
 from dataclasses import dataclass
 from datetime import datetime, timezone
 
-from pmcl_ros.errors import ProtocolError
+from pmcl_ros.runtime.errors import ProtocolError
 
 HARDWARE_INFO_LENGTH = 644
 RECORD_LENGTH = 128

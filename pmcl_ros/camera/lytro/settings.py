@@ -4,8 +4,8 @@ import re
 
 from pydantic import Field
 
-from pmcl_ros.errors import SettingsError
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import Settings
 
 
 class Address(Settings):

@@ -8,7 +8,7 @@ from zeroconf import Error, ServiceInfo, Zeroconf
 
 from pmcl_ros.camera.lytro.discovery import CALLBACK_PORT, SERVICE
 from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 _USUAL = Address()
 

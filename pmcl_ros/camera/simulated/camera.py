@@ -19,7 +19,7 @@ from pmcl_ros.camera.lytro.payloads import (
 )
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.faults import Faults
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 _SOFTWARE = 'v1.0a208, vv1.2.2, simulated'
 _LONGEST_LOG = 0xFFFFF  # bytes, the most that a client asks for

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from random import Random
 
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 HELP = """\
 drop-after=SIZE[:once]   each connection (once: only the first) is cut after

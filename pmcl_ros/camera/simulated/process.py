@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 READY = 'camera at '  # what the process prints before its address
 

@@ -12,7 +12,7 @@ from pmcl_ros.camera.lytro.callbacks import HEARTBEAT, Event
 from pmcl_ros.camera.lytro.frames import HEADER_LENGTH, Header
 from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
-from pmcl_ros.errors import CameraError, ProtocolError
+from pmcl_ros.runtime.errors import CameraError, ProtocolError
 
 _TICK = 0.1  # seconds between heartbeats when nothing else is said
 _LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 100

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import VolumeError
+from pmcl_ros.runtime.errors import VolumeError
 
 
 @dataclass(frozen=True)

@@ -8,26 +8,26 @@ from pathlib import Path
 
 import numpy as np
 
-from pmcl_ros.bags import extract_captures
 from pmcl_ros.camera.files import read_picture
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.dlv.edges import edge_volume
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.evaluation.variants import volume_settings
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.messages.bags import extract_captures
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.resident import volume_for
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 _ROOT = Path(__file__).parents[3]
 _STAGES = ('decode', 'volume', 'pose', 'total')

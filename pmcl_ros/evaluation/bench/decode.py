@@ -11,10 +11,10 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.bench.plain_decode import plain_decode
 from pmcl_ros.evaluation.bench.result import Bench, best_ms
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.calibration import Calibration
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
 
 _SIDE = 3280  # raw px

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv import back_end
 from pmcl_ros.dlv.cost import likelihood_of
-from pmcl_ros.dlv.edges import edge_volume
+from pmcl_ros.dlv.cost_inputs import Matching
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
-from pmcl_ros.dlv.matching import Matching
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings
 from pmcl_ros.dlv.superposition import fit_superposition
@@ -17,11 +16,13 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.bench import plain_dlv
 from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
 from pmcl_ros.evaluation.bench.result import Bench, best_ms
-from pmcl_ros.gl import GlContext
-from pmcl_ros.header import Header
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.counts import linear_views
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.runtime.gl import GlContext
 
 _PLAIN_LABELS = 3  # that the plain form is run on: each takes it a third of a second
 

@@ -39,7 +39,7 @@ def bench_graph(captures: int = 20) -> GraphBench:
     """Take `captures` pictures of bags/wine_glass; BenchError without ROS."""
     # As a program: only nodes know ROS.
     process = subprocess.run(
-        [sys.executable, '-m', 'pmcl_ros.nodes.latency', '--captures', str(captures)],
+        [sys.executable, '-m', 'pmcl_ros.evaluation.bench.latency', '--captures', str(captures)],
         stdout=subprocess.PIPE, text=True, check=False)
     if process.returncode:
         raise BenchError('no poses came, as the lines above say; it needs ROS 2, and the source '

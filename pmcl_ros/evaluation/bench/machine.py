@@ -4,7 +4,7 @@ import numpy as np
 from numba import get_num_threads, prange
 
 from pmcl_ros.evaluation.bench.result import best_ms
-from pmcl_ros.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _LANES = 4096      # numbers of a thread, 16 KB: near the core
 _ROUNDS = 2000     # 2 ms: some run falls between what else the machine does

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from pmcl_ros.errors import PmclError
+from pmcl_ros.runtime.errors import PmclError
 
 _PROFILE = Path('config') / 'fastdds_shm.xml'
 _VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
@@ -63,7 +63,8 @@ def bench_transport(messages: int = 200) -> TransportBench:
 def _run(messages: int, environment: Mapping[str, str]) -> Transport:
     # As a program: only nodes know ROS, and the profile is read when it starts.
     process = subprocess.run(
-        [sys.executable, '-m', 'pmcl_ros.nodes.transport', '--messages', str(messages)],
+        [sys.executable, '-m', 'pmcl_ros.evaluation.bench.volume_transport', '--messages',
+         str(messages)],
         stdout=subprocess.PIPE, text=True, env=environment, check=False)
     if process.returncode:
         raise BenchError('the volumes were not sent, as the lines above say; it needs ROS 2')

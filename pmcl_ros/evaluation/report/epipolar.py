@@ -10,8 +10,8 @@ from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.markup import figure, figures, key, section
 from pmcl_ros.evaluation.report.outlines import Along, cut, depths_at, middle
 from pmcl_ros.evaluation.report.plot import Plot
-from pmcl_ros.lightfield.geometry import ViewGrid
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid
 
 _MARGIN = 0.25  # of the object's width that is shown on each side of it
 _SIZE = 460.0, 160.0  # of the drawing

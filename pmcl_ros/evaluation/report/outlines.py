@@ -7,8 +7,8 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from pmcl_ros.evaluation.pictures import silhouette
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.drawing.pictures import silhouette
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 Along = Literal['x', 'y']  # an axis of the image: a row of pixels, or a column

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.pictures import depth_picture, layers_picture
+from pmcl_ros.drawing.pictures import depth_picture, layers_picture
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.markup import figure, figures, image, key, section
 from pmcl_ros.evaluation.report.outlines import Along, cut, label_at, middle, outlines

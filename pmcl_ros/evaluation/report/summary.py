@@ -11,9 +11,9 @@ from pmcl_ros.evaluation.report.localization import Localization, versions
 from pmcl_ros.evaluation.report.markup import Node, element, section, table
 from pmcl_ros.evaluation.report.posterior import coordinates
 from pmcl_ros.evaluation.report.search import NAMES
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.summary import credible_level
-from pmcl_ros.settings import Settings
+from pmcl_ros.runtime.settings import Settings
 
 _NOT_TOLD = 'not told'
 

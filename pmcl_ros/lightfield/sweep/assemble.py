@@ -8,17 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.geometry import Pinhole, ViewGrid, nominal_positions
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.sources.reduction import Reduction
+from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.layout import Layout
 from pmcl_ros.lightfield.sweep.rectify import Rectification, largest_window, linear_light
 from pmcl_ros.lightfield.sweep.residual import Tracker
 from pmcl_ros.lightfield.sweep.selection import good_pictures, one_for_each_cell
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
 _TOLD = 8  # frames that one line names

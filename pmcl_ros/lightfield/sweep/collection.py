@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.sweep.assemble import Sweep, assemble
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.layout import Layout
 from pmcl_ros.lightfield.sweep.selection import moves, relative_sharpness
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.runtime.errors import LightFieldError
 
 _APART = 0.25  # view steps: of two frames nearer to each other the sharper one is kept
 MOST_BYTES = 2 ** 30  # of the images of all frames

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.runtime.errors import LightFieldError
 
 _SIGMA = 1.0  # px: the noise of pixels, which no movement blurs, is smoothed away
 _RIGID = 1e-4  # how far from orthogonal a rotation may be: messages come rounded

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import LightFieldError
 
 DistortionModel = Literal['plumb_bob', 'rational_polynomial', 'equidistant']
 _COUNTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14), 'equidistant': (0, 4)}

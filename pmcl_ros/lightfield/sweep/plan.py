@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.errors import LightFieldError, SettingsError
-from pmcl_ros.lightfield.geometry import nominal_positions
-from pmcl_ros.settings import Settings
+from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.settings import Settings
 
 MATCHING = 0.25  # px: how exactly a displacement is known, its standard deviation
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 

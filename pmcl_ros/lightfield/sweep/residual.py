@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 
 _CORNERS = 400  # that are tracked at most
 _LEAST = 20  # that must agree; fewer tell nothing

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.errors import LightFieldError
-from pmcl_ros.pose_history import PoseHistory, between
+from pmcl_ros.geometry.pose_buffer import PoseHistory, between
+from pmcl_ros.runtime.errors import LightFieldError
 
 
 @dataclass(frozen=True)

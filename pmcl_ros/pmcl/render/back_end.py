@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.back_end import is_software
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _LOG = logging.getLogger(__name__)
 

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.errors import RenderError
-from pmcl_ros.kernels import compiled
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.kernels import compiled
 
 MOST_OFFSETS, MOST_KNOTS = 8, 9  # of a profile
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion

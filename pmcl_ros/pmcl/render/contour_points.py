@@ -5,10 +5,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.kernels import compiled
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.render.contour import Edges, energy, find, normal, place
 from pmcl_ros.pmcl.render.raster import MARGIN
+from pmcl_ros.runtime.kernels import compiled
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,14 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.kernels import compiled
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.energies import evidence_across
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, energy, evidence
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.kernels import compiled
 
 _CLEAR = 3  # image px to the nearest occluding contour; no more than MARGIN
 _STEP = 2  # pixels of the z-buffer: from one point of a crease to the next

@@ -5,10 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
-from pmcl_ros.kernels import LOCK
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -16,6 +13,9 @@ from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, sums_of_image
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
+from pmcl_ros.runtime.kernels import LOCK
 
 _COMPUTE = f"""
 #version 430

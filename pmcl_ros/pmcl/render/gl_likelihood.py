@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.gl_cost import GlArray
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.render.contour import label_scale
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _COMPUTE = """
 #version 430

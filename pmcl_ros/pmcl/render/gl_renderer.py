@@ -5,13 +5,13 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
-from pmcl_ros.gl import GlContext
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore
 from pmcl_ros.pmcl.render.gl_likelihood import GlLikelihoodScore
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.gl import GlContext
 
 
 class GlRenderer:

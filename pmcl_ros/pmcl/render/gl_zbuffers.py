@@ -6,9 +6,9 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import RenderError
-from pmcl_ros.gl import GlContext
 from pmcl_ros.pmcl.render.scene import Scene, sphere_bounds
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext
 
 _MOST_PIXELS = 2 ** 26  # of an atlas: 256 MiB
 _VERTEX = """

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.header import Header
-from pmcl_ros.kernels import LOCK, compiled
-from pmcl_ros.lightfield.geometry import Pinhole
-from pmcl_ros.pmcl.contour_profile import ContourProfile
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
@@ -22,6 +21,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, crease_sum
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.runtime.kernels import LOCK, compiled
 
 
 @dataclass(frozen=True)

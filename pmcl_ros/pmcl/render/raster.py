@@ -14,9 +14,9 @@ import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import RenderError
-from pmcl_ros.kernels import compiled
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.kernels import compiled
 
 MARGIN = 3  # px around the box: what looks at a pixel's neighbours needs no bounds
 _HALF = 128  # half a pixel, in the units of corners

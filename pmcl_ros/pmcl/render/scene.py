@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.errors import RenderError
-from pmcl_ros.lightfield.geometry import Pinhole
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import RenderError
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from pmcl_ros.camera.gateway.download import LostError
 from pmcl_ros.camera.gateway.settings import GatewaySettings
 from pmcl_ros.camera.gateway.token import read_token
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
 SIDE = 512  # pixels: 393216 bytes
 TOKEN = 'a-long-enough-token'

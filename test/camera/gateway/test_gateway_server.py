@@ -22,7 +22,7 @@ from pmcl_ros.camera.gateway import server as server_module
 from pmcl_ros.camera.gateway.cache import Cache
 from pmcl_ros.camera.gateway.server import GatewayServer
 from pmcl_ros.camera.gateway.service import Service
-from pmcl_ros.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError
 
 TOKEN = 'a-long-enough-token'
 NOBODY = 'sha1-' + 40 * '0'

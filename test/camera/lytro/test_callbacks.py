@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.camera.lytro.callbacks import CallbackListener, Event, EventParser
 from pmcl_ros.camera.lytro.settings import Address, LinkSettings
-from pmcl_ros.errors import LinkError, ProtocolError
+from pmcl_ros.runtime.errors import LinkError, ProtocolError
 
 SETTINGS = LinkSettings(timeout=5, watchdog=10)
 IDENTITY = 'sha1-' + 40 * 'a'

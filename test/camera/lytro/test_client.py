@@ -27,7 +27,7 @@ from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.server import CameraServer
-from pmcl_ros.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
 ROOT = Path(__file__).parents[3]
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ import pytest
 from pmcl_ros.camera.lytro.discovery import discover
 from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.camera.simulated.announce import announced
-from pmcl_ros.errors import CameraError, LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 
 def multicast_works():

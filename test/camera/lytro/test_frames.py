@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.camera.lytro import frames
 from pmcl_ros.camera.lytro.frames import Command, Header, Request, download, load_file
-from pmcl_ros.errors import ProtocolError
+from pmcl_ros.runtime.errors import ProtocolError
 
 RAW = r'I:\DCIM\100PHOTO\IMG_0001.RAW'
 REQUESTS = [

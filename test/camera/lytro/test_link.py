@@ -15,7 +15,7 @@ from pmcl_ros.camera.lytro import frames
 from pmcl_ros.camera.lytro.frames import load_file
 from pmcl_ros.camera.lytro.link import Link
 from pmcl_ros.camera.lytro.settings import Address, LinkSettings
-from pmcl_ros.errors import CameraError, LinkError, ProtocolError
+from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 BATTERY = bytes.fromhex('AF55AAFA 04000000 03000000 C600 06' + '00' * 13 + '0000AF42')
 QUICK = LinkSettings(timeout=0.2, patience=0.3)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.camera.lytro import payloads
 from pmcl_ros.camera.lytro.payloads import HardwareInfo, PictureRecord
-from pmcl_ros.errors import ProtocolError
+from pmcl_ros.runtime.errors import ProtocolError
 
 ID = 'sha1-' + '0123456789' * 4
 RECORD = PictureRecord(100, 7, ID, '2014-05-14T15:32:40.000Z', True, 2.5, 8)

@@ -12,7 +12,7 @@ from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.server import CameraServer
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 FRAME = st.builds(
     lambda length, flags, group, sub, rest, payload: struct.pack(

@@ -10,7 +10,7 @@ from simulated_cameras import SIDE, write_captures
 from pmcl_ros.camera.files import write_picture
 from pmcl_ros.camera.simulated import card as card_module
 from pmcl_ros.camera.simulated.card import Card
-from pmcl_ros.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError
 
 NOW = datetime(2031, 1, 2, 3, 4, 5, 678901, timezone.utc)
 

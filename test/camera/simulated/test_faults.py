@@ -9,7 +9,7 @@ from simulated_cameras import QUICK, SIDE, client_of, serving, write_captures
 
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.faults import Faults
-from pmcl_ros.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from sweep_scene import pose_at
 
 from pmcl_ros.cli import main
-from pmcl_ros.errors import SettingsError
 from pmcl_ros.lightfield.sweep.plan import SweepPlan, depth_resolution, width_for
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @given(st.floats(0.1, 10), st.floats(100, 3000), st.floats(1e-4, 0.1), st.floats(0.05, 2))

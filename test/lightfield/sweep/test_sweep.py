@@ -13,7 +13,6 @@ from sweep_scene import DISC, PINHOLE, STAMP, WALL, frame, light, pose_at, raste
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
@@ -22,6 +21,7 @@ from pmcl_ros.lightfield.sweep.lens import Lens
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.rectify import largest_window
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.runtime.errors import LightFieldError
 
 STEP = 0.01
 SETTINGS = SweepSettings(rows=5, columns=5, baseline=STEP, near=0.4, far=1.0)

@@ -6,15 +6,15 @@ import yaml
 from click.testing import CliRunner
 from sweep_scene import PINHOLE, frame, raster
 
-from pmcl_ros import bags
 from pmcl_ros.cli import main
-from pmcl_ros.errors import LightFieldError, SettingsError
-from pmcl_ros.header import Header
-from pmcl_ros.lightfield.sources.read import is_light_field, read_light_field
-from pmcl_ros.lightfield.sources.sweep_folder import write_sweep
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.readers.sweep_folder import write_sweep
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.lens import Lens
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.messages import bags
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 SETTINGS = SweepSettings(rows=1, columns=3, baseline=0.01, near=0.4, far=1.0)
 LENS = Lens(PINHOLE, (-0.1, 0.02, 0.0, 0.001))

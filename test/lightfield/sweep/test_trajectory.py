@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from sweep_scene import pose_at
 
-from pmcl_ros.errors import LightFieldError
 from pmcl_ros.lightfield.sweep.trajectory import Trajectory
+from pmcl_ros.runtime.errors import LightFieldError
 
 SECOND = 1_000_000_000
 

@@ -1,0 +1,208 @@
+"""`make demo`: a shipped capture becomes a pose through the four nodes, on real ROS 2."""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import State
+from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rich.console import Console
+from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
+
+from pmcl_ros import conversions
+from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.drawing.pictures import depth_picture, write_png
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.nodes.runtime.base import SMALL
+from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.resources import resolve
+
+_ROOT = Path(__file__).parents[2]
+_PATIENCE = 300.0  # s: for the nodes, and the pose; the first run compiles its kernels
+_CONSOLE = Console()
+
+
+class DemoError(PmclError):
+    """The demonstration did not come to its end."""
+
+
+class Watcher(Node):
+    """Keeps what the chain publishes about the one capture: a grasp pipeline's place."""
+
+    def __init__(self) -> None:
+        super().__init__('pmcl_demo')
+        self.pose: PoseStamped | None = None
+        self.pictures: dict[str, Image] = {}
+        self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
+        for topic in ('center/image', 'dlv/depth', 'overlay'):
+            self.create_subscription(Image, topic, self._keep(topic), SMALL)
+        self.shutter = self.create_client(Trigger, 'lytro_driver/capture')
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything has come."""
+        return self.pose is not None and len(self.pictures) == 3
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        self.pose = message
+
+    def _keep(self, topic: str) -> Callable[[Image], None]:
+        def keep(message: Image) -> None:
+            if topic not in self.pictures:
+                _say(f'{topic} has come')
+            self.pictures[topic] = message
+        return keep
+
+
+_STARTED = time.monotonic()
+
+
+def _say(text: str) -> None:
+    _CONSOLE.print(f'[cyan]{time.monotonic() - _STARTED:5.1f} s[/]  {text}', highlight=False)
+
+
+def _start(stack: ExitStack, module: str, *arguments: str) -> subprocess.Popen[bytes]:
+    """A process of the package, ended when the stack is left."""
+    process = subprocess.Popen([sys.executable, '-m', module, *arguments])
+
+    def end() -> None:
+        process.terminate()
+        process.wait()
+
+    stack.callback(end)
+    return process
+
+
+def _parameters(bag: Path, truth: Truth, camera: dict[str, str]) -> list[str]:
+    """What goes over config/pmcl.yaml: the camera, and the object and region of the bag."""
+    values = {'pmcl_node:object': str(_mesh(bag)),
+              'pmcl_node:roi_center': list(truth.roi_center),
+              'pmcl_node:roi_size': list(truth.roi_size), **camera}
+    return ['--ros-args',
+            *(part for name, value in values.items() for part in ('-p', f'{name}:={value}'))]
+
+
+def _mesh(bag: Path) -> Path:
+    return _ROOT / 'models' / f'{bag.name}.obj'
+
+
+def _simulate(stack: ExitStack, bag: Path) -> str:
+    """The address of a simulated camera that sees what is in the bag."""
+    pictures = stack.enter_context(TemporaryDirectory())
+    extract_captures(bag, pictures)
+    address, _ = stack.enter_context(served(pictures, '--empty'))
+    return address.text
+
+
+def show(bag: Path, out: Path, simulate: bool) -> None:
+    """Run the chain on a bag, print its pose beside the truth, write the pictures.
+
+    simulate: a simulated camera is triggered and takes the picture that is in the bag. Else the
+    bag is replayed.
+    """
+    truth = Truth.load(bag / 'truth.json')
+    with ExitStack() as stack:
+        stack.callback(rclpy.try_shutdown)
+        rclpy.init()
+        watcher = Watcher()
+        executor = SingleThreadedExecutor()
+        executor.add_node(watcher)
+        _say('starting lytro_driver, subaperture_node, dlv_node, pmcl_node; configure, activate')
+        # A bag speaks in the camera's place: the driver is given a picture, and not triggered.
+        camera = {'lytro_driver:source': 'files',
+                  'lytro_driver:path': 'package://pmcl_ros/config/cameras'}
+        if simulate:
+            camera = {'lytro_driver:source': 'wifi',
+                      'lytro_driver:address': _simulate(stack, bag)}
+        processes = [_start(stack, 'pmcl_ros.nodes.bringup', '--processes', '--params-file',
+                            str(resolve('package://pmcl_ros/config/pmcl.yaml', 'config')),
+                            *_parameters(bag, truth, camera))]
+        if not simulate:
+            processes.append(_start(stack, 'pmcl_ros.nodes.replay', str(bag), '--timeout',
+                                    str(_PATIENCE)))
+        deadline = time.monotonic() + _PATIENCE
+
+        def alive(*_: object) -> None:
+            if any(process.poll() not in (None, 0) for process in processes):
+                raise DemoError('a process of the chain has failed; its lines above say why')
+
+        if simulate:
+            lifecycle = Lifecycle(watcher, executor, alive)
+            while lifecycle.state('lytro_driver', deadline) != State.PRIMARY_STATE_ACTIVE:
+                executor.spin_once(timeout_sec=0.2)
+            _say('the camera is triggered')
+            watcher.shutter.call_async(Trigger.Request()).add_done_callback(
+                lambda answer: _say(f'lytro_driver: {answer.result().message}'))
+        while not watcher.complete:
+            executor.spin_once(timeout_sec=0.1)
+            alive()
+            if time.monotonic() > deadline:
+                raise DemoError(f'no pose after {_PATIENCE:.0f} s; got {list(watcher.pictures)}')
+        _say('the pose has come')
+        _report(watcher, bag, truth.pose, out)
+        _say('stopping the nodes')
+
+
+def _report(watcher: Watcher, bag: Path, truth: NDArray[np.float64], out: Path) -> None:
+    model = ObjectModel.load(_mesh(bag))
+    _, pose = conversions.pose_from(watcher.pose)
+    error = pose_error(pose, truth, model.axis, model.discrete)
+    _CONSOLE.rule(f'{bag.name} in {watcher.pose.header.frame_id}')
+    for name, each in (('estimate', pose), ('truth', truth)):
+        direction = each[:3, :3] @ (model.axis if model.axis is not None else [0, 0, 1.0])
+        _CONSOLE.print(f'{name:>9}: position ({", ".join(f"{v:+.4f}" for v in each[:3, 3])}) m, '
+                       f'axis ({", ".join(f"{v:+.3f}" for v in direction)})', highlight=False)
+    _CONSOLE.print(f'    error: [bold]{1e3 * error.translation:.1f} mm[/], '
+                   f'[bold]{np.rad2deg(error.rotation):.1f} degrees[/] (of the symmetry axis)',
+                   highlight=False)
+    out.mkdir(parents=True, exist_ok=True)
+    depth = conversions.depth_from(watcher.pictures['dlv/depth'])
+    near, far = np.nanpercentile(depth, [1, 99])
+    write_png(out / 'centre.png', conversions.picture_from(watcher.pictures['center/image']))
+    write_png(out / 'depth.png', depth_picture(depth, near, far))
+    write_png(out / 'overlay.png', conversions.picture_from(watcher.pictures['overlay']))
+    _CONSOLE.print(f' pictures: {out}/centre.png, {out}/depth.png (most likely depth), '
+                   f'{out}/overlay.png (estimate on the centre view)', highlight=False)
+    _CONSOLE.rule()
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog='pmcl_demo', description=__doc__)
+    parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
+                        help='bag with its truth.json; the object is models/NAME.obj')
+    parser.add_argument('--out', type=Path, default=Path('out'), help='folder for the pictures')
+    parser.add_argument('--camera', choices=['', 'simulated'], default='', help='simulated: a '
+                        'camera made of software takes the picture; else the bag is replayed')
+    options = parser.parse_args()
+    # Nothing of this machine's other ROS nodes, nor of the network's, takes part.
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    try:
+        show(options.bag, options.out, options.camera == 'simulated')
+    except PmclError as error:
+        _CONSOLE.print(f'[red]the demo failed:[/] {error}')
+        return 1
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

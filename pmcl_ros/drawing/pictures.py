@@ -1,0 +1,127 @@
+"""Pictures of results, drawn without a screen: (height, width, 3) uint8 RGB arrays."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.layers import Layers
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import PmclError
+
+_ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pixels
+_FRACTION = 4  # bits of a pixel's fraction in OpenCV's drawing functions
+_FARTHEST = 1e5  # px: what lies farther out is not drawn, it would not fit OpenCV's integers
+_CONTOUR = (0, 255, 0)
+_COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240, 0))
+_AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
+
+
+def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
+            pose: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """The model's outline and axes at a pose (4, 4) on the centre view, three times its size.
+
+    picture: (height, width, 3) of the pinhole's size.
+    """
+    canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
+                                   interpolation=cv2.INTER_CUBIC), np.uint8)
+    covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+    outline, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(canvas, outline, -1, _CONTOUR, 1, cv2.LINE_AA)
+    arms = np.concatenate([np.zeros((1, 3)), 0.4 * model.radius * np.eye(3)])
+    ends = _enlarged(pinhole.project(arms @ pose[:3, :3].T + pose[:3, 3]), _ZOOM)
+    if (np.abs(ends) < _FARTHEST).all():
+        origin, *tips = np.rint(ends * 2 ** _FRACTION).astype(int).tolist()
+        for tip, colour in zip(tips, _AXES, strict=True):
+            cv2.arrowedLine(canvas, origin, tip, colour, 2, cv2.LINE_AA, _FRACTION)
+    return canvas
+
+
+def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
+             things: Sequence[tuple[ObjectModel, NDArray[np.floating], str]]
+             ) -> NDArray[np.uint8]:
+    """Outlines of models at poses (4, 4) with a word each, in colours, as `overlay` draws one."""
+    canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
+                                   interpolation=cv2.INTER_CUBIC), np.uint8)
+    for number, (model, pose, word) in enumerate(things):
+        covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+        found, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        cv2.drawContours(canvas, found, -1, _COLOURS[number % len(_COLOURS)], 2, cv2.LINE_AA)
+        x, y = _enlarged(pinhole.project(pose[:3, 3]), _ZOOM).clip(0, _FARTHEST).astype(int)
+        _write(canvas, word, int(x), int(y))
+    return canvas
+
+
+def silhouette(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating],
+               zoom: int = 1) -> NDArray[np.bool_]:
+    """(zoom * height, zoom * width) the pixels that the model covers at a pose (4, 4).
+
+    A face that reaches behind the camera is left out.
+    """
+    mask = np.zeros((zoom * pinhole.height, zoom * pinhole.width), np.uint8)
+    pixels = _enlarged(pinhole.project(model.vertices @ pose[:3, :3].T + pose[:3, 3]), zoom)
+    triangles = pixels[model.faces]
+    triangles = triangles[(np.abs(triangles) < _FARTHEST).all(axis=(1, 2))]
+    for triangle in np.rint(triangles * 2 ** _FRACTION).astype(np.int32):
+        cv2.fillConvexPoly(mask, triangle, 1, cv2.LINE_8, _FRACTION)
+    return mask.astype(bool)
+
+
+def depth_picture(depth: NDArray[np.floating], near: float, far: float) -> NDArray[np.uint8]:
+    """A depth map (height, width) [m] in colours, near warm, far cold, a scale below.
+
+    What is unknown (NaN) is black.
+    """
+    known = np.isfinite(depth)
+    inverse = 1 / np.where(known, depth, far)
+    picture = _colours((inverse - 1 / far) / (1 / near - 1 / far))
+    picture[~known] = 0
+    width = depth.shape[1]
+    bar = np.repeat(_colours(np.linspace(0, 1, width)[None]), 14, axis=0)
+    middle = 2 / (1 / near + 1 / far)
+    for metres, x in ((far, 2), (middle, width // 2 - 22), (near, width - 48)):
+        _write(bar, f'{metres:.2f} m', x, 11)
+    return np.concatenate([picture, bar])
+
+
+def layers_picture(layers: Layers, near: float, far: float) -> NDArray[np.uint8]:
+    """Two depth pictures side by side: the front surface of each ray, and what is behind it.
+
+    Behind a ray's only surface there is nothing (black).
+    """
+    halves = []
+    for name, depth in (('front', layers.front), ('behind it', layers.behind)):
+        half = depth_picture(depth, near, far)
+        _write(half, name, 4, 14)
+        halves.append(half)
+    return np.concatenate(halves, axis=1)
+
+
+def write_png(path: Path | str, picture: NDArray[np.uint8]) -> None:
+    """Write a picture; PmclError when that is impossible."""
+    _, data = cv2.imencode('.png', picture[..., ::-1])
+    try:
+        Path(path).write_bytes(data.tobytes())
+    except OSError as error:
+        raise PmclError(f'cannot write {path}: {error.strerror or error}') from None
+
+
+def _colours(part: NDArray[np.floating]) -> NDArray[np.uint8]:
+    levels = np.rint(255 * np.clip(part, 0, 1)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_TURBO)[..., ::-1], np.uint8).copy()
+
+
+def _write(canvas: NDArray[np.uint8], text: str, x: int, y: int) -> None:
+    """Black with a white rim, to be read on any colour."""
+    rim = [(dx, dy, 255) for dx in (-1, 0, 1) for dy in (-1, 0, 1)]
+    for dx, dy, grey in [*rim, (0, 0, 0)]:
+        cv2.putText(canvas, text, (x + dx, y + dy), cv2.FONT_HERSHEY_SIMPLEX, 0.38, (grey,) * 3, 1,
+                    cv2.LINE_AA)
+
+
+def _enlarged(pixels: NDArray[np.floating], zoom: int) -> NDArray[np.float64]:
+    """Where pixels (..., 2) lie in a picture enlarged `zoom` times (pixel centres at integers)."""
+    return (np.asarray(pixels, float) + 0.5) * zoom - 0.5

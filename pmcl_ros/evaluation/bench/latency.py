@@ -1,0 +1,136 @@
+"""From shutter to pose: through a graph in one process, and without ROS, of the same captures.
+
+Prints one JSON object; `pmcl bench graph` runs it.
+"""
+
+import argparse
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.camera.files import read_raw_frame, write_picture
+from pmcl_ros.camera.packing import pack12
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain, print_json
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.evaluation.variants import volume_settings
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.nodes.runtime.running import ros
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import PmclError
+
+_ROOT = Path(__file__).parents[3]
+_CALIBRATION = _ROOT / 'config' / 'cameras' / 'demo.yaml'
+_QUICK = {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}
+_WHITE = _ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz'
+
+
+def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict[str, object]:
+    """Take `captures` pictures by the graph, each followed by the same without ROS.
+
+    Both read the picture from a file (not compressed), decode, build the volume and search, with
+    the settings of `pmcl localize` and the same random numbers. The first two are not counted.
+    quick: hardly a search, which shows the nodes' own share better.
+    Times are from the shutter to the pose in another process, and from reading to the pose [ms].
+    """
+    result: dict[str, object] = {}
+    with TemporaryDirectory() as name, ros():
+        folder = Path(name)
+        (folder / 'picture').mkdir()
+        picture, = extract_captures(bag, folder / 'picture')
+        frame = read_raw_frame(picture)
+        raw = folder / 'raw' / 'capture.RAW'
+        raw.parent.mkdir()
+        write_picture(raw, pack12(frame.counts), frame.metadata.text)
+        truth = Truth.load(bag / 'truth.json')
+        model = ObjectModel.load(_ROOT / 'models' / f'{bag.name}.obj')
+        pmcl = PmclSettings.make({'object': str(_ROOT / 'models' / f'{bag.name}.obj'),
+                                  'roi_center': truth.roi_center, 'roi_size': truth.roi_size,
+                                  **(_QUICK if quick else {})})
+        near, far = Region(pmcl.roi_center, pmcl.roi_size).grown(model.radius)
+        decoders = Decoders(Calibration.load(_CALIBRATION), _WHITE)
+        dlv = volume_settings('default', near, far, decoders.of(frame.metadata).grid)
+        parameters = {
+            'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
+            'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
+            'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}
+        random = np.random.default_rng(pmcl.seed)
+        with Localizer(model, pmcl) as localizer, Graph(parameters, folder, arguments) as graph:
+            def offline() -> NDArray[np.float64]:
+                light_field = decoders.decode(read_raw_frame(raw))
+                return localizer.localize(build_volume(light_field, dlv), random).pose
+
+            result = _compare(graph, offline, captures)
+            if result['equal'] != captures:  # the nodes' own log tells why
+                sys.stderr.write(graph.log)
+    if not result:
+        raise GraphError('interrupted')
+    return result
+
+
+def _listed(values: dict[str, object]) -> dict[str, object]:
+    return {name: list(each) if isinstance(each, tuple) else each
+            for name, each in values.items() if each is not None}
+
+
+def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
+             captures: int) -> dict[str, object]:
+    through, without, equal = [], [], 0
+    used = {'graph': 0.0, 'offline': 0.0}
+    for number in range(captures + 2):
+        before = graph.cpu_seconds
+        answer = graph.capture()
+        graph.wait(lambda: len(graph.poses) == number + 1 and answer.done(), 'a pose')  # noqa: B023
+        stamp, arrived, pose = graph.poses[-1]
+        after = graph.cpu_seconds
+        began, cpu = time.perf_counter(), time.process_time()
+        expected = offline()
+        seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
+        if number >= 2:
+            used['graph'] += after - before
+            used['offline'] += cpu
+            through.append(1e-6 * (arrived - stamp))
+            without.append(1e3 * seconds)
+            equal += np.allclose(pose, expected)
+    pairs = np.divide(through, without)
+    return {'captures': captures, 'equal': equal,
+            'ms': {'graph': float(np.median(through)), 'offline': float(np.median(without))},
+            'cpu_ms': {name: 1e3 * each / captures for name, each in used.items()},
+            'ratio': float(np.median(pairs)), 'worst_ratio': float(pairs.max()),
+            'cpu_ratio': used['graph'] / used['offline']}
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass')
+    parser.add_argument('--captures', type=int, default=20)
+    parser.add_argument('--processes', action='store_true', help='a process for each node')
+    parser.add_argument('--quick', action='store_true', help='hardly a search')
+    options = parser.parse_args()
+    own_domain()
+    out = os.fdopen(os.dup(1), 'w', buffering=1)
+    os.dup2(2, 1)  # Fast DDS complains there
+    try:
+        result = measure(options.bag, options.captures,
+                         ['--processes'] if options.processes else [], options.quick)
+    except PmclError as error:
+        sys.stderr.write(f'{error}\n')
+        return 1
+    print_json(result, out)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,149 @@
+"""A whole graph in processes of its own, as its user has it: triggered, listened to, ended."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TextIO
+
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+from pmcl_ros import conversions
+from pmcl_ros.evaluation.bench.usage import cpu_seconds
+from pmcl_ros.nodes.runtime.base import SMALL
+from pmcl_ros.nodes.runtime.running import pause
+from pmcl_ros.nodes.table import NODES
+from pmcl_ros.runtime.errors import PmclError
+
+_PATIENCE = 240.0  # s: a machine may have to compile all kernels first
+_SHOWN = 2000  # characters of a log
+_MANY = QoSProfile(depth=1000, reliability=SMALL.reliability)
+
+
+class GraphError(PmclError):
+    """The graph did not come up, or has ended."""
+
+
+class Graph:
+    """`pmcl_bringup` with `parameters` of its nodes, and all that it says while it lasts.
+
+    arguments: more for pmcl_bringup. folder: where its log and parameters are written.
+    poses: (stamp [ns], time of arrival [ns since the epoch], (4, 4) pose) as they came.
+    told: for each node, by its name, what it last said of itself on /diagnostics.
+    Times of arrival are of this process, which must be spun: `wait`.
+    """
+
+    def __init__(self, parameters: Mapping[str, Mapping[str, Any]], folder: Path,
+                 arguments: Sequence[str] = ()) -> None:
+        file, self._log = folder / 'parameters.yaml', folder / 'log.txt'
+        file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': dict(values)}
+                                        for name, values in parameters.items()}))
+        self.poses: list[tuple[int, int, NDArray]] = []
+        self.told: dict[str, dict[str, str]] = {}
+        self._node = Node('pmcl_observer')
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._node.create_subscription(PoseStamped, 'pose', self._on_pose, _MANY)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, _MANY)
+        self._shutter = self._node.create_client(Trigger, 'lytro_driver/capture')
+        with self._log.open('w') as log:
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
+                 *arguments], stdout=log, stderr=subprocess.STDOUT)
+
+    def __enter__(self) -> 'Graph':
+        try:
+            self.wait(lambda: 'pmcl_bringup]: active: ' in self.log, 'the nodes to be active')
+            self.wait(lambda: self._shutter.service_is_ready() and len(self.told) >= len(NODES),
+                      'all nodes to be heard')
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.status = self._end()
+        self._executor.shutdown()
+        self._node.destroy_node()
+
+    @property
+    def log(self) -> str:
+        """All that its processes have printed."""
+        return self._log.read_text(errors='replace')
+
+    @property
+    def processes(self) -> dict[str, int]:
+        """Its processes: name to process id."""
+        pid = self._process.pid
+        children = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+        return {'pmcl_bringup': pid} | {_module_of(int(each)): int(each) for each in children}
+
+    @property
+    def cpu_seconds(self) -> float:
+        """The processor's time that its processes have used."""
+        return sum(map(cpu_seconds, self.processes.values()))
+
+    def capture(self) -> Any:
+        """Press the shutter; the future of what the driver answers."""
+        return self._shutter.call_async(Trigger.Request())
+
+    def wait(self, condition: Callable[[], object], what: str,
+             timeout: float = _PATIENCE) -> None:
+        """Listen until something is so; GraphError after `timeout` [s] or when the graph ends.
+
+        Interrupted when a signal comes.
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            ended = self._process.poll()
+            if ended is not None or time.monotonic() > deadline:
+                what = (f'waited {timeout:g} s for {what}' if ended is None
+                        else f'pmcl_bringup ended with {ended}')
+                raise GraphError(f'{what}; its last lines are\n{self.log[-_SHOWN:]}')
+            pause(0)
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        now = time.time_ns()
+        header, pose = conversions.pose_from(message)
+        self.poses.append((header.stamp_ns, now, pose))
+
+    def _on_state(self, message: DiagnosticArray) -> None:
+        for each in message.status:
+            self.told[each.name] = {pair.key: pair.value for pair in each.values}
+
+    def _end(self) -> int:
+        self._process.send_signal(signal.SIGINT)
+        try:
+            return self._process.wait(60)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
+
+
+def _module_of(pid: int) -> str:
+    words = Path(f'/proc/{pid}/cmdline').read_bytes().split(b'\0')
+    names = [each.rpartition(b'.')[2].decode() for each in words if each.startswith(b'pmcl_ros.')]
+    return names[0] if names else str(pid)
+
+
+def own_domain() -> None:
+    """Nothing of this machine's other ROS nodes, nor of the network's, takes part."""
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+
+
+def print_json(result: object, out: TextIO = sys.stdout) -> None:
+    """On standard output, which must hold nothing else."""
+    out.write(json.dumps(result) + '\n')

@@ -1,0 +1,285 @@
+"""`make soak`: hundreds of captures through a whole graph; what is lost, what grows, what stays.
+
+A simulated camera is triggered through lytro_driver, over its own protocol and real DDS, and the
+poses are counted. Exit status 1 when anything is not as it must be.
+"""
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections import Counter
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import monotonic, time_ns
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain
+from pmcl_ros.evaluation.bench.usage import Usage, files_shared_without, shared_files
+from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.nodes.runtime.running import ros
+from pmcl_ros.nodes.table import NODES
+from pmcl_ros.runtime.errors import PmclError
+
+_ROOT = Path(__file__).parents[3]
+_CONSOLE = Console(stderr=True)
+# On their way at once: one is searched, one is decoded or waits. A third could overtake.
+_UNDER_WAY = 2
+_STALLED = 60.0  # s: then what has not come does not come
+_TOLD = 10.0  # s: for the last diagnostics, which come at 1 Hz
+_PARTS = 4  # the graph is let run empty so often, to be weighed
+# MB that a process may have grown: less than three raw pictures; one that was kept at each capture
+# would be far more.
+_FLAT = 60.0
+_ENOUGH = 100  # captures: before, what is kept for the next time is still growing
+_DESCRIPTORS, _THREADS = 4, 2  # which may come and go
+_QUICK = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
+          'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
+
+
+@dataclass
+class Soak:
+    """What came of it.
+
+    captures: published, by their stamps. poses: that came. twice: stamps that came again. strange:
+    of no capture. lost: captures in which the object was not found. dropped, errors: as the nodes
+    tell on /diagnostics, by node. unreported: captures of which nothing came and nobody told.
+    latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
+    each time the graph had run empty. left: files in /dev/shm that outlived the graph.
+    told: what each node last said of itself on /diagnostics.
+    """
+
+    captures: int = 0
+    poses: int = 0
+    twice: int = 0
+    strange: int = 0
+    lost: int = 0
+    refused: int = 0
+    dropped: dict[str, int] = field(default_factory=dict)
+    errors: dict[str, int] = field(default_factory=dict)
+    unreported: int = 0
+    seconds: float = 0
+    latency: dict[str, float] = field(default_factory=dict)
+    after: list[int] = field(default_factory=list)
+    memory: dict[str, list[float]] = field(default_factory=dict)
+    descriptors: dict[str, list[int]] = field(default_factory=dict)
+    threads: dict[str, list[int]] = field(default_factory=dict)
+    left: list[str] = field(default_factory=list)
+    told: dict[str, dict[str, str]] = field(default_factory=dict)
+    status: int = 0
+    tracebacks: int = 0
+
+    def violations(self, flood: bool) -> list[str]:
+        """What is not as it must be, in words. flood: captures came faster than can be used."""
+        found = [(self.twice, 'poses of a capture that had one already'),
+                 (self.strange, 'poses of no capture'),
+                 (abs(self.unreported), 'captures too few, or too many, are told of as lost'),
+                 (sum(self.errors.values()), 'errors'), (self.refused, 'captures refused'),
+                 (0 if flood else sum(self.dropped.values()), 'captures dropped'),
+                 (len(self.left), f'files left in /dev/shm: {", ".join(self.left)}'),
+                 (self.tracebacks, 'tracebacks'),
+                 (abs(self.status), 'is the exit status of the graph, not 0')]
+        words = [f'{count} {what}' for count, what in found if count]
+        memory = self.memory if self.captures >= _ENOUGH else {}
+        for values, most, what in ((memory, _FLAT, 'MB'),
+                                   (self.descriptors, _DESCRIPTORS, 'descriptors'),
+                                   (self.threads, _THREADS, 'threads')):
+            for name, each in values.items():
+                if each[-1] - each[0] > most:
+                    words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
+        return words
+
+    def markdown(self) -> list[str]:
+        """A table."""
+        missing = self.captures - self.poses
+        rows = [('captures, poses, lost', f'{self.captures}, {self.poses}, {self.lost}'),
+                ('without a pose, and reported as lost, dropped or failed',
+                 f'{missing}, {missing - self.unreported}'),
+                ('rate', f'{self.captures / self.seconds:.2f} captures/s'),
+                ('shutter to pose', ', '.join(f'{name} {1e3 * each:.0f} ms'
+                                              for name, each in self.latency.items()))]
+        for values, unit in ((self.memory, 'MB'), (self.descriptors, 'descriptors'),
+                             (self.threads, 'threads')):
+            rows += [(f'{name}: {unit} after {", ".join(map(str, self.after))} captures',
+                      ', '.join(f'{one:.0f}' for one in each)) for name, each in values.items()]
+        rows.append(('left in /dev/shm', str(len(self.left))))
+        return ['| what | result |', '|---|---|', *(f'| {name} | {each} |' for name, each in rows)]
+
+
+def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
+         log: Path) -> Soak:
+    """Take `captures` pictures of what is in a bag.
+
+    log: where what the graph prints is written. quick: small volumes and a search that finds
+    little: for the graph, not for the poses.
+    flood: press the shutter whenever the driver can, whatever becomes of the captures.
+    """
+    result: Soak | None = None
+    with ExitStack() as stack:
+        before = set(Path('/dev/shm').iterdir())  # what other programs share, or have left
+        stack.enter_context(ros())
+        folder = Path(stack.enter_context(TemporaryDirectory()))
+        (folder / 'pictures').mkdir()
+        extract_captures(bag, folder / 'pictures')
+        address, _ = stack.enter_context(served(folder / 'pictures', '--empty', '--delay', '0'))
+        truth = Truth.load(bag / 'truth.json')
+        parameters = {
+            'lytro_driver': {'address': address.text, 'delete': True},
+            'subaperture_node': {
+                'calibration': str(_ROOT / 'config' / 'cameras' / 'demo.yaml'),
+                'white': str(_ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz')},
+            'dlv_node': {}, 'pmcl_node': {
+                'object': str(_ROOT / 'models' / f'{bag.name}.obj'),
+                'roi_center': list(truth.roi_center), 'roi_size': list(truth.roi_size)}}
+        for name, values in (_QUICK if quick else {}).items():
+            parameters[name] |= values
+        graph = Graph({name: each for name, each in parameters.items() if each}, folder, arguments)
+        with graph, Progress(console=_CONSOLE, transient=True) as bar:
+            task = bar.add_task('captures', total=captures)
+            run = _Run(graph, flood, lambda done: bar.update(task, completed=done))
+            for last in _stops(captures):
+                run.take(last)
+                run.weigh()
+            shared = set().union(*map(shared_files, graph.processes.values()))
+            shared -= files_shared_without(graph.processes.values())
+            result = run.result()
+        result.status, result.tracebacks = graph.status, graph.log.count('Traceback')
+        log.write_text(graph.log)
+        for line in graph.log.splitlines():
+            if 'ERROR' in line or 'FATAL' in line:
+                _CONSOLE.print(line, markup=False)
+    if result is None:
+        raise GraphError('interrupted; what came until then is not told')
+    # Only now this process has let go of what it shared with the graph.
+    result.left = sorted(str(each) for each in shared - before if each.exists())
+    return result
+
+
+def _stops(captures: int) -> list[int]:
+    """After how many captures the graph is weighed: after a tenth, then in equal parts."""
+    first = min(max(captures // 10, 4), captures)
+    return [int(each) for each in np.linspace(first, captures, _PARTS)]
+
+
+class _Run:
+    def __init__(self, graph: Graph, flood: bool, show: Callable[[int], None]) -> None:
+        self._graph, self._flood, self._show = graph, flood, show
+        self._began, self._answers = monotonic(), []
+        self._gone = 0  # captures that were given up waiting for
+        self._soak = Soak()
+
+    def take(self, last: int) -> None:
+        """Press the shutter until `last` captures are taken; return when all has come of them."""
+        while len(self._answers) < last:
+            self._await(lambda: all(each.done() for each in self._answers[-1:]))
+            if not self._flood:
+                self._await(lambda: len(self._answers) - self._finished() < _UNDER_WAY)
+            self._answers.append(self._graph.capture())
+            self._show(len(self._answers))
+        self._await(lambda: self._finished() >= last)
+
+    def weigh(self) -> None:
+        """Note what the processes hold."""
+        self._soak.after.append(len(self._answers))
+        for name, pid in self._graph.processes.items():
+            usage = Usage.of(pid)
+            for values, each in ((self._soak.memory, usage.memory),
+                                 (self._soak.descriptors, usage.descriptors),
+                                 (self._soak.threads, usage.threads)):
+                values.setdefault(name, []).append(each)
+
+    def result(self) -> Soak:
+        """All that can be said while the graph still runs."""
+        made = self._soak
+        made.seconds = monotonic() - self._began
+        until = monotonic() + _TOLD
+        self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
+        made.unreported, made.told = self._balance(made), self._graph.told
+        times = [1e-9 * (arrived - stamp) for stamp, arrived, _ in self._graph.poses]
+        if times:
+            made.latency = {f'{each} %': float(np.percentile(times, each))
+                            for each in (50, 90, 99, 100)}
+        return made
+
+    def _balance(self, made: Soak) -> int:
+        stamps = {int(each.result().message.rpartition(' ')[2]) for each in self._answers
+                  if each.done() and each.result().success}
+        came = Counter(stamp for stamp, _, _ in self._graph.poses)
+        made.captures, made.poses = len(stamps), len(came)
+        made.refused = len(self._answers) - len(stamps)
+        made.twice, made.strange = sum(came.values()) - len(came), len(came.keys() - stamps)
+        made.dropped, made.errors = ({name: count for name in _NAMES if (count := self._told(
+            name, what))} for what in ('dropped', 'errors'))
+        made.lost = self._told('pmcl_node', 'lost')
+        return (made.captures - made.poses - made.lost - sum(made.dropped.values())
+                - sum(made.errors.values()))
+
+    def _finished(self) -> int:
+        refused = sum(each.done() and not each.result().success for each in self._answers)
+        return (len(self._graph.poses) + self._told('pmcl_node', 'lost') + refused + self._gone
+                + sum(self._told(name, what) for name in _NAMES for what in ('dropped', 'errors')))
+
+    def _told(self, name: str, what: str) -> int:
+        return int(self._graph.told.get(name, {}).get(what, 0))
+
+    def _await(self, condition: Callable[[], bool]) -> None:
+        """Until it is so, or nothing more comes."""
+        seen, since = self._finished(), monotonic()
+
+        def over() -> bool:
+            nonlocal seen, since
+            if self._finished() != seen:
+                seen, since = self._finished(), monotonic()
+            return condition() or monotonic() - since > _STALLED
+
+        self._graph.wait(over, 'a capture', timeout=math.inf)
+        if not condition():
+            self._gone = max(len(self._answers) - seen + self._gone, self._gone)
+
+
+_NAMES = tuple(entry.name for entry in NODES)
+
+
+def main() -> int:
+    """Entry point."""
+    parser = argparse.ArgumentParser(prog='pmcl_soak', description=__doc__)
+    parser.add_argument('--captures', type=int, default=500)
+    parser.add_argument('--processes', action='store_true', help='a process for each node')
+    parser.add_argument('--flood', action='store_true', help='captures come faster than they can '
+                        'be used: some are dropped, and all that are must be told of')
+    parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
+    parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
+                        help='what the camera sees, with its truth.json and models/NAME.obj')
+    parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
+                        help='folder for soak.json, soak.md and graph.log')
+    options = parser.parse_args()
+    own_domain()
+    began = time_ns()
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+        result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
+                      options.quick, options.flood, options.out / 'graph.log')
+    except PmclError as error:
+        _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
+        return 1
+    violations = result.violations(options.flood)
+    report = [*result.markdown(), '', *(violations or ['All as it must be.'])]
+    (options.out / 'soak.md').write_text('\n'.join(report) + '\n')
+    (options.out / 'soak.json').write_text(json.dumps(
+        asdict(result) | {'violations': violations, 'arguments': sys.argv[1:],
+                          'began_ns': began, 'processors': os.cpu_count()}, indent=1))
+    Console().print('\n'.join(report), markup=False, soft_wrap=True)
+    return int(bool(violations))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

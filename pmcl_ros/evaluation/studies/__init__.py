@@ -1,0 +1,1 @@
+"""Questions about the method, answered by many trials."""

@@ -1,0 +1,127 @@
+"""How much better depth and pose are known from a sweep than from a light-field camera."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.variants import volume_settings
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.sweep.assemble import assemble
+from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.simulation.scenes.moved import photographs
+from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
+from pmcl_ros.simulation.scenes.settings import SceneSettings
+
+
+@dataclass(frozen=True)
+class Arm:
+    """How exactly poses are known: what an arm does is told up to normal deviates.
+
+    aside: by which it misses the planned places, which is told [m]; turned: likewise [rad].
+    unknown: of the places, on each axis, that is not told [m]; unknown_turn: likewise [rad].
+    """
+
+    aside: float = 0.001
+    turned: float = 0.005
+    unknown: float = 0.0
+    unknown_turn: float = 0.0
+
+
+@dataclass(frozen=True)
+class Found:
+    """What one light field told about a scene.
+
+    depth: median error of the most likely depth of the object's pixels [m]. translation, ray,
+    rotation: of `PoseError` [m], [m], [rad]. sigma: standard deviation along the ray that the
+    estimate tells [m].
+    """
+
+    seed: int
+    scene: str
+    camera: str
+    depth: float
+    translation: float
+    ray: float
+    rotation: float
+    sigma: float
+    lost: bool
+
+
+def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settings: SceneSettings,
+            arm: Arm | None = None) -> Iterator[Found]:
+    """Localise in `count` scenes, each seen by a light-field camera and by sweeps.
+
+    widths: of the sweeps, [m], of `views` x `views` pictures; the pixels, the noise and the blur
+    are those of the light-field camera.
+    """
+    arm = arm or Arm()
+    for number in range(seed, seed + count):
+        rng = np.random.default_rng(number)
+        scene = random_scene(rng, settings)
+        capture = render(scene, rng)
+        model = capture.model()
+        target = capture.targets[0]
+        near, far = Region(target.roi_center, target.roi_size).grown(model.radius)
+        fields = {'light-field camera': capture.light_field}
+        for width in widths:
+            of = SweepSettings(rows=views, columns=views, baseline=width / (views - 1), near=near,
+                               far=far)
+            plan = SweepPlan.of(views, views, of.baseline)
+            poses = [_missed(each.pose, arm.aside, arm.turned, rng) for each in plan.poses]
+            middle = views * views // 2
+            poses = [np.linalg.inv(poses[middle]) @ each for each in poses]
+            # Of the middle first: the exposure is that of its picture.
+            poses = [poses[middle], *poses[:middle], *poses[middle + 1:]]
+            told = [_told(each, arm, rng) for each in photographs(scene, poses, rng)]
+            fields[f'sweep of {1e3 * width:g} mm'] = assemble(told, of, 'camera').light_field
+        for name, light_field in fields.items():
+            volume = build_volume(light_field, volume_settings('default', near, far,
+                                                               light_field.grid))
+            search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
+            with Localizer(model, search) as localizer:
+                estimate = localizer.localize(volume, np.random.default_rng(number))
+            error = pose_error(estimate.pose, target.pose, model.axis)
+            ray = target.pose[:3, 3] / np.linalg.norm(target.pose[:3, 3])
+            yield Found(number, scene.name, name, _depth_error(volume, capture, light_field),
+                        error.translation, error.ray, error.rotation,
+                        float(np.sqrt(ray @ estimate.covariance[:3, :3] @ ray)), estimate.lost)
+
+
+def _depth_error(volume: DepthLikelihoodVolume, capture: SyntheticCapture,
+                 light_field: LightField) -> float:
+    """Median over the pixels whose first surface is the target's [m]."""
+    whole, seen = capture.light_field.grid.pinhole, light_field.grid.pinhole
+    left, top = round(whole.cx - seen.cx), round(whole.cy - seen.cy)
+    window = np.s_[top:top + seen.height, left:left + seen.width]
+    error = abs(volume.depth_map() - capture.depth[window])[capture.labels[window] == 0]
+    return float(np.nanmedian(error)) if np.isfinite(error).any() else np.nan
+
+
+def _missed(pose: NDArray[np.float64], shift: float, turn: float, rng: np.random.Generator
+            ) -> NDArray[np.float64]:
+    """A pose (4, 4) off by normal deviates [m], [rad] in its own frame."""
+    by = np.eye(4)
+    # An arm keeps its plane better than its place: joints move little between two pictures.
+    by[:3, 3] = shift * rng.standard_normal(3) * [1, 1, 0.2]
+    by[:3, :3] = Rotation.from_rotvec(turn * rng.standard_normal(3)).as_matrix()
+    return pose @ by
+
+
+def _told(frame: SweepFrame, arm: Arm, rng: np.random.Generator) -> SweepFrame:
+    """A frame with the pose that the arm tells."""
+    by = np.eye(4)
+    by[:3, 3] = arm.unknown * rng.standard_normal(3)
+    by[:3, :3] = Rotation.from_rotvec(arm.unknown_turn * rng.standard_normal(3)).as_matrix()
+    return replace(frame, pose=frame.pose @ by)

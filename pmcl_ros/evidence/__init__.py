@@ -1,0 +1,1 @@
+"""LightField -> EdgeVolume: what pictures show of the contours of surfaces."""

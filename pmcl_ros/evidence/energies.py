@@ -1,0 +1,86 @@
+"""The edge energy across a contour, and what it says, at any distance from it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.runtime.kernels import compiled
+
+
+def energies_across(edges: EdgeVolume, pixels: NDArray[np.floating],
+                    normals: NDArray[np.floating], depths: NDArray[np.floating],
+                    offsets: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, k) e(u + offsets[k] n): edge energy across the normal [1], linear between samples.
+
+    pixels: (n, 2) points u, x and y [image px]. normals: (n, 2) unit vectors n. depths: (n,) [m].
+    Outside the volume its border goes on.
+    """
+    energies = np.empty((len(pixels), len(offsets)))
+    _sample(edges.tensor, *_double(pixels, normals, _labels(edges, depths), offsets), energies)
+    return energies
+
+
+def evidence_across(edges: EdgeVolume, pixels: NDArray[np.floating],
+                    normals: NDArray[np.floating], depths: NDArray[np.floating],
+                    profile: ContourProfile, shifts: NDArray[np.floating]
+                    ) -> NDArray[np.float64]:
+    """(n, k) evidence of contour points moved along their normals by `shifts` (k,) [nat / px].
+
+    As `energies_across`; shifts: outwards [image px], the points' depths stay.
+    """
+    offsets = np.add.outer(np.asarray(shifts, np.float64), profile.offsets).ravel()
+    energies = energies_across(edges, pixels, normals, depths, offsets)
+    evidence = np.empty((len(pixels), len(shifts)))
+    slopes = np.diff(profile.tables) / np.diff(profile.knots)
+    _judge(energies, *_double(profile.knots, slopes), profile.bias + profile.tables[:, 0].sum(),
+           evidence)
+    return evidence
+
+
+def _labels(edges: EdgeVolume, depths: NDArray[np.floating]) -> NDArray[np.floating]:
+    inverse = 1 / edges.depths
+    return np.asarray((1 / depths - inverse[0]) / (inverse[1] - inverse[0]))
+
+
+def _double(*arrays: NDArray[np.floating]) -> list[NDArray[np.float64]]:
+    """So that kernels are compiled once."""
+    return [np.ascontiguousarray(each, np.float64) for each in arrays]
+
+
+@compiled()
+def _judge(energies, knots, slopes, bias, out):  # type: ignore[no-untyped-def]
+    """The profile's evidence of energies (n, k * j): its ramps, from knot to knot."""
+    offsets = len(slopes)
+    for n in range(len(out)):
+        for k in range(out.shape[1]):
+            total = bias
+            for j in range(offsets):
+                e = energies[n, k * offsets + j]
+                for i in range(len(knots) - 1):
+                    total += slopes[j, i] * min(max(e - knots[i], 0.0), knots[i + 1] - knots[i])
+            out[n, k] = total
+
+
+@compiled()
+def _sample(tensor, pixels, normals, labels, offsets, out):  # type: ignore[no-untyped-def]
+    height, width, count, _ = tensor.shape
+    for n in range(len(pixels)):
+        nx, ny = normals[n]
+        xx, yy, xy = nx * nx, ny * ny, 2 * nx * ny
+        label = min(max(labels[n], 0.0), count - 1.0)
+        level = min(int(label), count - 2)
+        c = label - level
+        for k in range(len(offsets)):
+            x = min(max(pixels[n, 0] + offsets[k] * nx, 0.0), width - 1.0)
+            y = min(max(pixels[n, 1] + offsets[k] * ny, 0.0), height - 1.0)
+            i, j = min(int(y), height - 2), min(int(x), width - 2)
+            a, b = y - i, x - j
+            square = 0.0
+            for di, wi in ((0, 1 - a), (1, a)):
+                for dj, wj in ((0, 1 - b), (1, b)):
+                    ray = tensor[i + di, j + dj]
+                    for dl, wl in ((level, 1 - c), (level + 1, c)):
+                        square += wi * wj * wl * (ray[dl, 0] * xx + ray[dl, 1] * yy
+                                                  + ray[dl, 2] * xy)
+            out[n, k] = np.sqrt(max(square, 0.0))

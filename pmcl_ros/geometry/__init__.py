@@ -1,0 +1,1 @@
+"""Frames and cameras: pinhole, rigid transforms, symmetry, poses over time."""

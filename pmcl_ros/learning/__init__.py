@@ -1,0 +1,1 @@
+"""The numbers that the package learns from simulated scenes, and how."""

@@ -1,0 +1,92 @@
+"""How far contours lie from where the model says, learned from poses found and true."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize
+from scipy.special import chdtr
+
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.model_error import CONTOUR_ERROR, ModelError
+from pmcl_ros.learning.contour_tables import Example
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.summary import tangent
+from pmcl_ros.runtime.errors import LocalizationError
+
+LEVEL = 0.9  # of the credible region that is to hold the truth as often
+_FIRST = 0.25  # px: where the search for the errors' sizes begins
+_LEAST, _MOST = 0.1, 10.0  # times the most likely errors
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """Of the true pose from the one found, and what it may come from.
+
+    deviation: (d,) in the tangent space at the pose found [m, rad]. noise: (d, d) covariance of
+    the posterior without the model's error. common, local: (d, d) by model errors of 1 px.
+    """
+
+    deviation: NDArray[np.float64]
+    noise: NDArray[np.float64]
+    common: NDArray[np.float64]
+    local: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
+           renderer: Renderer) -> 'Deviation':
+        """estimate: of the example's object, which is there, by `profile`."""
+        pose, axis = estimate.pose, example.model.axis
+        with renderer.contour_score(example.scene, example.edges, profile) as score:
+            points = score.points(pose)
+        of_model, common, local = (
+            LocalModel.of(pose, axis, points, example.edges, profile, error) for error in (
+                CONTOUR_ERROR, ModelError(1, 0, CONTOUR_ERROR.length),
+                ModelError(0, 1, CONTOUR_ERROR.length)))
+        basis = common.basis
+        noise = basis.T @ estimate.covariance @ basis - of_model.model_error
+        return cls(basis.T @ tangent(example.pose[None], pose, axis)[0], noise,
+                   common.model_error, local.model_error)
+
+    def spread(self, common: float, local: float) -> NDArray[np.float64]:
+        """(d, d) covariance by noise and model errors of these sizes [px]."""
+        return self.noise + common ** 2 * self.common + local ** 2 * self.local
+
+    def level(self, common: float, local: float) -> float:
+        """Of the smallest credible region that holds the truth (`summary.credible_level`)."""
+        off = self.deviation @ np.linalg.solve(self.spread(common, local), self.deviation)
+        return float(chdtr(len(self.deviation), off))
+
+
+def fitted_error(given: Sequence[Deviation]) -> ModelError:
+    """The errors whose ratio is the most likely, as large as the truths' levels ask for.
+
+    Errors have longer tails than the Gaussians that they are taken for. So both are scaled alike
+    until regions of the level `LEVEL` hold as many of the truths.
+    Raises LocalizationError where that is impossible.
+    """
+    def unlikely(logarithms: NDArray[np.float64]) -> float:
+        common, local = np.exp(logarithms)
+        total = 0.0
+        for each in given:
+            spread = each.spread(common, local)
+            off = each.deviation @ np.linalg.solve(spread, each.deviation)
+            total += 0.5 * (off + np.linalg.slogdet(spread)[1])
+        return float(total)
+
+    if not given:
+        raise LocalizationError('0 poses do not tell how far contours lie off')
+    common, local = np.exp(minimize(unlikely, np.log([_FIRST, _FIRST]), method='Nelder-Mead').x)
+
+    def excess(scale: float) -> float:
+        levels = [each.level(scale * common, scale * local) for each in given]
+        return float(np.quantile(levels, LEVEL)) - LEVEL
+
+    if excess(_LEAST) < 0 or excess(_MOST) > 0:
+        raise LocalizationError(f'{len(given)} poses do not tell how far contours lie off; '
+                                'learn from more scenes')
+    scale = brentq(excess, _LEAST, _MOST)
+    return ModelError(scale * common, scale * local, CONTOUR_ERROR.length)

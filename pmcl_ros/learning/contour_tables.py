@@ -1,0 +1,162 @@
+"""What an edge profile across a contour tells, learned from scenes with known poses."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import expit, softmax
+
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import energies_across
+from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.motion import perturb, uniform_poses
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.errors import LocalizationError
+
+OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
+KNOTS = np.array([0, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.5], np.float32)
+SHIFTS = np.arange(-3, 3.01, 0.5)  # px: of a contour from where it is, along its normals
+_RIDGE = 3e-3  # of the squared coefficients, relative to the mean loss of a point
+_NEAR = np.array([0.003, 0.003, 0.02]), 0.07  # m, rad: of poses that nearly fit
+_POSES = 12  # wrong ones for a scene: half of them near the true one
+_POINTS = 150  # of a contour, at most
+
+
+@dataclass(frozen=True)
+class Example:
+    """An edge volume in which an object is at a known pose (4, 4), or is not (`there`)."""
+
+    edges: EdgeVolume
+    model: ObjectModel
+    pose: NDArray[np.float64]
+    region: Region
+    there: bool = True
+
+    @property
+    def scene(self) -> Scene:
+        """What a renderer scores poses of the object in."""
+        near, far = self.region.grown(self.model.radius)
+        window = self.region.window(self.edges.pinhole, self.model.radius)
+        return Scene(self.model, self.edges.pinhole, window, near, far)
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Profiles across contours: energies (n, j), whether the object ends there (n,), weights (n,).
+
+    Of each scene contours that are there and contours that are not weigh alike, in all one.
+    shifted: (m, k, j) of points that are there, moved along their normals by SHIFTS (k,);
+    shares: (m,) their weights, in all one for a scene.
+    """
+
+    energies: NDArray[np.float64]
+    there: NDArray[np.bool_]
+    weights: NDArray[np.float64]
+    shifted: NDArray[np.float64] = field(
+        default_factory=lambda: np.zeros((0, len(SHIFTS), len(OFFSETS))))
+    shares: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+
+    @classmethod
+    def joined(cls, parts: 'Sequence[Samples]') -> 'Samples':
+        """Of several scenes."""
+        return cls(*(np.concatenate([getattr(each, name.name) for each in parts])
+                     for name in fields(cls)))
+
+
+    def mirrored(self) -> 'Samples':
+        """These and their mirror images, each by half: of what has no inside."""
+        return Samples(np.concatenate([self.energies, self.energies[:, ::-1]]),
+                       np.tile(self.there, 2), np.tile(self.weights, 2) / 2,
+                       np.concatenate([self.shifted, self.shifted[:, ::-1, ::-1]]),
+                       np.tile(self.shares, 2) / 2)
+
+
+def samples(examples: Iterable[Example], renderer: Renderer, rng: np.random.Generator) -> Samples:
+    """Profiles at the true poses, and at wrong ones: random in the region, and near misses.
+
+    Raises LocalizationError where no example shows a contour.
+    """
+    found = [each for example in examples for each in profiles(example, renderer, rng)]
+    if not found:
+        raise LocalizationError('no scene to learn from shows a contour')
+    return Samples.joined(found)
+
+
+def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
+             of_creases: bool = False) -> list[Samples]:
+    """As `samples` of one scene; empty where no contour of its object is in the image.
+
+    of_creases: profiles across those instead, mirrored too; empty where none is seen.
+    """
+    if not each.there:
+        return []
+    profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
+    wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
+        np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
+    creases = Creases.of(each.model, profile) if of_creases else None
+    if of_creases and creases is None:
+        return []
+    with renderer.contour_score(each.scene, each.edges, profile, creases=creases) as score:
+        def points_of(pose: NDArray[np.float64]) -> ContourPoints:
+            seen = score.creases(pose)
+            return score.points(pose) if seen is None else seen.points
+
+        points = points_of(each.pose)
+        others = np.concatenate([points_of(pose).energies for pose in wrong])
+    if not len(points.lengths):
+        return []
+    chosen = rng.permutation(len(points.lengths))[:_POINTS]
+    others = others[rng.permutation(len(others))[:_POINTS * _POSES]]
+    shifted = energies_across(each.edges, points.pixels[chosen], points.normals[chosen],
+                              points.depths[chosen], np.add.outer(SHIFTS, OFFSETS).ravel())
+    count = len(chosen)
+    found = Samples(np.concatenate([points.energies[chosen], others]),
+                    np.arange(count + len(others)) < count,
+                    np.concatenate([np.full(count, 0.5 / count),
+                                    np.full(len(others), 0.5 / max(len(others), 1))]),
+                    shifted.reshape(count, len(SHIFTS), len(OFFSETS)),
+                    np.full(count, 1 / count))
+    return [found.mirrored() if of_creases else found]
+
+
+def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
+    """The profile whose evidence is the log odds that the object ends there.
+
+    Tables are linear between knots, their squares held down. Two likelihoods count alike: that of
+    a contour's being there or not (logistic regression), and that of its being where it is, among
+    places up to 3 px aside (conditional logit): the former alone says that it is near.
+    """
+    design = np.concatenate([_hats(given.energies), np.ones((len(given.energies), 1))], axis=1)
+    shifted, here = _hats(given.shifted), int(np.abs(SHIFTS).argmin())
+    weights = given.weights / given.weights.sum()
+    shares = given.shares / max(given.shares.sum(), 1e-9)
+    sign = np.where(given.there, 1.0, -1.0)
+    held = np.append(np.full(design.shape[1] - 1, ridge), 0)
+
+    def loss(coefficients: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        margin = sign * (design @ coefficients)
+        value = weights @ np.logaddexp(0, -margin) + 0.5 * held @ coefficients ** 2
+        slope = design.T @ (-weights * sign * expit(-margin)) + held * coefficients
+        chances = softmax(shifted @ coefficients[:-1], axis=1)
+        value -= shares @ np.log(np.maximum(chances[:, here], 1e-300))
+        chances[:, here] -= 1
+        slope[:-1] += np.tensordot(shares[:, None] * chances, shifted, 2)
+        return float(value), slope
+
+    best = minimize(loss, np.zeros(design.shape[1]), jac=True, method='L-BFGS-B',
+                    options={'maxiter': 200}).x
+    tables = best[:-1].reshape(given.energies.shape[1], len(KNOTS))
+    return ContourProfile(OFFSETS, KNOTS, tables.astype(np.float32), float(best[-1]))
+
+
+def _hats(energies: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., j * knots) weights by which the tables are read at energies (..., j)."""
+    each = np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=-1)
+    return each.reshape(*energies.shape[:-1], energies.shape[-1] * len(KNOTS))

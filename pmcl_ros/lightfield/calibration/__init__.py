@@ -1,0 +1,1 @@
+"""The geometry of a light-field camera, from white images and checkerboards."""

@@ -1,0 +1,168 @@
+"""Find a checkerboard in the views of a light field."""
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.lightfield.calibration.corners import Corners
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+
+_FEWEST = 3  # inner corners in a row and in a column: the detector's least
+_ENLARGED = (1, 2)  # the detector is tried at these sizes of a view
+_EFFORTS = (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
+# Disparities of lattice-aligned views [px per step] at which a board may be sharp: from a fifth of
+# the focus distance of an F01 to infinity.
+_COARSE = np.arange(-2.0, 1.51, 0.5)
+_FINE = np.arange(-2.0, 1.51, 0.05)
+_AGREEING = 0.9  # of the corners of a checkerboard, those whose squares alternate as they should
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """columns, rows: of inner corners. square: side of a square [m].
+
+    The first inner corner is the one beside a light corner square of the board. That tells a board
+    from itself turned by 180 degrees where one of columns and rows is odd and the other even.
+    """
+
+    columns: int
+    rows: int
+    square: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < _FEWEST or max(self.columns, self.rows) > 100:
+            raise SettingsError(f'a board of {self.columns}x{self.rows} inner corners cannot be '
+                                f'used; it needs {_FEWEST} to 100 in each direction')
+        if not 1e-4 < self.square < 1:
+            raise SettingsError(f'squares of {self.square} m are impossible; give their side in '
+                                'metres')
+
+    @classmethod
+    def parse(cls, corners: str, square: float) -> 'Checkerboard':
+        """corners: inner corners as COLUMNSxROWS, like 10x7. SettingsError for anything else."""
+        numbers = re.fullmatch(r'\s*(\d{1,4})\s*[xX]\s*(\d{1,4})\s*', corners)
+        if numbers is None:
+            raise SettingsError(f'corners {corners!r} are not like 10x7: columns x rows of inner '
+                                'corners')
+        return cls(int(numbers[1]), int(numbers[2]), square)
+
+    def find(self, light_field: LightField,
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """About where the corners are: positions and disparities, (rows, columns, 2) px.
+
+        light_field: of lattice-aligned views. The board's z axis points away from the camera.
+        Raises LightFieldError when there is no complete board.
+        """
+        views = _Views(light_field)
+        for picture in _pictures(light_field, views):
+            positions = self._detected(picture)
+            if positions is not None:
+                disparities = views.disparities(positions)
+                return positions, np.stack([disparities, disparities], axis=-1)
+        raise LightFieldError(f'no complete board of {self.columns}x{self.rows} inner corners')
+
+    def oriented(self, corners: Corners) -> Corners:
+        """The corners from the board's first one on, as the class says.
+
+        A board that looks the same turned by 180 degrees keeps its x axis to the right. Raises
+        LightFieldError when the squares do not alternate: it is no checkerboard.
+        """
+        row, column = np.indices(corners.valid.shape)
+        alternating = corners.contrasts * (-1) ** (row + column)
+        lighter = np.mean(alternating[corners.valid] > 0) if corners.valid.any() else 0.5
+        if max(lighter, 1 - lighter) < _AGREEING or corners.valid.mean() < _AGREEING:
+            raise LightFieldError(
+                f'what looks like a board is none, or too blurred or partly covered: '
+                f'{corners.valid.sum()} of {corners.valid.size} corners could be measured, at '
+                f'{100 * max(lighter, 1 - lighter):.0f} % of them light and dark squares '
+                'alternate')
+        if (self.columns + self.rows) % 2:
+            turn = lighter < 0.5
+        else:
+            turn = float(np.diff(corners.positions[..., 0], axis=1).sum()) < 0
+        return corners.turned() if turn else corners
+
+    def _detected(self, picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+        """(rows, columns, 2) px of the corners in one picture."""
+        for scale in _ENLARGED:
+            enlarged = cv2.resize(picture, None, fx=scale, fy=scale,
+                                  interpolation=cv2.INTER_CUBIC)
+            for effort in _EFFORTS:
+                found, corners = cv2.findChessboardCornersSB(
+                    enlarged, (self.columns, self.rows), flags=effort)
+                if found:
+                    positions = (corners.reshape(self.rows, self.columns, 2).astype(float)
+                                 + 0.5) / scale - 0.5
+                    along = np.diff(positions, axis=1).mean(axis=(0, 1))
+                    down = np.diff(positions, axis=0).mean(axis=(0, 1))
+                    mirrored = along[0] * down[1] < along[1] * down[0]
+                    return np.asarray(positions[::-1] if mirrored else positions)
+        return None
+
+
+def _pictures(light_field: LightField, views: '_Views') -> Iterator[NDArray[np.uint8]]:
+    """The centre view, then, less noisy, all views together, focused at several depths."""
+    yield _visible(light_field.centre_view.mean(axis=-1))
+    for disparity in sorted(_COARSE, key=abs):
+        yield _visible(views.refocused(float(disparity)))
+
+
+def _visible(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """(height, width), stretched over the range from the darkest to the brightest."""
+    dark, bright = np.percentile(linear, [1, 99])
+    stretched = (linear - dark) / max(float(bright - dark), 1e-6)
+    return np.rint(255 * np.sqrt(np.clip(stretched, 0, 1))).astype(np.uint8)
+
+
+class _Views:
+    """The grey views that got light, and where they look from."""
+
+    def __init__(self, light_field: LightField) -> None:
+        lit = light_field.grid.weights > 0
+        self._views = light_field.views[lit].mean(axis=-1)
+        self._positions = light_field.grid.positions[lit]
+
+    def refocused(self, disparity: float, left: int = 0, top: int = 0, width: int | None = None,
+                  height: int | None = None) -> NDArray[np.float32]:
+        """The mean of the views, each moved back by `disparity` px per step, in a window."""
+        shape = self._views.shape[1:]
+        size = (width or shape[1], height or shape[0])
+        total = np.zeros(size[::-1], np.float32)
+        for view, (a, b) in zip(self._views, self._positions, strict=True):
+            moved = np.array([[1, 0, left + disparity * a], [0, 1, top + disparity * b]])
+            total += cv2.warpAffine(view, moved, size, borderMode=cv2.BORDER_REPLICATE,
+                                    flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
+        return np.asarray(total / np.float32(len(self._views)))
+
+    def disparities(self, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(rows, columns) px per step: where each corner is sharpest, all on one plane."""
+        sides = [np.diff(positions, axis=axis).reshape(-1, 2) for axis in (0, 1)]
+        half = max(2, math.floor(0.4 * min(np.hypot(*each.T).mean() for each in sides)))
+        flat = positions.reshape(-1, 2)
+        left, top = np.floor(flat.min(axis=0)).astype(int) - half - 2
+        width, height = np.ceil(flat.max(axis=0) - flat.min(axis=0)).astype(int) + 2 * half + 5
+        at = np.rint(flat - [left, top]).astype(int)
+        sharpness = np.zeros((len(_FINE), len(flat)))
+        for k, disparity in enumerate(_FINE):
+            image = self.refocused(float(disparity), int(left), int(top), int(width), int(height))
+            rows, columns = np.gradient(cv2.GaussianBlur(image, (0, 0), 0.8))
+            energy = cv2.boxFilter(rows ** 2 + columns ** 2, -1, (2 * half + 1, 2 * half + 1))
+            sharpness[k] = energy[at[:, 1], at[:, 0]]
+        best = np.clip(sharpness.argmax(axis=0), 1, len(_FINE) - 2)
+        before, peak, after = (sharpness[best + k, np.arange(len(flat))] for k in (-1, 0, 1))
+        bend = np.minimum(before - 2 * peak + after, -1e-12)
+        values = _FINE[best] + (_FINE[1] - _FINE[0]) * np.clip((before - after) / 2 / bend, -1, 1)
+        affine = np.concatenate([np.ones((len(flat), 1)), flat], axis=1)
+        weights = np.ones(len(flat))
+        for _ in range(10):  # a few corners may be sharpest anywhere
+            root = np.sqrt(weights)
+            plane = np.linalg.lstsq(affine * root[:, None], values * root, rcond=None)[0]
+            off = np.abs(values - affine @ plane)
+            weights = 1 / (1 + (off / (1.5 * np.median(off) + 1e-3)) ** 2) ** 2
+        return np.asarray(affine @ plane).reshape(positions.shape[:2])

@@ -1,0 +1,229 @@
+"""The camera and the boards' poses from the measured corners of all boards at once."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model, predict
+from pmcl_ros.lightfield.calibration.corners import Corners
+from pmcl_ros.runtime.errors import LightFieldError
+
+_LOG = logging.getLogger(__name__)
+
+_OUTLYING, _WILD = 3.0, 6.0  # standard deviations
+_STEPS, _HALVINGS = 50, 12
+_DONE = 1e-9  # relative change of the cost
+_STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's parameters:
+_SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
+_MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
+
+
+@dataclass(frozen=True)
+class Observations:
+    """n boards of m corners each.
+
+    points: (m, 3) on the board, metres, z = 0.
+    values: (n, m, 4) position and disparity of every corner, as in `Corners`.
+    whitening: (n, m, 4, 4) W with W^T W = the inverse of the covariance; 0: not measured.
+    """
+
+    points: NDArray[np.float64]
+    values: NDArray[np.float64]
+    whitening: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, boards: Sequence[Corners], square: float) -> 'Observations':
+        """square: side of the board's squares [m]."""
+        rows, columns = boards[0].valid.shape
+        y, x = np.mgrid[:rows, :columns] * square
+        points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+        values, whitening = [], []
+        for board in boards:
+            values.append(np.concatenate([board.positions, board.disparities], axis=-1)
+                          .reshape(-1, 4))
+            valid = board.valid.reshape(-1)
+            covariances = np.where(valid[:, None, None], board.covariances.reshape(-1, 4, 4),
+                                   np.eye(4))
+            roots = np.linalg.inv(np.linalg.cholesky(covariances))
+            whitening.append(roots * valid[:, None, None])
+        return cls(points, np.stack(values), np.stack(whitening))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(n, m) which corners were measured."""
+        return np.asarray(self.whitening.any(axis=(-1, -2)))
+
+    def without(self, dropped: NDArray[np.bool_]) -> 'Observations':
+        """Without some corners (n, m)."""
+        return replace(self, whitening=self.whitening * ~dropped[..., None, None])
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What explains the corners best.
+
+    camera: (8,) as `PARAMETERS`. poses: (n, 6) of the boards, rotation vector and origin [m].
+    residuals: (n, m, 4) measured minus predicted, in standard deviations of the corners' own
+        covariances. noise: the variance of these residuals, outliers apart.
+    cost: their sum of squares, outliers counted less.
+    """
+
+    model: Model
+    observations: Observations
+    camera: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    noise: float
+    cost: float
+
+
+def adjust(observations: Observations, model: Model, camera: NDArray[np.float64],
+           poses: NDArray[np.float64], noise: float = 1.0) -> Fit:
+    """The most likely camera and poses, from a start, by Gauss-Newton steps.
+
+    noise: as in `Fit`; beyond three such standard deviations a residual counts by its size only.
+    Raises LightFieldError when no camera explains the corners.
+    """
+    basis = model.basis
+    camera = basis @ (basis.T @ camera / basis.sum(axis=0))
+    residuals = _residuals(observations, camera, poses)
+    cost = _cost(residuals, noise)
+    for _ in range(_STEPS):
+        try:
+            by_camera, by_pose = linearised(observations, model, camera, poses, noise).step()
+        except np.linalg.LinAlgError:
+            break
+        for part in 0.5 ** np.arange(_HALVINGS):
+            moved = camera + part * basis @ by_camera, poses + part * by_pose
+            residuals = _residuals(observations, *moved)
+            if _cost(residuals, noise) <= cost:
+                break
+        else:
+            break
+        (camera, poses), before, cost = moved, cost, _cost(residuals, noise)
+        if before - cost <= _DONE * cost:
+            break
+    residuals = _residuals(observations, camera, poses)
+    if not (np.isfinite(cost) and camera[0] > 0 and camera[4] > 0):
+        raise LightFieldError(f'no camera explains the corners of the boards (fx {camera[0]:.4g} '
+                              f'px, baseline {camera[4]:.3g} m); are --corners and --square those '
+                              'of the board?')
+    # Of a Gaussian half lies within 0.67 standard deviations.
+    spread = float((np.median(np.abs(residuals[observations.valid])) / 0.6745) ** 2)
+    return Fit(model, observations, camera, poses, residuals, spread, cost)
+
+
+def simplest(observations: Observations, camera: NDArray[np.float64],
+             poses: NDArray[np.float64]) -> tuple[Fit, dict[Model, float]]:
+    """The fit of the model that the corners speak for, and what every model gains over the least.
+
+    Corners that lie six standard deviations from the least model's are dropped first, the worst
+    before the others.
+    Another focal length or distortion term must lower the robust sum of squares, in units of the
+    noise that the largest model leaves, by more than the logarithm of the number of measured
+    values (Schwarz's criterion; by chance it does so once in some 200 calibrations). The gains
+    are those sums, less that price: the chosen model has the largest.
+    """
+    first = adjust(observations, Model(), camera, poses)
+    for _ in range(_STEPS):
+        off = np.abs(first.residuals).max(axis=-1)
+        wild = off > max(_WILD * np.sqrt(first.noise), off.max() / 2)  # they draw others with them
+        if not wild.any():
+            break
+        observations = observations.without(wild)
+        first = adjust(observations, Model(), first.camera, first.poses, first.noise)
+    fits: list[Fit] = []
+    for model in _MODELS:  # the largest first: what it leaves is noise
+        noise = fits[0].noise if fits else first.noise
+        try:
+            fits.append(adjust(observations, model, first.camera, first.poses, noise))
+        except LightFieldError as error:
+            _LOG.info('%s: %s', model, error)  # the corners do not tell so much
+    if not fits or fits[-1].model != Model():
+        raise LightFieldError('no camera explains the corners of the boards')
+    noise, least = fits[0].noise, fits[-1].cost
+    price = np.log(4 * observations.valid.sum())
+    gains = {fit.model: float((least - fit.cost) / noise
+                              - price * (fit.model.free - Model().free)) for fit in fits}
+    return max(fits, key=lambda fit: gains[fit.model]), gains
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """The corners' dependence on the camera's free parameters alone, the poses following.
+
+    jacobian: (n, m, 4, free) of the predictions while every pose moves to where its own corners
+        fit best: `follow` (n, 6, free) is how. freedom: (n, 6, 6) inverse of the information on
+        each pose. residuals: (n, m, 4). All weighted: outliers count less.
+    to_pose: (n, 6) what each pose would move if the camera stayed.
+    """
+
+    jacobian: NDArray[np.float64]
+    follow: NDArray[np.float64]
+    freedom: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    to_pose: NDArray[np.float64]
+
+    def information(self) -> NDArray[np.float64]:
+        """(n, m, free, free) of each corner."""
+        return np.asarray(self.jacobian.swapaxes(-1, -2) @ self.jacobian)
+
+    def gradient(self) -> NDArray[np.float64]:
+        """(n, m, free) of each corner."""
+        return np.asarray((self.jacobian.swapaxes(-1, -2) @ self.residuals[..., None])[..., 0])
+
+    def step(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What the free parameters (free,) and the poses (n, 6) should change by."""
+        by_camera = np.linalg.solve(self.information().sum(axis=(0, 1)),
+                                    self.gradient().sum(axis=(0, 1)))
+        return by_camera, self.to_pose - self.follow @ by_camera
+
+
+def linearised(observations: Observations, model: Model, camera: NDArray[np.float64],
+               poses: NDArray[np.float64], noise: float) -> Linearisation:
+    """About a camera and poses; numpy's LinAlgError when a board's pose is open."""
+    of_camera, of_pose = _derivatives(observations, camera, poses)
+    residuals = _residuals(observations, camera, poses)
+    limit = _OUTLYING * np.sqrt(noise)
+    weights = np.sqrt(limit / np.maximum(np.abs(residuals), limit))
+    boards, corners = residuals.shape[:2]
+    left = (residuals * weights).reshape(boards, corners * 4)
+    a = ((of_camera @ model.basis) * weights[..., None]).reshape(boards, corners * 4, -1)
+    p = (of_pose * weights[..., None]).reshape(boards, corners * 4, -1)
+    freedom = np.linalg.inv(p.swapaxes(1, 2) @ p)
+    solve = freedom @ p.swapaxes(1, 2)
+    follow = solve @ a
+    return Linearisation((a - p @ follow).reshape(boards, corners, 4, -1), follow, freedom,
+                         left.reshape(residuals.shape), (solve @ left[..., None])[..., 0])
+
+
+def _derivatives(observations: Observations, camera: NDArray[np.float64],
+                 poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Of the whitened predictions: (n, m, 4, 8) to the camera, (n, m, 4, 6) to a board's own pose.
+
+    Central differences: a board's corners depend on 14 numbers only.
+    """
+    def difference(parameter: int) -> NDArray[np.float64]:
+        step = np.eye(len(_SIZES))[parameter] * _STEP * _SIZES
+        ahead, behind = (predict(observations.points, camera + sign * step[:len(PARAMETERS)],
+                                 poses + sign * step[len(PARAMETERS):]) for sign in (1, -1))
+        return np.asarray((ahead - behind) / (2 * step.sum()))
+
+    columns = np.stack([difference(each) for each in range(len(_SIZES))], axis=-1)
+    whitened = observations.whitening @ columns
+    return whitened[..., :len(PARAMETERS)], whitened[..., len(PARAMETERS):]
+
+
+def _residuals(observations: Observations, camera: NDArray[np.float64],
+               poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    left = observations.values - predict(observations.points, camera, poses)
+    return np.asarray((observations.whitening @ left[..., None])[..., 0])
+
+
+def _cost(residuals: NDArray[np.float64], noise: float) -> float:
+    """Huber's: the square up to the limit, linear beyond."""
+    size, limit = np.abs(residuals), _OUTLYING * np.sqrt(noise)
+    return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum())

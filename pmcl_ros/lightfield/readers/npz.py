@@ -1,0 +1,99 @@
+"""NPZ files as `pmcl decode` writes them."""
+
+import zipfile
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.colour import Colour
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.reduction import MOST_BYTES, Reduction
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import LightFieldError
+
+_NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
+
+
+def write_npz(path: Path | str, light_field: LightField) -> None:
+    """Write `views`, `fx`, `fy`, `cx`, `cy`, `baseline`, `weights`, `positions`, compressed.
+
+    Then what it takes to show them: `gamma`, and `gains` and `matrix` of `Colour`.
+    """
+    grid, colour = light_field.grid, light_field.colour
+    pinhole = grid.pinhole
+    np.savez_compressed(path, views=light_field.views, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx,
+                        cy=pinhole.cy, baseline=grid.baseline, weights=grid.weights,
+                        positions=grid.positions, gamma=light_field.gamma, gains=colour.gains,
+                        matrix=colour.matrix)
+
+
+def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
+    """The inverse of `write_npz`.
+
+    weights (default: 1), positions (default: one step apart), gamma, gains and matrix may be left
+    out. Raises LightFieldError when a value is missing or of another shape or type.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            missing = [name for name in _NEEDED if name not in file]
+            if missing:
+                raise LightFieldError(f'{path} has no {", ".join(missing)}; expected views, fx, '
+                                      'fy, cx, cy, baseline (as `pmcl decode` writes where it is '
+                                      'given a --calibration)')
+            return _read(file, header, reduction)
+    except LightFieldError as error:
+        raise error if str(path) in str(error) else LightFieldError(f'{path}: {error}') from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise LightFieldError(f'cannot read {path}: {error}; expected an NPZ file as '
+                              '`pmcl decode` writes') from None
+
+
+def _read(file: np.lib.npyio.NpzFile, header: Header, reduction: Reduction) -> LightField:
+    unpacked = file.zip.getinfo('views.npy').file_size if file.zip is not None else 0
+    if unpacked > MOST_BYTES:
+        raise LightFieldError(f'its views unpack to {unpacked / 2 ** 30:.1f} GiB, more than '
+                              f'{MOST_BYTES / 2 ** 30:.0f}; save fewer or smaller ones')
+    views = file['views']
+    if views.ndim != 5 or views.shape[-1] != 3 or not np.issubdtype(views.dtype, np.floating):
+        raise LightFieldError(
+            f'views are {views.dtype} of shape {views.shape}; expected floating point, linear '
+            'light, of shape (rows, columns, height, width, 3)')
+    rows, columns, height, width = views.shape[:4]
+    weights = file['weights'] if 'weights' in file else np.ones((rows, columns))
+    positions = file['positions'] if 'positions' in file else nominal_positions(rows, columns)
+    if weights.shape != (rows, columns) or positions.shape != (rows, columns, 2):
+        raise LightFieldError(f'weights {weights.shape} and positions {positions.shape} do not '
+                              f'match {rows}x{columns} views')
+    numbers = [_number(file, name) for name in _NEEDED[1:]]
+    pinhole = reduction.pinhole(Pinhole(width, height, *numbers[:4]))
+    kept = np.ix_(reduction.kept(rows), reduction.kept(columns))
+    views = np.asarray(views[kept], np.float32)
+    if reduction.shrink > 1:
+        views = np.stack([[reduction.shrunk(view) for view in row] for row in views])
+    grid = ViewGrid(pinhole, numbers[4] * reduction.every,
+                    positions[kept].astype(float) / reduction.every,
+                    weights[kept].astype(np.float32))
+    shown = {'gamma': _number(file, 'gamma')} if 'gamma' in file else {}
+    return LightField(header, views, grid, **shown, colour=_colour(file))
+
+
+def _colour(file: np.lib.npyio.NpzFile) -> Colour:
+    if 'gains' not in file or 'matrix' not in file:
+        return Colour()
+    gains, matrix = file['gains'], file['matrix']
+    if (gains.shape, matrix.shape) != ((3,), (3, 3)) or not (
+            np.isfinite(gains.astype(float)).all() and np.isfinite(matrix.astype(float)).all()):
+        raise LightFieldError(f'gains {gains.tolist()} and matrix {matrix.tolist()} must be 3 and '
+                              '3x3 numbers')
+    red, green, blue = gains.tolist()
+    return Colour((red, green, blue), tuple((a, b, c) for a, b, c in matrix.tolist()))
+
+
+def _number(file: np.lib.npyio.NpzFile, name: str) -> float:
+    value = file[name]
+    if value.size != 1 or not np.issubdtype(value.dtype, np.number):
+        raise LightFieldError(f'{name} is {value.dtype} of shape {value.shape}; expected a number')
+    return float(value.reshape(()))

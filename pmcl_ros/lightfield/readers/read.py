@@ -1,0 +1,62 @@
+"""One function for every format that a light field can be read from."""
+
+from pathlib import Path
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers import folder, hci, stanford, sweep_folder
+from pmcl_ros.lightfield.readers.npz import read_npz
+from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.runtime.errors import LightFieldError
+
+_NPZ, _YAML = '.npz', ('.yaml', '.yml')
+
+
+def is_light_field(path: Path | str) -> bool:
+    """Whether `path` is of a kind that `read_light_field` takes; a raw picture is not."""
+    path = Path(path)
+    return path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML)
+
+
+def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
+                     header: Header | None = None) -> LightField:
+    """Read views of known geometry, rectified.
+
+    path: an NPZ file as `pmcl decode` writes, or the folder with it (views.npz); a folder of
+        pictures with light_field.yaml (or that file), see `folder.GridSettings`; one of a moved
+        camera's pictures with sweep.yaml (or that file), see `sweep_folder.SweepFolder`; a scene's
+        folder of the 4D Light Field Benchmark (parameters.cfg).
+    every, shrink: take each `every`-th view, make `shrink` x `shrink` pixels one.
+    header: whose light field it is; by default the stamp is the file's modification time.
+    Raises LightFieldError or SettingsError saying which file is wrong, and how.
+    """
+    path, reduction = Path(path), Reduction(every, shrink)
+    if not path.exists():
+        raise LightFieldError(f'there is no {path}')
+    if header is None:
+        header = Header(stamp_ns=path.stat().st_mtime_ns)
+    if path.is_dir():
+        return _read_folder(path, header, reduction)
+    if path.suffix.lower() == _NPZ:
+        return read_npz(path, header, reduction)
+    if path.name == sweep_folder.NAME:
+        return sweep_folder.read_sweep(path, header, reduction)
+    if path.suffix.lower() in _YAML:
+        return folder.read_folder(path, header, reduction)
+    raise LightFieldError(f'{path} is no light field: expected an .npz, a {folder.NAME} or a '
+                          'folder')
+
+
+def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField:
+    if (path / folder.NAME).is_file():
+        return folder.read_folder(path / folder.NAME, header, reduction)
+    if (path / sweep_folder.NAME).is_file():
+        return sweep_folder.read_sweep(path / sweep_folder.NAME, header, reduction)
+    if (path / hci.NAME).is_file():
+        return hci.read_hci(path, header, reduction)
+    if (path / 'views.npz').is_file():
+        return read_npz(path / 'views.npz', header, reduction)
+    if any(stanford.NAMES.fullmatch(each.name) for each in path.iterdir()):
+        raise LightFieldError(f'{path}: {stanford.HINT.format(name=folder.NAME)}')
+    raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz: nothing tells '
+                          f'the geometry of its views; write {folder.NAME}')

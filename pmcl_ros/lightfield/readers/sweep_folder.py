@@ -1,0 +1,105 @@
+"""A folder of pictures of one moved camera, with a YAML file that tells camera and poses."""
+
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.sweep.assemble import assemble
+from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.lens import DistortionModel, Lens
+from pmcl_ros.lightfield.sweep.plan import pose_of
+from pmcl_ros.lightfield.sweep.settings import SweepSettings
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.settings import Settings
+
+NAME = 'sweep.yaml'
+_LOG = logging.getLogger(__name__)
+
+
+class CameraEntry(Settings):
+    """The camera that took all pictures, as `camera_calibration` of ROS tells it."""
+
+    fx: float = Field(gt=1, lt=1e6, description='focal length [px]')
+    fy: float | None = Field(None, gt=1, lt=1e6, description='focal length [px]; default: fx')
+    cx: float = Field(description='principal point, column [px]')
+    cy: float = Field(description='principal point, row [px]')
+    model: DistortionModel = Field('plumb_bob', description='of the distortion')
+    distortion: tuple[float, ...] = Field((), description='its coefficients; none: rectified')
+
+
+class FrameEntry(Settings):
+    """One picture and where its camera was."""
+
+    file: str = Field(min_length=1, description='name of the picture')
+    position: tuple[float, float, float] = Field(
+        description='of the optical frame, in any frame that stands still [m]')
+    orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
+
+
+class SweepFolder(SweepSettings):
+    """sweep.yaml: the camera, the frames, and what `SweepSettings` has."""
+
+    camera: CameraEntry = Field(description='that took all pictures')
+    frames: list[FrameEntry] = Field(min_length=2, description='in any order')
+
+
+def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
+    """The light field of a sweep's pictures, which lie beside its sweep.yaml.
+
+    Frames that are left out are named in a warning. Raises SettingsError or LightFieldError saying
+    which file or value is wrong.
+    """
+    of = SweepFolder.load(yaml)
+    if reduction.every != 1:
+        raise LightFieldError(f'{yaml}: its frames are no grid of which each {reduction.every}th '
+                              'could be taken; write other rows, columns and baseline')
+    values = of.model_dump(include=set(SweepSettings.model_fields))
+    settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
+    sweep = assemble([_frame(yaml.parent, each, of.camera) for each in of.frames], settings,
+                     header.frame_id)
+    if sweep.left_out:
+        _LOG.warning('%s: %s', yaml, sweep.describe())
+    found = sweep.light_field
+    return LightField(header, found.views, found.grid, found.gamma)
+
+
+def _frame(folder: Path, entry: FrameEntry, camera: CameraEntry) -> SweepFrame:
+    path = folder / entry.file
+    picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    if picture is None:
+        raise LightFieldError(f'{path} is no picture that OpenCV reads, or is not there')
+    height, width = picture.shape[:2]
+    pinhole = Pinhole(width, height, camera.fx, camera.fy or camera.fx, camera.cx, camera.cy)
+    return SweepFrame(entry.file, 0, np.ascontiguousarray(picture[..., ::-1]),
+                      Lens(pinhole, camera.distortion, camera.model),
+                      pose_of(entry.position, entry.orientation, entry.file))
+
+
+def write_sweep(folder: Path, frames: Sequence[SweepFrame], settings: SweepSettings) -> None:
+    """Write what `read_sweep` reads: pictures and sweep.yaml. All frames have one lens.
+
+    Raises LightFieldError when a picture cannot be written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lens, entries = frames[0].lens, []
+    for each in frames:
+        name = f'{each.name}.png'
+        if not cv2.imwrite(str(folder / name), np.ascontiguousarray(each.image[..., ::-1])):
+            raise LightFieldError(f'cannot write {folder / name}')
+        orientation = Rotation.from_matrix(each.pose[:3, :3]).as_quat(canonical=True).tolist()
+        entries.append({'file': name, 'position': each.position.tolist(),
+                        'orientation': orientation})
+    pinhole = lens.pinhole
+    camera = {'fx': pinhole.fx, 'fy': pinhole.fy, 'cx': pinhole.cx, 'cy': pinhole.cy,
+              'model': lens.model, 'distortion': lens.distortion}
+    SweepFolder.make(settings.model_dump() | {'camera': camera, 'frames': entries},
+                     NAME).save(folder / NAME)

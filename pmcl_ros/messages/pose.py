@@ -1,0 +1,94 @@
+"""PoseEstimate: `pose`, `pose_with_covariance`, `particles`, /tf."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseArray,
+    PoseStamped,
+    PoseWithCovariance,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.runtime.errors import MessageError
+
+
+class PoseMessages(NamedTuple):
+    """`pose`, `pose_with_covariance` and `particles`."""
+
+    pose: PoseStamped
+    with_covariance: PoseWithCovarianceStamped
+    particles: PoseArray
+
+
+def estimate_to_messages(estimate: PoseEstimate) -> PoseMessages:
+    """The pose, the pose with its covariance, the particles: object to camera, metres."""
+    header = header_to_message(estimate.header)
+    pose, *particles = poses_to_messages(np.concatenate([estimate.pose[None], estimate.particles]))
+    spread = PoseWithCovariance(pose=pose, covariance=estimate.covariance.astype(float).ravel())
+    return PoseMessages(PoseStamped(header=header, pose=pose),
+                        PoseWithCovarianceStamped(header=header, pose=spread),
+                        PoseArray(header=header, poses=particles))
+
+
+def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStamped:
+    """The pose as /tf tells it: the object's frame `child` in the camera's."""
+    pose = poses_to_messages(estimate.pose[None])[0]
+    p = pose.position
+    return TransformStamped(
+        header=header_to_message(estimate.header), child_frame_id=child,
+        transform=Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=pose.orientation))
+
+
+def pose_from(message: PoseStamped) -> tuple[Header, NDArray[np.float64]]:
+    """Header and pose (4, 4)."""
+    return header_from(message.header), poses_from([message.pose], 'pose')[0]
+
+
+def pose_with_covariance_from(message: PoseWithCovarianceStamped,
+                              ) -> tuple[Header, NDArray[np.float64], NDArray[np.float64]]:
+    """Header, pose (4, 4) and covariance (6, 6): x, y, z, then rotations about the fixed axes."""
+    covariance = np.reshape(message.pose.covariance, (6, 6))
+    if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T):
+        raise MessageError('pose_with_covariance: the covariance is not finite and symmetric')
+    pose = poses_from([message.pose.pose], 'pose_with_covariance')[0]
+    return header_from(message.header), pose, covariance
+
+
+def particles_from(message: PoseArray) -> tuple[Header, NDArray[np.float64]]:
+    """Header and poses (n, 4, 4)."""
+    return header_from(message.header), poses_from(message.poses, 'particles')
+
+
+def poses_to_messages(matrices: NDArray[np.float64]) -> list[Pose]:
+    """Of poses (n, 4, 4)."""
+    quaternions = Rotation.from_matrix(matrices[:, :3, :3]).as_quat(canonical=True)  # x, y, z, w
+    return [Pose(position=Point(x=x, y=y, z=z), orientation=Quaternion(x=a, y=b, z=c, w=w))
+            for (x, y, z), (a, b, c, w)
+            in zip(matrices[:, :3, 3].tolist(), quaternions.tolist(), strict=True)]
+
+
+def poses_from(poses: Sequence[Pose], topic: str) -> NDArray[np.float64]:
+    """(n, 4, 4), checked; topic: to name in what is wrong."""
+    rows = np.array([(p.position.x, p.position.y, p.position.z, p.orientation.x, p.orientation.y,
+                      p.orientation.z, p.orientation.w) for p in poses]).reshape(-1, 7)
+    lengths = np.linalg.norm(rows[:, 3:], axis=1)
+    if not np.isfinite(rows).all() or (abs(lengths - 1) > 1e-3).any():
+        raise MessageError(f'{topic}: a pose is not finite or its quaternion has not length 1')
+    matrices = np.tile(np.eye(4), (len(rows), 1, 1))
+    if len(rows):
+        matrices[:, :3, :3] = Rotation.from_quat(rows[:, 3:]).as_matrix()
+    matrices[:, :3, 3] = rows[:, :3]
+    return matrices

@@ -1,0 +1,149 @@
+"""DepthLikelihoodVolume and EdgeVolume: `dlv` and `dlv/edges`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from math import prod
+
+import numpy as np
+from numpy.typing import NDArray
+from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
+
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.header import check_same, promised_by, time_to_message
+from pmcl_ros.runtime.errors import MessageError
+
+_VOLUME, _EDGES = ('height', 'width', 'depth'), ('height', 'width', 'depth', 'tensor')
+# what follows the name in a dimension's label
+_KEYS = {'height': ('stamp', 'frame'), 'width': ('fx', 'fy', 'cx', 'cy'), 'depth': ('metres',),
+         'tensor': ('components',)}
+
+
+def volume_to_message(volume: DepthLikelihoodVolume,
+                      buffer: Buffer | None = None) -> Float32MultiArray:
+    """The likelihood, height x width x depth, with all that is needed to use it.
+
+    The labels of the dimensions hold text, exact to the last bit:
+    `height;stamp=NS;frame=ID`, `width;fx=..;fy=..;cx=..;cy=..`, `depth;metres=FAR,..,NEAR`.
+    The data before `data_offset` hold the same as float32: the stamp [ns] as four 16-bit words,
+    most significant first, then fx, fy, cx, cy, then the depth of every label. The value of row i,
+    column j, label k is data[data_offset + dim[1].stride * i + dim[2].stride * j + k].
+    """
+    return _write_volume(volume, volume.likelihood, _VOLUME, buffer)
+
+
+def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
+    """The inverse of `volume_to_message`; `with_edges` adds the edges."""
+    header, pinhole, depths, values = _read_volume(message, _VOLUME, 'dlv')
+    with promised_by('dlv'):
+        return DepthLikelihoodVolume(header, values, depths, pinhole)
+
+
+def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32MultiArray:
+    """As `volume_to_message`, with a fourth dimension `tensor;components=xx,yy,xy`."""
+    return _write_volume(edges, edges.tensor, _EDGES, buffer)
+
+
+def edges_from(message: Float32MultiArray) -> EdgeVolume:
+    """The inverse of `edges_to_message`."""
+    header, pinhole, depths, values = _read_volume(message, _EDGES, 'dlv/edges')
+    with promised_by('dlv/edges'):
+        if values.shape[3] != 3:
+            raise MessageError(f'dlv/edges: {values.shape[3]} components, expected xx, yy, xy')
+        return EdgeVolume(header, values, depths, pinhole)
+
+
+def with_edges(volume: DepthLikelihoodVolume, edges: EdgeVolume) -> DepthLikelihoodVolume:
+    """Both of one capture as one value; their labels may differ, as edges need fewer."""
+    if volume.edges is edges:  # they were handed over as one
+        return volume
+    check_same('dlv/edges', edges.header, volume.header)
+    if edges.pinhole != volume.pinhole:
+        raise MessageError(f'dlv/edges: {edges.pinhole}, but dlv of that stamp: {volume.pinhole}')
+    return replace(volume, edges=edges)
+
+
+def _write_volume(source: DepthLikelihoodVolume | EdgeVolume, values: NDArray[np.float32],
+                  names: Sequence[str], buffer: Buffer | None) -> Float32MultiArray:
+    header, pinhole = source.header, source.pinhole
+    texts = {'height': (header.stamp_ns, header.frame_id),
+             'width': (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy),
+             'depth': (','.join(repr(float(depth)) for depth in source.depths),),
+             'tensor': ('xx,yy,xy',)}
+    dimensions = []
+    for axis, name in enumerate(names):
+        pairs = zip(_KEYS[name], texts[name], strict=True)
+        label = ';'.join([name, *(f'{key}={value}' for key, value in pairs)])
+        dimensions.append(MultiArrayDimension(label=label, size=values.shape[axis],
+                                              stride=prod(values.shape[axis:])))
+    padding = _padding(header, pinhole, source.depths)
+    message, data = (buffer or Buffer()).message(Float32MultiArray, 'f',
+                                                 (len(padding) + values.size,), '<f4')
+    message.layout = MultiArrayLayout(dim=dimensions, data_offset=len(padding))
+    data[:len(padding)] = padding
+    data[len(padding):].reshape(values.shape)[:] = values
+    return message
+
+
+def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
+                 ) -> tuple[Header, Pinhole, NDArray[np.float64], NDArray[np.float32]]:
+    dimensions, offset = message.layout.dim, message.layout.data_offset
+    if len(dimensions) != len(names):
+        raise MessageError(f'{topic}: the layout has {len(dimensions)} dimensions, expected '
+                           f'{", ".join(names)}')
+    texts = [_fields(each.label, name, topic)
+             for each, name in zip(dimensions, names, strict=True)]
+    shape = tuple(each.size for each in dimensions)
+    strides = [each.stride for each in dimensions]
+    expected = [prod(shape[axis:]) for axis in range(len(shape))]
+    if strides != expected or not prod(shape):
+        raise MessageError(f'{topic}: sizes {list(shape)} with strides {strides}, expected '
+                           f'strides {expected} (products of the sizes inwards) and no size 0')
+    stamp, frame = texts[0]
+    with promised_by(topic):
+        header = Header(_number(int, stamp, topic), frame)
+        time_to_message(header.stamp_ns)  # refuses what no ROS time can hold
+        intrinsics = [_number(float, text, topic) for text in texts[1]]
+        pinhole = Pinhole(shape[1], shape[0], *intrinsics)
+    depths = np.array([_number(float, text, topic) for text in texts[2][0].split(',')])
+    padding = _padding(header, pinhole, depths)
+    found = len(depths), offset, len(message.data)
+    right = shape[2], len(padding), len(padding) + expected[0]
+    if found != right:
+        raise MessageError(
+            f'{topic}: {found[0]} depths, data_offset {found[1]} and {found[2]} values for sizes '
+            f'{list(shape)}; expected {right[0]}, {right[1]} and {right[2]}')
+    data = np.frombuffer(message.data, '<f4')
+    if not np.array_equal(data[:offset], padding):
+        raise MessageError(f'{topic}: the numbers before data_offset are not those of the labels')
+    values = data[offset:].reshape(shape)
+    if not np.isfinite([values.min(), values.max()]).all():  # either is NaN where any value is
+        raise MessageError(f'{topic}: the data hold NaN or infinity')
+    return header, pinhole, depths, values
+
+
+def _padding(header: Header, pinhole: Pinhole,
+             depths: NDArray[np.float64]) -> NDArray[np.float32]:
+    words = np.frombuffer(header.stamp_ns.to_bytes(8, 'big', signed=True), '>u2')
+    intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]
+    return np.concatenate([words, intrinsics, depths]).astype(np.float32)
+
+
+def _fields(label: str, name: str, topic: str) -> list[str]:
+    """The values of a label `name;key=value;...`, of which the last may hold any text."""
+    keys = _KEYS[name]
+    found, *pairs = label.split(';', len(keys))
+    split = [pair.partition('=') for pair in pairs]
+    if found != name or tuple(key for key, _, _ in split) != keys:
+        raise MessageError(f'{topic}: dimension label {label[:60]!r}, expected '
+                           f'{";".join([name, *(f"{key}=..." for key in keys)])!r}')
+    return [value for _, _, value in split]
+
+
+def _number(kind: type, text: str, topic: str) -> int | float:
+    try:
+        return kind(text)
+    except ValueError:
+        raise MessageError(f'{topic}: {text[:40]!r} in a dimension label is no number') from None

@@ -1,0 +1,265 @@
+"""What every node of the package is: a lifecycle node that outlives its users' mistakes.
+
+rclpy 7.1 leaves gaps that are closed here once: an impossible transition ends the process,
+exceptions in transitions vanish without a line, destroyed publishers stay registered, and
+subscriptions, timers and services run in every state.
+"""
+
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from threading import Lock
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.srv import ChangeState
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.timer import Timer
+from std_srvs.srv import Trigger
+
+from pmcl_ros.nodes.runtime.health import Health
+from pmcl_ros.nodes.runtime.parameters import Parameters
+from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
+from pmcl_ros.nodes.transport.intra_process_bus import HandOver
+from pmcl_ros.nodes.transport.sequence_gaps import Gaps
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.settings import Settings
+
+# Both ends of every big topic: best effort loses messages of this size; only the newest counts.
+BIG = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+# Late subscribers get the last message too.
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
+                     durability=DurabilityPolicy.TRANSIENT_LOCAL)
+SMALL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+# Poses of an arm, that come up to 1000 times a second.
+MANY = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class StageNode(LifecycleNode):
+    """A lifecycle node with a name, settings, a `set_up` (configure) and a `start` (activate).
+
+    Both acquire through the helpers below, or push what undoes it onto `configured` or `active`:
+    all is released in reverse order when the node leaves that state, by whichever way. A PmclError
+    means that the user can mend it: one line is logged, the transition fails, the node stays.
+
+    hand_over: what the nodes of the graph share that live in this process, if there are others.
+    """
+
+    name: ClassVar[str]
+    settings_class: ClassVar[type[Settings]]
+
+    def __init__(self, hand_over: HandOver | None = None, **options: Any) -> None:
+        super().__init__(self.name, **options)
+        self.hand_over = hand_over or HandOver()
+        self.configured, self.active = ExitStack(), ExitStack()
+        self.health = Health()
+        self._described = Parameters(self, self.settings_class)
+        self._diagnostics: Publisher | None = None
+        self._telling = Lock()  # whoever has it knows whether that is there, and stays so
+        self._guard_transitions()
+
+    def set_up(self, settings: Any) -> None:
+        """Load and check everything that `settings` name, make publishers."""
+        raise NotImplementedError
+
+    def start(self) -> None:
+        """Make subscriptions, timers and services."""
+        raise NotImplementedError
+
+    # for set_up
+
+    def publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
+        """A publisher for as long as the node is configured; silent while it is inactive."""
+        with overridable(self, topic, qos, qos is BIG) as (profile, options):
+            publisher = self.create_lifecycle_publisher(kind, topic, profile,
+                                                        qos_overriding_options=options)
+        self.configured.callback(self.destroy_lifecycle_publisher, publisher)
+        return publisher
+
+    # for start
+
+    def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
+                  qos: QoSProfile, raw: bool = False,
+                  missed: Callable[[int], None] = lambda _: None) -> Subscription:
+        """A subscription while the node is active; errors of `callback` are logged and counted.
+
+        raw: the callback gets the serialised message. missed: told how many messages came and were
+        overwritten before this one was taken, where there were some.
+        """
+        gaps = Gaps()
+
+        def received(message: Any, info: dict[str, int | None]) -> None:
+            with self.watched(topic):
+                count = gaps.missed(info['publication_sequence_number'],
+                                    subscription.get_publisher_count())
+                if count:
+                    missed(count)
+                callback(message)
+
+        with overridable(self, topic, qos, qos is BIG) as (profile, options):
+            subscription = self.create_subscription(kind, topic, received, profile, raw=raw,
+                                                    qos_overriding_options=options)
+        self.active.callback(self.destroy_subscription, subscription)
+        return subscription
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """A timer while the node is active, `period` in seconds."""
+        def due() -> None:
+            with self.watched('timer'):
+                callback()
+
+        # Steady, not the node's: with use_sim_time that one stands still, or jumps.
+        timer = self.create_timer(period, due, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.active.callback(self.destroy_timer, timer)
+        return timer
+
+    def serve(self, service: str, callback: Callable[[], str]) -> None:
+        """A Trigger service while the node is active; `callback` returns what to answer."""
+        def called(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            with self.watched(service) as problems:
+                try:
+                    response.message, response.success = callback(), True
+                except PmclError as error:  # the caller's matter, not the node's health
+                    response.message = str(error)
+                    self.get_logger().warning(f'{service}: {error}')
+            response.message = problems[0] if problems else response.message
+            return response
+
+        server = self.create_service(Trigger, service, called)
+        self.active.callback(self.destroy_service, server)
+
+    @contextmanager
+    def watched(self, what: str) -> Iterator[list[str]]:
+        """Log and count what goes wrong inside; the list that is yielded then holds it."""
+        problems: list[str] = []
+        try:
+            yield problems
+        except PmclError as error:
+            problems.append(str(error))
+            self.get_logger().error(f'{what}: {error}')
+        except Exception as error:
+            problems.append(f'{type(error).__name__}: {error}')
+            self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
+        if problems:
+            self.health.failed(f'{what}: {problems[0]}')
+            self.tell_health()
+
+    def done(self, latency: float, message: str) -> None:
+        """Count and log a result that was published `latency` seconds after its input came."""
+        self.health.done(latency, message)
+        self.get_logger().info(f'{message}, in {1e3 * latency:.0f} ms')
+
+    def dropped(self, what: str, count: int = 1) -> None:
+        """Count and log an input, or several, that are given up."""
+        self.health.dropped += count
+        self.get_logger().warning(f'dropped {what}')
+
+    def tell_health(self) -> None:
+        """Publish /diagnostics now, not at the next second; any thread may."""
+        with self._telling:
+            if self._diagnostics is not None:
+                now = self.get_clock().now().nanoseconds
+                # /diagnostics is one topic for all graphs: with its namespace a name is one node's
+                name = self.get_fully_qualified_name().lstrip('/')
+                self._diagnostics.publish(self.health.to_message(now, name))
+
+    # transitions
+
+    def on_configure(self, _: LifecycleState) -> Result:
+        """Read the parameters and `set_up`."""
+        return self._enter('configure', self.configured, self._configure)
+
+    def on_activate(self, state: LifecycleState) -> Result:
+        """Let publishers speak, then `start`."""
+        return self._enter('activate', self.active, lambda: self._activate(state))
+
+    def on_deactivate(self, _: LifecycleState) -> Result:
+        """Undo `start`."""
+        return self._leave('deactivate', self.active)
+
+    def on_cleanup(self, _: LifecycleState) -> Result:
+        """Undo `set_up`."""
+        return self._leave('cleanup', self.configured)
+
+    def on_shutdown(self, _: LifecycleState) -> Result:
+        """Undo whatever has been done; what fails in that is logged, and the node is final."""
+        self._leave('shutdown', self.active, self.configured)
+        return Result.SUCCESS
+
+    def on_error(self, _: LifecycleState) -> Result:
+        """Undo whatever has been done, to be configured again."""
+        self._leave('error', self.active, self.configured)
+        return Result.SUCCESS
+
+    def close(self) -> None:
+        """Release all and end the node."""
+        self._leave('close', self.active, self.configured)
+        self.destroy_node()
+
+    def _configure(self) -> None:
+        settings = self._described.read()
+        self.get_logger().info(f'configured with {settings!r}')
+        self.set_up(settings)
+
+    def _activate(self, state: LifecycleState) -> None:
+        super().on_activate(state)
+        self.active.callback(super().on_deactivate, state)
+        self.health = Health(back_end=self.health.back_end)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
+        self.active.callback(self._end_diagnostics)
+        self.every(1.0, self.tell_health)
+        self.start()
+        warn_of_unknown(self)
+
+    def _end_diagnostics(self) -> None:
+        with self._telling:
+            publisher, self._diagnostics = self._diagnostics, None
+        self.destroy_publisher(publisher)
+
+    def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
+        try:
+            step()
+        except PmclError as error:
+            self.get_logger().error(f'cannot {transition}: {error}')
+            released = self._leave(transition, scope)
+            return Result.FAILURE if released == Result.SUCCESS else released
+        except Exception:
+            self.get_logger().error(f'cannot {transition}: unexpected error\n'
+                                    f'{traceback.format_exc()}')
+            return Result.ERROR  # on_error releases
+        return Result.SUCCESS
+
+    def _leave(self, transition: str, *scopes: ExitStack) -> Result:
+        result = Result.SUCCESS
+        for scope in scopes:
+            try:
+                scope.close()  # runs all that it holds, whatever fails
+            except Exception:
+                self.get_logger().error(f'{transition}: unexpected error\n'
+                                        f'{traceback.format_exc()}')
+                result = Result.ERROR
+        return result
+
+    def _guard_transitions(self) -> None:
+        # rclpy 7.1 (issue 1209) lets an impossible request's RCLError end the process. Beside
+        # these two private names this package uses one of rclpy's inside: unknown_parameters.
+        change, machine = self._service_change_state.callback, self._state_machine
+
+        def guarded(request: ChangeState.Request,
+                    response: ChangeState.Response) -> ChangeState.Response:
+            wanted = request.transition
+            possible = {each[1]: each[0] for each in machine.available_transitions}
+            if wanted.label in possible or (not wanted.label and wanted.id in possible.values()):
+                return change(request, response)
+            self.get_logger().error(
+                f'no transition {wanted.label or wanted.id} from {machine.current_state[1]}; '
+                f'possible: {possible}')
+            response.success = False
+            return response
+
+        self._service_change_state.callback = guarded

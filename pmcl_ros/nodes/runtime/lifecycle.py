@@ -1,0 +1,91 @@
+"""Takes nodes through their lifecycle, by their services, as a manager or a user would."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from pmcl_ros.runtime.errors import PmclError
+
+CONFIGURE, ACTIVATE = 'configure', 'activate'
+_IDS = {CONFIGURE: Transition.TRANSITION_CONFIGURE, ACTIVATE: Transition.TRANSITION_ACTIVATE,
+        'deactivate': Transition.TRANSITION_DEACTIVATE, 'cleanup': Transition.TRANSITION_CLEANUP}
+
+# From where, and to where.
+_ENDS = {CONFIGURE: (State.PRIMARY_STATE_UNCONFIGURED, State.PRIMARY_STATE_INACTIVE),
+         ACTIVATE: (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE),
+         'deactivate': (State.PRIMARY_STATE_ACTIVE, State.PRIMARY_STATE_INACTIVE),
+         'cleanup': (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_UNCONFIGURED)}
+_REPEAT = 5.0  # s: without an answer the node is asked for its state
+
+
+class LifecycleError(PmclError):
+    """A node did not make a transition."""
+
+
+class Lifecycle:
+    """Asks nodes for transitions and waits for the answers.
+
+    node, executor: to ask with. alive: raises when waiting for the node of that name is in vain.
+    """
+
+    def __init__(self, node: Node, executor: SingleThreadedExecutor,
+                 alive: Callable[[str], None] = lambda _: None) -> None:
+        self._node, self._executor, self._alive = node, executor, alive
+
+    def change(self, name: str, transition: str, timeout: float) -> None:
+        """Make one transition; LifecycleError names the node that did not within `timeout` [s]."""
+        deadline = time.monotonic() + timeout
+        client = self._node.create_client(ChangeState, f'{name}/change_state')
+        try:
+            self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
+            request = ChangeState.Request(transition=Transition(id=_IDS[transition]))
+            # DDS may lose a request or an answer right after the two have found each other.
+            while not self._answered(name, future := client.call_async(request), deadline):
+                state = self.state(name, deadline)
+                if future.done():  # it was in the transition until now
+                    break
+                if state == _ENDS[transition][1]:
+                    return
+                if state != _ENDS[transition][0]:
+                    raise LifecycleError(f'{name} did not {transition}: it is in state {state}')
+            response: Any = future.result()
+        finally:
+            self._node.destroy_client(client)
+        if not response.success:
+            raise LifecycleError(f'{name} could not {transition}; its log says why')
+
+    def state(self, name: str, deadline: float) -> int:
+        """The node's state, by lifecycle_msgs/State; it tells none during a transition.
+
+        It then knows the clients that were made before; DDS tells of them in that order. Raises
+        LifecycleError after `deadline`, by time.monotonic().
+        """
+        client = self._node.create_client(GetState, f'{name}/get_state')
+        try:
+            self._wait(name, client.service_is_ready, deadline, f'{client.srv_name} is not there')
+            future = client.call_async(GetState.Request())
+            while not self._answered(name, future, deadline):
+                future = client.call_async(GetState.Request())
+            answer: Any = future.result()
+            return int(answer.current_state.id)
+        finally:
+            self._node.destroy_client(client)
+
+    def _wait(self, name: str, ready: Callable[[], bool], deadline: float, problem: str) -> None:
+        while not ready():
+            self._alive(name)
+            if time.monotonic() > deadline:
+                raise LifecycleError(f'gave up on {name}: {problem} in time')
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def _answered(self, name: str, future: Any, deadline: float) -> bool:
+        """Whether an answer comes within _REPEAT [s]; LifecycleError after `deadline`."""
+        soon = time.monotonic() + _REPEAT
+        self._wait(name, lambda: future.done() or time.monotonic() > soon, deadline,
+                   'it did not answer')
+        return bool(future.done())

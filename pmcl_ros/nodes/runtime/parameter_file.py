@@ -1,0 +1,88 @@
+"""For whom the values of a ROS parameter file are."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from difflib import get_close_matches
+from itertools import pairwise
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import yaml
+
+from pmcl_ros.nodes.runtime.parameters import suggest
+from pmcl_ros.nodes.table import ALL, Entry
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import read_yaml
+
+_VALUES = 'ros__parameters'
+_WILD = ('*', '**')
+# Parameters, or their first part, that ROS gives every node.
+_EVERY = ('qos_overrides', 'use_sim_time', 'start_type_description_service')
+
+
+def check_parameter_file(path: Path | str, node: str = '') -> list[str]:
+    """The names of nodes in a file that are none of this package's: a file may serve others too.
+
+    SettingsError for a name that is one of ours but for a slip, for a parameter given to a node
+    that does not have it, and for a file that holds no parameters: ROS would start every node
+    with its defaults, without a word. What is given to all nodes each judges for itself.
+    node: judge the parameters of this one alone.
+    """
+    known, others, found = {each.name: each for each in ALL}, [], False
+    for section, values in _sections(read_yaml(path), ''):
+        found = True
+        name = section.rpartition('/')[2]
+        if name in known and node in ('', name):
+            _check_names(path, section, known[name], values)
+        if name in (*known, *_WILD):
+            continue
+        if close := get_close_matches(name, known, 1):
+            raise SettingsError(f'{path} has parameters for {section!r}, but there is no node '
+                                f'{name!r}; did you mean {close[0]!r}?')
+        others.append(section)
+    if not found:
+        raise SettingsError(f'{path} has no parameters: expected NODE: {{{_VALUES}: {{NAME: '
+                            f'VALUE}}}} with a NODE of {", ".join(known)}')
+    return others
+
+
+def parameter_files(arguments: Sequence[str]) -> list[str]:
+    """The files that a command line names."""
+    return [file for before, file in pairwise(arguments) if before == '--params-file']
+
+
+@contextmanager
+def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[list[str]]:
+    """Arguments for ROS that give each node its own values, without those that are None.
+
+    values: by name of the node, in whatever namespace: `-p node:name:=value` holds in none.
+    """
+    sections = {f'/**/{node}': {_VALUES: {name: value for name, value in each.items() if value}}
+                for node, each in values.items() if any(each.values())}
+    if not sections:
+        yield []
+        return
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / 'parameters.yaml'
+        path.write_text(yaml.safe_dump(sections))
+        yield ['--ros-args', '--params-file', str(path), '--']
+
+
+def _check_names(path: Path | str, section: str, node: Entry, values: dict[str, Any]) -> None:
+    kind = node.load().settings_class
+    for name in values:
+        if name in kind.model_fields or str(name).partition('.')[0] in _EVERY:
+            continue
+        owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+        hint = f'; {" and ".join(owners)} has it' if owners else suggest(str(name), kind)
+        raise SettingsError(f'{path} gives {section!r} an unknown parameter {name!r}{hint}')
+
+
+def _sections(values: dict[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The full names, namespaces may be nested, under which there are values; and these."""
+    for key, inside in values.items():
+        if key == _VALUES:
+            yield above, inside or {}
+        elif isinstance(inside, dict):
+            yield from _sections(inside, f'{above}/{str(key).strip("/")}'.lstrip('/'))

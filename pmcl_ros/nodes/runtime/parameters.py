@@ -1,0 +1,144 @@
+"""ROS parameters declared from, and read back into, a Settings class."""
+
+import sys
+from difflib import get_close_matches
+from types import NoneType
+from typing import Any, Literal, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic.fields import FieldInfo
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pmcl_ros.nodes.runtime.live import is_live
+from pmcl_ros.nodes.table import ALL
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import Settings
+
+OVERRIDES = 'qos_overrides.'  # rclpy's own prefix
+_TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
+
+
+class Parameters:
+    """The parameters of a node: names, defaults, ranges and descriptions are those of `kind`.
+
+    A value that ROS refuses when the node starts does not end the node: `read` tells about it,
+    until a good one has been set. So it does about values given for parameters that nobody knows.
+    """
+
+    def __init__(self, node: Node, kind: type[Settings]) -> None:
+        self._node, self._kind = node, kind
+        self._refused: dict[str, str] = {}
+        for name, field in kind.model_fields.items():
+            self._declare(name, field)
+        node.add_post_set_parameters_callback(self._accepted)
+
+    def read(self) -> Settings:
+        """The parameters as they are now; SettingsError names every impossible or missing one."""
+        self._refuse_unknown()
+        if self._refused:
+            raise SettingsError('; '.join(self._refused.values()))
+        values = {}
+        for name in self._kind.model_fields:
+            try:
+                value = self._node.get_parameter(name).value
+            except ParameterUninitializedException:
+                continue  # the settings know whether it may be missing
+            values[name] = value if isinstance(value, (bool, int, float, str)) else tuple(value)
+        return self._kind.make(values, f'parameters of {self._node.get_name()}')
+
+    def _declare(self, name: str, field: FieldInfo) -> None:
+        kind = ros_type(field)
+        when = 'applied at once' if is_live(field) else 'read at the next configure'
+        descriptor = ParameterDescriptor(description=field.description or '',
+                                         additional_constraints=when)
+        if kind == Parameter.Type.DOUBLE:
+            descriptor.floating_point_range = _range(field, FloatingPointRange, float,
+                                                     -sys.float_info.max, sys.float_info.max)
+        elif kind == Parameter.Type.INTEGER:
+            descriptor.integer_range = _range(field, IntegerRange, int, -2**63, 2**63 - 1)
+        default = kind if field.is_required() or field.default is None else ros_value(field)
+        try:
+            self._node.declare_parameter(name, default, descriptor)
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            self._refused[name] = _reason(name, kind, error)
+        if name in self._refused:
+            self._node.declare_parameter(name, default, descriptor, ignore_override=True)
+
+    def _refuse_unknown(self) -> None:
+        """SettingsError for a misspelt name; one that another node has may be for all nodes."""
+        node, misspelt = self._node.get_name(), []
+        for name in unknown_parameters(self._node):
+            if name.startswith(OVERRIDES):
+                continue  # declared with their publisher or subscription
+            owners = [each.name for each in ALL if name in each.load().settings_class.model_fields]
+            if owners:
+                self._node.get_logger().warning(
+                    f'parameter {name!r} is none of {node}, it is one of {" and ".join(owners)}: '
+                    'without effect here')
+            else:
+                misspelt.append(f'unknown parameter {name!r}{suggest(name, self._kind)}')
+        if misspelt:
+            raise SettingsError(f'{node}: {"; ".join(misspelt)}. Correct what the node is started '
+                                'with (parameter file, -p) and start it again')
+
+    def _accepted(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            self._refused.pop(parameter.name, None)
+
+
+def unknown_parameters(node: Node) -> list[str]:
+    """The parameters that the node was started with but does not have."""
+    # Private in rclpy 7.1, where nothing else tells of overrides that are not declared.
+    return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
+
+
+def suggest(name: str, kind: type[Settings]) -> str:
+    """The end of a sentence about a name that is no field of `kind`."""
+    close = get_close_matches(name, kind.model_fields, 1)
+    known = ', '.join(kind.model_fields)
+    return f'; did you mean {close[0]!r}?' if close else f' (known: {known})'
+
+
+def ros_type(field: FieldInfo) -> Parameter.Type:
+    """The ROS type of a settings field: scalars, choices among them, tuples of them, or None."""
+    annotation = field.annotation
+    choices = [each for each in get_args(annotation) if each is not NoneType]
+    if NoneType in get_args(annotation) and len(choices) == 1:
+        annotation, choices = choices[0], list(get_args(choices[0]))
+    if get_origin(annotation) is Literal:
+        return Parameter.Type[_TYPES[type(choices[0])]]
+    if get_origin(annotation) is tuple:
+        item = getattr(choices[0], '__origin__', choices[0])  # Annotated[float, ...] is a float
+        return Parameter.Type[f'{_TYPES[item]}_ARRAY']
+    return Parameter.Type[_TYPES[annotation]]
+
+
+def ros_value(field: FieldInfo) -> Any:
+    """The default of a settings field as ROS takes it."""
+    if ros_type(field) == Parameter.Type.DOUBLE:
+        return float(field.default)
+    return list(field.default) if isinstance(field.default, tuple) else field.default
+
+
+def _range(field: FieldInfo, kind: type, number: type, low: float, high: float) -> list[Any]:
+    bounds = {type(each): each for each in field.metadata}
+    if not bounds.keys() & {Ge, Gt, Le, Lt}:
+        return []
+    # ROS knows no open ends: the settings refuse the end itself when the node is configured
+    low = bounds[Ge].ge if Ge in bounds else bounds[Gt].gt if Gt in bounds else low
+    high = bounds[Le].le if Le in bounds else bounds[Lt].lt if Lt in bounds else high
+    return [kind(from_value=number(low), to_value=number(high), step=number(0))]
+
+
+def _reason(name: str, kind: Parameter.Type, error: Exception) -> str:
+    reason = f'parameter {name!r}: {str(error).removesuffix(f": {name}")}'
+    if isinstance(error, InvalidParameterTypeException) and kind.name.startswith('DOUBLE'):
+        return f'{reason}; ROS takes no integer where a double is expected: write 1.0, not 1'
+    return reason

@@ -1,0 +1,1 @@
+"""How values travel between nodes, and how losses are counted."""

@@ -1,0 +1,104 @@
+"""Playing in step: the next capture is played when pmcl_node has said what became of the last."""
+
+import time
+from collections.abc import Collection
+from functools import cache
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+from pmcl_ros import conversions
+from pmcl_ros.messages.bags import Recorded, Topic
+from pmcl_ros.nodes.runtime.base import LATCHED
+from pmcl_ros.nodes.runtime.message_types import message_type
+from pmcl_ros.nodes.runtime.running import pause
+from pmcl_ros.nodes.topics import PRESETS, TOPICS
+from pmcl_ros.runtime.errors import BagError
+
+_TYPES = {each.name: each.type for each in TOPICS}
+_LATCHED_COMES = 0.5  # s
+_STAMPED = ('image_raw', 'views', 'dlv')  # a message of each capture, that knows its stamp
+_PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
+
+
+class InStep:
+    """Holds a bag's messages back until `objects`, found or lost, has come of the capture before.
+
+    A capture ends where one of its topics comes again; in which order they come is the bag's. What
+    is of no capture, as an arm's poses, is played in its turn. patience: for an answer [s].
+    BagError where the bag has nothing that tells captures apart.
+    """
+
+    def __init__(self, node: Node, topics: Collection[Topic], patience: float) -> None:
+        self._patience = patience
+        stamped = [(name, each.name) for name in _STAMPED for each in topics
+                   if _is(each.name, name) and each.type == _TYPES[name]]
+        if not stamped:
+            raise BagError('in step needs captures, on one of the topics '
+                           f'{", ".join(_STAMPED)}: to be played are only '
+                           f'{", ".join(each.name for each in topics)}')
+        self._kind, self._topic = stamped[0]
+        self._seen: set[str] = set()
+        self._played: int | None = None  # stamp of the capture that is being played
+        self._answered: set[int] = set()
+        self._answers = node.create_subscription(MarkerArray, 'objects', self._on_objects, LATCHED)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(node)
+
+    def wait_for_answerer(self, timeout: float) -> None:
+        """Return once somebody publishes `objects`; else BagError."""
+        deadline = time.monotonic() + timeout
+        while not self._answers.get_publisher_count():
+            if time.monotonic() > deadline:
+                raise BagError(f'nobody publishes {self._answers.topic_name} after {timeout:g} s: '
+                               'in step needs a pmcl_node that is active')
+            pause(0.05)
+        # `objects` is latched: what it said last is of a replay before.
+        deadline = time.monotonic() + _LATCHED_COMES
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+
+    def before(self, message: Recorded) -> None:
+        """To be called with each message before it is published; returns when it may be."""
+        if not _of_capture(message.topic):
+            return
+        if message.topic in self._seen:
+            self.wait()
+        self._seen.add(message.topic)
+        if message.topic == self._topic:
+            self._played = self._stamp_of(message)
+            self._answered.discard(self._played)  # of a round before
+
+    def wait(self) -> None:
+        """Return once the last capture is answered; else BagError."""
+        deadline = time.monotonic() + self._patience
+        while self._played is not None and self._played not in self._answered:
+            if time.monotonic() > deadline:
+                raise BagError(
+                    f'nothing came on {self._answers.topic_name} of capture {self._played} within '
+                    f'{self._patience:g} s (--patience): the log of the nodes says why')
+            pause(0)
+            self._executor.spin_once(timeout_sec=0.05)
+        self._seen.clear()
+        self._played = None
+
+    def _on_objects(self, message: MarkerArray) -> None:
+        self._answered |= {conversions.header_from(each.header).stamp_ns
+                           for each in message.markers}
+
+    def _stamp_of(self, message: Recorded) -> int:
+        read = conversions.message_from(message.cdr, message_type(message.type))
+        if self._kind == 'dlv':
+            return conversions.volume_from(read).header.stamp_ns
+        return conversions.header_from(read.header).stamp_ns
+
+
+@cache
+def _of_capture(topic: str) -> bool:
+    return any(_is(topic, each) for each in _PARTS)
+
+
+def _is(topic: str, name: str) -> bool:
+    """Whether it is this topic, in whatever namespace it was recorded."""
+    return topic.endswith(f'/{name}')

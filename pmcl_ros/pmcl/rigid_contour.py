@@ -1,0 +1,89 @@
+"""The evidence of poses near one whose contour is known, without drawing them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.volume import EdgeVolume
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+
+_AHEAD = 0.01  # m: what is nearer to the camera than that is not seen
+
+
+@dataclass(frozen=True)
+class MovedContour:
+    """Points of an object's contour that move with it as a rigid wire.
+
+    A contour slides over a smooth object that turns, so this is true for small turns only; but
+    for any shift, and a pose costs a few microseconds.
+
+    pose: (4, 4) whose contour it is. points: (n, 3) [m], and tips: (n, 3), a little farther out
+    along their normals, at the same depth. lengths: (n,) that they stand for [image px].
+    """
+
+    pose: NDArray[np.float64]
+    points: NDArray[np.float64]
+    tips: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, pose: NDArray[np.float64], contour: ContourPoints, pinhole: Pinhole, count: int
+           ) -> 'MovedContour':
+        """About `count` of the points of a contour, evenly along it."""
+        total = float(contour.lengths.sum())
+        reached = np.cumsum(contour.lengths)
+        wanted = (np.arange(count) + 0.5) / count * total
+        chosen = np.unique(np.minimum(np.searchsorted(reached, wanted), len(reached) - 1))
+        pixels, depths = contour.pixels[chosen], contour.depths[chosen]
+        tips = pixels + contour.normals[chosen]
+        return cls(pose, _placed(pixels, depths, pinhole), _placed(tips, depths, pinhole),
+                   np.full(len(chosen), total / max(len(chosen), 1)))
+
+    def evidence(self, poses: NDArray[np.float64], edges: EdgeVolume, profile: ContourProfile
+                 ) -> NDArray[np.float64]:
+        """(n,) [nat] of poses (n, 4, 4); what is out of view is neither for nor against them.
+
+        The profile's offsets are in pixels of `edges`, whose camera may be coarser.
+        """
+        motions = poses @ np.linalg.inv(self.pose)
+        turns, shifts = motions[:, :3, :3], motions[:, None, :3, 3]
+        places = self.points @ turns.transpose(0, 2, 1) + shifts
+        tips = self.tips @ turns.transpose(0, 2, 1) + shifts
+        depths = places[..., 2]
+        ahead = (depths > _AHEAD) & (tips[..., 2] > _AHEAD)
+        pixels = edges.pinhole.project(np.where(ahead[..., None], places, [0, 0, 1]))
+        normals = edges.pinhole.project(np.where(ahead[..., None], tips, [0, 0, 1])) - pixels
+        normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
+        size = np.array([edges.pinhole.width, edges.pinhole.height])
+        seen = ahead & ((pixels > -0.5) & (pixels < size - 0.5)).all(axis=-1)
+        result = np.zeros(depths.shape)
+        result[seen] = evidence_across(edges, pixels[seen], normals[seen], depths[seen], profile,
+                                       np.zeros(1))[:, 0]
+        return np.asarray(result @ self.lengths)
+
+
+def shrunk(edges: EdgeVolume, scale: int) -> EdgeVolume:
+    """The mean over each scale x scale pixels, as one pixel: blurred, and quicker to read."""
+    rows, columns = (max(1, side // scale) for side in edges.tensor.shape[:2])
+    if scale == 1 or min(edges.tensor.shape[:2]) < scale:
+        return edges
+    whole = edges.tensor[:rows * scale, :columns * scale]
+    blocks = whole.reshape(rows, scale, columns, scale, *edges.tensor.shape[2:])
+    tensor = np.zeros((rows, columns, *edges.tensor.shape[2:]), np.float32)
+    for down in range(scale):
+        for across in range(scale):
+            tensor += blocks[:, down, :, across]
+    tensor /= scale ** 2
+    pinhole = edges.pinhole.crop(0, 0, columns * scale, rows * scale).resized(columns, rows)
+    return EdgeVolume(edges.header, tensor, edges.depths, pinhole)
+
+
+def _placed(pixels: NDArray[np.float64], depths: NDArray[np.float64], pinhole: Pinhole
+            ) -> NDArray[np.float64]:
+    x = (pixels[:, 0] - pinhole.cx) / pinhole.fx
+    y = (pixels[:, 1] - pinhole.cy) / pinhole.fy
+    return depths[:, None] * np.stack([x, y, np.ones_like(x)], axis=-1)

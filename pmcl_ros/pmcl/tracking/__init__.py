@@ -1,0 +1,1 @@
+"""An object followed from capture to capture."""

@@ -1,0 +1,1 @@
+"""What everything rests on: errors, settings, compiled kernels, OpenGL contexts, resources."""

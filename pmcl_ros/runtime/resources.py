@@ -1,0 +1,36 @@
+"""Where the package's own files lie: package://pmcl_ros/... as in the rest of ROS."""
+
+import os
+import sys
+from pathlib import Path
+
+import pmcl_ros
+from pmcl_ros.runtime.errors import SettingsError
+
+_SCHEME = 'package://pmcl_ros/'
+
+
+def resolve(path: str, parameter: str) -> Path:
+    """The file or folder that a parameter names; SettingsError when it is empty or does not exist.
+
+    `package://pmcl_ros/X` is X in the package's share folder, or in the source tree.
+    """
+    if not path:
+        raise SettingsError(f'parameter {parameter!r} is empty; set it to a path')
+    if not path.startswith(_SCHEME):
+        found = Path(path).expanduser()
+        if not found.exists():
+            raise SettingsError(f'parameter {parameter!r}: there is no {found.absolute()}')
+        return found
+    tried = [folder / path.removeprefix(_SCHEME) for folder in _folders()]
+    for each in tried:
+        if each.exists():
+            return each
+    raise SettingsError(f'parameter {parameter!r}: {path} is in none of '
+                        f'{", ".join(str(each) for each in tried)}')
+
+
+def _folders() -> list[Path]:
+    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
+    shares = [Path(prefix) / 'share' / 'pmcl_ros' for prefix in prefixes if prefix]
+    return [Path(pmcl_ros.__file__).parent.parent, *shares]

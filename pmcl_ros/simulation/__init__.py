@@ -1,0 +1,1 @@
+"""Scenes and sequences with exact truth, made by this package."""

@@ -1,0 +1,172 @@
+"""Scenes drawn at random."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.simulation.scenes.blocks import random_block
+from pmcl_ros.simulation.scenes.environment import random_environment
+from pmcl_ros.simulation.scenes.objects import (
+    Thing,
+    random_box,
+    random_opaque,
+    random_transparent,
+)
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
+from pmcl_ros.simulation.scenes.pupil import pupil_views
+from pmcl_ros.simulation.scenes.scene import Scene, Sensor, Sheet, Solid, Target
+from pmcl_ros.simulation.scenes.settings import Kind, SceneSettings
+from pmcl_ros.simulation.scenes.textures import random_texture
+
+_TABLE = 3.0  # m
+_WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
+# An F01 at ISO 80 in a lit room, from flat parts of decoded views: of a value v of green the
+# standard deviation is 0.016 at 0.45 and 0.009 at 0.15.
+_SHOT, _READ = 5.5e-4, 0.002
+
+
+def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None,
+                 things: tuple[Thing, ...] = ()) -> Scene:
+    """Draw a scene.
+
+    things: what to look for; by default as many as the settings say, of the kind they say. Where
+    things are given no others of that kind are in the scene.
+    """
+    of = settings or SceneSettings()
+    kind = of.kinds[int(rng.integers(len(of.kinds)))]
+    things = things or tuple(_thing(rng, kind) for _ in range(of.targets))
+    empty = bool(rng.random() < of.empty)
+    spots = _spots(rng, things, of.clutter)
+    sensor = random_sensor(rng, of)
+    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, thing.vertices,
+                                                              random_way(rng, thing))
+              for thing, spot in zip(things, spots, strict=False)]
+    camera = _camera(rng, of, sensor.grid.pinhole, worlds)
+    poses = [camera @ each for each in worlds]
+    targets = tuple(_target(rng, thing, pose, of.roi, empty)
+                    for thing, pose in zip(things, poses, strict=True))
+    solids: list[Solid] = []
+    owners: list[int] = []
+    for number, (thing, pose) in enumerate(zip(things, poses, strict=True)):
+        if not empty:
+            solids += thing.placed(pose)
+            owners += [number] * len(thing.solids)
+    sheets = random_room(rng, camera)
+    nearest = min(float((thing.vertices @ pose[2, :3]).min() + pose[2, 3])
+                  for thing, pose in zip(things, poses, strict=True))
+    for spot in spots[len(things):]:
+        _add_clutter(rng, solids, sheets, camera @ pose_of(Rotation.identity(), spot))
+    owners += [len(things)] * (len(solids) - len(owners))
+    if kind.endswith('film'):
+        sheets.append(random_film(rng, nearest))
+    name = f'{kind}: {things[0].name}' + (', empty' if empty else '')
+    return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
+                 sensor, targets, tuple(owners))
+
+
+def _thing(rng: np.random.Generator, kind: Kind) -> Thing:
+    glass = kind.startswith('glass')
+    if 'block' in kind:
+        return random_block(rng, glass)
+    return random_transparent(rng) if glass else random_opaque(rng)
+
+
+def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
+    """A camera like an F01, its focus, exposure and noise random."""
+    focal = of.size / of.field * rng.uniform(0.9, 1.1)
+    middle = (of.size - 1) / 2 + rng.uniform(-0.02, 0.02, 2) * of.size
+    pinhole = Pinhole(of.size, of.size, focal, focal, *middle.tolist())
+    radius = rng.uniform(3.9, 4.4) * max(1.0, of.views / 9)
+    positions, weights = pupil_views(of.views, radius)
+    grid = ViewGrid(pinhole, float(rng.uniform(0.0006, 0.0009)), positions, weights)
+    red, blue = (float(each) for each in rng.uniform(0.75, 1.0, 2))
+    strength = of.noise ** 2 * np.exp(rng.uniform(np.log(0.4), np.log(2)))
+    return Sensor(grid, float(rng.uniform(0.4, 0.7)), radius, float(rng.uniform(0.8, 1.15)),
+                  float(rng.uniform(0.2, 0.42)), float(_SHOT * strength),
+                  float(_READ * np.sqrt(strength)),
+                  (red, 1.0, blue))
+
+
+def random_way(rng: np.random.Generator, thing: Thing) -> str:
+    """How a thing lies on the table: as `poses.resting` takes it."""
+    if thing.upright:
+        return 'upright'
+    return str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
+
+
+def _spots(rng: np.random.Generator, things: tuple[Thing, ...], clutter: int
+           ) -> list[NDArray[np.float64]]:
+    """Places on the table, targets' first, so far apart that nothing touches."""
+    reach = [float(np.linalg.norm(each.vertices, axis=1).max()) for each in things]
+    count = int(rng.integers(clutter + 1)) if clutter else 0
+    spots, radii = [np.zeros(3)], [reach[0]]
+    for radius in (*reach[1:], *[0.12] * count):
+        clutter_left = len(spots) >= len(things)
+        for _ in range(50):
+            spot = np.append(rng.normal(0, 0.18 if clutter_left else 0.07, 2), 0)
+            if all(np.linalg.norm(spot - each) > radius + other
+                   for each, other in zip(spots, radii, strict=True)):
+                break
+            spot = spot * 1.5 + np.append(rng.normal(0, 0.1, 2), 0)
+        else:
+            continue
+        spots.append(spot)
+        radii.append(radius)
+    return spots
+
+
+def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, worlds: list[Pose]
+            ) -> Pose:
+    aim = np.mean([each[:3, 3] for each in worlds], axis=0)
+    spread = 0.5 * of.field if rng.random() < of.outside else 0.1 * of.field
+    middle = np.array([pinhole.width - 1, pinhole.height - 1]) / 2
+    centre = middle - [pinhole.cx, pinhole.cy]
+    aside = np.arctan(centre / pinhole.fx) + spread * rng.uniform(-1, 1, 2)
+    return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]))
+
+
+def _target(rng: np.random.Generator, thing: Thing, pose: Pose, side: float, empty: bool
+            ) -> Target:
+    x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
+    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty,
+                  thing.discrete)
+
+
+def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
+    """The table, and a wall behind it."""
+    turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
+    table = Sheet(camera @ pose_of(turn, np.zeros(3)), (_TABLE, _TABLE), random_texture(rng),
+                  float(rng.uniform(0.2, 0.6)))
+    ahead = camera[2, :2] / np.linalg.norm(camera[2, :2])  # the optical axis along the table
+    angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-0.5, 0.5)
+    upright = Rotation.from_matrix(np.stack(
+        [[-np.sin(angle), np.cos(angle), 0], [0, 0, 1], [np.cos(angle), np.sin(angle), 0]],
+        axis=1))
+    middle = rng.uniform(0.14, 1.2) * np.append(ahead, 0) + [0, 0, 0.75]
+    wall = Sheet(camera @ pose_of(upright, middle), (_TABLE, 1.5), random_texture(rng),
+                 float(rng.uniform(0.3, 1.0)))
+    return [table, wall]
+
+
+def _add_clutter(rng: np.random.Generator, solids: list[Solid], sheets: list[Sheet], place: Pose
+                 ) -> None:
+    chance = rng.random()
+    if chance < 0.6:
+        _, sides = random_box(rng)
+        turned = place @ pose_of(Rotation.from_euler('z', rng.uniform(0, 7)), np.zeros(3))
+        sheets += [Sheet(turned @ each.pose, each.size, each.texture, each.side)
+                   for each in sides]
+        return
+    thing = random_opaque(rng) if chance < 0.8 else random_transparent(rng)
+    solids += thing.placed(place @ resting(rng, thing.vertices, 'upright'))
+
+
+def random_film(rng: np.random.Generator, nearest: float) -> Sheet:
+    """A translucent film between the camera and the nearest thing."""
+    turn = Rotation.from_rotvec(np.append(rng.normal(0, 0.12, 2), rng.uniform(0, 7)))
+    depth = max(0.12, rng.uniform(0.55, 0.93) * nearest)
+    texture = random_texture(rng, ('panes', 'panes', 'panes', 'clouds', 'lettering'))
+    return Sheet(pose_of(turn, np.array([0, 0, depth])), (2.0, 2.0), texture,
+                 float(rng.uniform(0.15, 0.5)), float(rng.uniform(0.12, 0.42)))

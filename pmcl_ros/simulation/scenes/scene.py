@@ -1,0 +1,104 @@
+"""A scene: things in a room before a light-field camera. Frozen values, camera's frame, metres."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.simulation.scenes.environment import Environment
+from pmcl_ros.simulation.scenes.materials import Medium
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.textures import Texture
+from pmcl_ros.simulation.scenes.triangles import Triangles
+
+
+@dataclass(frozen=True)
+class Solid:
+    """One thing: interfaces between media, in a frame of its own.
+
+    surface: its media are numbers: 0 is the air around all things, k is media[k - 1].
+    pose: (4, 4), object to camera [m].
+    """
+
+    surface: Frusta | Triangles
+    media: tuple[Medium, ...]
+    pose: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A flat rectangle, textured on both sides, as large as `size` (width, height) [m].
+
+    pose: (4, 4), its middle, x along the width, y along the height, to camera [m].
+    side: of one texture [m]. opacity: the share of its light in what is seen; the rest comes from
+    behind, undeflected.
+    """
+
+    pose: NDArray[np.float64]
+    size: tuple[float, float]
+    texture: Texture
+    side: float
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """From light to the values of views.
+
+    grid: the camera of the views. focus: depth without disparity before rectification, where
+        views are sharp [m]. pupil: radius of the disc that all views share [view steps].
+    blur: standard deviation of what lenslets and interpolation blur [px].
+    level: mean of the centre view that the exposure aims at [1 at the sensor's white].
+    shot: variance per value of green; red and blue have twice that. read: standard deviation in
+        the dark of green. Both are for views of weight 1.
+    gains: of the sensor's red, green, blue.
+    """
+
+    grid: ViewGrid
+    focus: float
+    pupil: float
+    blur: float
+    level: float
+    shot: float
+    read: float
+    gains: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Target:
+    """What is looked for: its outer surface, where it is, where to look.
+
+    vertices: (n, 3) [m], faces: (m, 3), closed, outward. axis: of its rotational symmetry, or
+    None. pose: (4, 4), object to camera. roi_center, roi_size: camera's frame [m].
+    empty: it is not in the scene. discrete: (k, 4, 4) as of `ObjectModel`.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    axis: NDArray[np.float64] | None
+    pose: NDArray[np.float64]
+    roi_center: tuple[float, float, float]
+    roi_size: tuple[float, float, float]
+    empty: bool
+    discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """All that a picture is made of.
+
+    solids, sheets: things that bend light, or stop it. environment: what is seen past all of
+    them; world_from_camera: (3, 3) turns a direction of the camera into one of its panorama (z
+    up). targets: things to look for. owners: for each solid the number of the target that it is
+    part of, or the number of targets. name: what kind of scene it is.
+    """
+
+    name: str
+    solids: tuple[Solid, ...]
+    sheets: tuple[Sheet, ...]
+    environment: Environment
+    world_from_camera: NDArray[np.float64]
+    sensor: Sensor
+    targets: tuple[Target, ...]
+    owners: tuple[int, ...]

@@ -1,0 +1,112 @@
+"""Closed meshes, and where a ray meets them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.runtime.kernels import compiled
+
+_LEAF = 4  # triangles that are tested one by one
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """A mesh that parts two media.
+
+    corners: (n, 3, 3) float64 [m], counter-clockwise seen from outside.
+    outside, inside: the media.
+    """
+
+    corners: NDArray[np.float64]
+    outside: int
+    inside: int
+
+    def tree(self) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """A bounding volume hierarchy.
+
+        Returns (boxes (m, 6) low and high corner; nodes (m, 2); corners, sorted). A node is
+        (-1 - first, count) of sorted triangles, or (left, right).
+        """
+        middles = self.corners.mean(axis=1)
+        boxes: list[NDArray[np.float64]] = []
+        nodes: list[tuple[int, int]] = []
+        order: list[int] = []
+
+        def build(members: NDArray[np.int64]) -> int:
+            here = len(nodes)
+            inside = self.corners[members].reshape(-1, 3)
+            boxes.append(np.concatenate([inside.min(axis=0) - 1e-9, inside.max(axis=0) + 1e-9]))
+            nodes.append((0, 0))
+            if len(members) <= _LEAF:
+                nodes[here] = (-1 - len(order), len(members))
+                order.extend(members.tolist())
+                return here
+            axis = int(np.ptp(middles[members], axis=0).argmax())
+            ranked = members[np.argsort(middles[members, axis], kind='stable')]
+            half = len(ranked) // 2
+            left = build(ranked[:half])
+            nodes[here] = (left, build(ranked[half:]))
+            return here
+
+        build(np.arange(len(self.corners)))
+        return np.array(boxes), np.array(nodes, np.int64), self.corners[order]
+
+
+@compiled()
+def meet_triangles(  # type: ignore[no-untyped-def]
+        boxes, nodes, corners, root, first, stack, ox, oy, oz, dx, dy, dz, near, far):
+    """(t, triangle) of the first triangle in (near, far) on a ray; or (far, -1).
+
+    boxes, nodes, corners: of `Triangles.tree`, those of all meshes one after the other; root and
+    first: where this one's nodes and triangles begin. stack: (depth,) int64 scratch.
+    """
+    best, found = far, -1
+    top = 0
+    stack[0] = 0
+    while top >= 0:
+        node = stack[top]
+        top -= 1
+        box = boxes[root + node]
+        start, end = near, best
+        for axis in range(3):
+            o = ox if axis == 0 else (oy if axis == 1 else oz)
+            d = dx if axis == 0 else (dy if axis == 1 else dz)
+            if abs(d) < 1e-300:
+                if not box[axis] <= o <= box[axis + 3]:
+                    end = start - 1
+                continue
+            one, two = (box[axis] - o) / d, (box[axis + 3] - o) / d
+            start, end = max(start, min(one, two)), min(end, max(one, two))
+        if start > end:
+            continue
+        a, b = nodes[root + node, 0], nodes[root + node, 1]
+        if a >= 0:
+            stack[top + 1], stack[top + 2] = a, b
+            top += 2
+            continue
+        for k in range(first - 1 - a, first - 1 - a + b):
+            t = _meet(corners[k], ox, oy, oz, dx, dy, dz)
+            if near < t < best:
+                best, found = t, k
+    return best, found
+
+
+@compiled()
+def _meet(c, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """t at which a ray meets a triangle, or -1 (Moeller and Trumbore)."""
+    ax, ay, az = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
+    bx, by, bz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
+    px, py, pz = dy * bz - dz * by, dz * bx - dx * bz, dx * by - dy * bx
+    determinant = ax * px + ay * py + az * pz
+    if abs(determinant) < 1e-18:
+        return -1.0
+    sx, sy, sz = ox - c[0, 0], oy - c[0, 1], oz - c[0, 2]
+    u = (sx * px + sy * py + sz * pz) / determinant
+    if u < 0 or u > 1:
+        return -1.0
+    qx, qy, qz = sy * az - sz * ay, sz * ax - sx * az, sx * ay - sy * ax
+    v = (dx * qx + dy * qy + dz * qz) / determinant
+    if v < 0 or u + v > 1:
+        return -1.0
+    return (bx * qx + by * qy + bz * qz) / determinant

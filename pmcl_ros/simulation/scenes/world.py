@@ -1,0 +1,148 @@
+"""A scene as flat arrays, for compiled loops."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.simulation.scenes.materials import AIR, Clear, Medium
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid
+from pmcl_ros.simulation.scenes.textures import SIZE, Texture
+from pmcl_ros.simulation.scenes.triangles import Triangles
+
+F8 = NDArray[np.float64]
+I8 = NDArray[np.int64]
+
+
+class World(NamedTuple):
+    """`Scene` in arrays. Frames: rays are in the camera's.
+
+    poses: (solids, 3, 4) camera to object. spheres: (solids, 4) that hold each, camera's frame.
+    kinds: (solids,) 1 where a solid is a mesh. at: (solids, 2) slices of a solid of revolution,
+        or root and first triangle of a mesh.
+    bounds, rings, media, first, lists: of `Frusta.binned`, one after the other.
+    boxes, nodes, corners, sides: of `Triangles.tree`, likewise; sides are the media of a corner.
+    matter: (media, 7): 1 if clear, index or coat, absorption or 0, texture, 1 / side.
+    sheets: (sheets, 18): middle, x, y, normal, half size, texture, 1 / side, opacity, 0.
+    textures: (textures, SIZE, SIZE, 3) float32.
+    panorama, irradiance, turn: of the environment; turn: world from camera.
+    """
+
+    poses: F8
+    spheres: F8
+    kinds: I8
+    at: I8
+    bounds: F8
+    rings: F8
+    media: I8
+    first: I8
+    lists: I8
+    boxes: F8
+    nodes: I8
+    corners: F8
+    sides: I8
+    matter: F8
+    sheets: F8
+    textures: NDArray[np.float32]
+    panorama: NDArray[np.float32]
+    irradiance: F8
+    turn: F8
+
+    @classmethod
+    def of(cls, scene: Scene) -> 'World':
+        """Lay a scene out."""
+        return _Layout(scene).world()
+
+
+class _Layout:
+    """Collects what many things share: textures, media, rings, triangles."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._textures: list[Texture] = []
+        self._matter: list[list[float]] = [self._row(AIR)]
+        self._parts: dict[str, list[NDArray[np.floating] | I8]] = {
+            name: [] for name in ('rings', 'media', 'first', 'lists', 'boxes', 'nodes', 'corners',
+                                  'sides')}
+        self._counts = dict.fromkeys(self._parts, 0)
+
+    def world(self) -> World:
+        scene = self._scene
+        solids = [self._solid(each) for each in scene.solids]
+        sheets = np.array([self._sheet(each) for each in scene.sheets]).reshape(-1, 18)
+        poses, spheres, kinds, at, bounds = zip(*solids, strict=True) if solids else ((),) * 5
+        turn = scene.world_from_camera
+        empty = {'rings': (0, 8), 'media': (0, 2), 'first': (0,), 'lists': (0,), 'boxes': (0, 6),
+                 'nodes': (0, 2), 'corners': (0, 3, 3), 'sides': (0, 2)}
+        parts = {name: np.concatenate([np.zeros(empty[name], _type(name)), *each])
+                 for name, each in self._parts.items()}
+        textures = self._textures or [np.ones((SIZE, SIZE, 3), np.float32)]
+        return World(
+            poses=np.array(poses, float).reshape(-1, 3, 4),
+            spheres=np.array(spheres, float).reshape(-1, 4), kinds=np.array(kinds, np.int64),
+            at=np.array(at, np.int64).reshape(-1, 2),
+            bounds=np.array(bounds, float).reshape(-1, 3), matter=np.array(self._matter, float),
+            sheets=sheets, textures=np.stack(textures), panorama=scene.environment.panorama,
+            irradiance=scene.environment.irradiance(turn.T),
+            turn=np.ascontiguousarray(turn, float), **parts)
+
+    def _solid(self, solid: Solid) -> tuple[F8, F8, int, tuple[int, int], F8]:
+        media = np.array([0] + [self._medium(each) for each in solid.media])
+        inverse = np.asarray(np.linalg.inv(solid.pose)[:3], np.float64)
+        if isinstance(solid.surface, Triangles):
+            at, reach = self._mesh(solid.surface, media)
+            return inverse, self._sphere(solid, reach), 1, at, np.zeros(3)
+        at, bounds = self._revolution(solid.surface, media)
+        bottom, top, radius = bounds
+        reach = np.array([[radius, radius, bottom], [radius, radius, top]]) / [2 ** .5, 2 ** .5, 1]
+        return inverse, self._sphere(solid, reach), 0, at, bounds
+
+    def _sphere(self, solid: Solid, points: F8) -> F8:
+        middle = np.array([0, 0, points[:, 2].mean()])
+        radius = np.linalg.norm(points - middle, axis=1).max() + 1e-6
+        return np.append(solid.pose[:3, :3] @ middle + solid.pose[:3, 3], radius)
+
+    def _revolution(self, surface: Frusta, media: I8) -> tuple[tuple[int, int], F8]:
+        first, lists, bounds = surface.binned()
+        at = self._counts['first'], self._counts['first'] + len(first) - 1
+        self._add(first=first + self._counts['lists'], lists=lists + self._counts['rings'])
+        self._add(rings=surface.rings, media=media[surface.media])
+        return at, bounds
+
+    def _mesh(self, surface: Triangles, media: I8) -> tuple[tuple[int, int], F8]:
+        boxes, nodes, corners = surface.tree()
+        at = self._counts['nodes'], self._counts['corners']
+        sides = np.tile([[media[surface.outside], media[surface.inside]]], (len(corners), 1))
+        self._add(boxes=boxes, nodes=nodes, corners=corners, sides=sides)
+        return at, corners.reshape(-1, 3)
+
+    def _add(self, **arrays: NDArray[np.floating] | I8) -> None:
+        for name, array in arrays.items():
+            self._parts[name].append(array)
+            self._counts[name] += len(array)
+
+    def _medium(self, medium: Medium) -> int:
+        self._matter.append(self._row(medium))
+        return len(self._matter) - 1
+
+    def _row(self, medium: Medium) -> list[float]:
+        if isinstance(medium, Clear):
+            return [1, medium.index, *medium.absorption, 0, 0]
+        return [0, medium.coat, 0, 0, 0, self._texture(medium.texture), 1 / medium.side]
+
+    def _sheet(self, sheet: Sheet) -> F8:
+        pose, half = sheet.pose, np.array(sheet.size) / 2
+        return np.concatenate([pose[:3, 3], pose[:3, 0], pose[:3, 1], pose[:3, 2], half,
+                               [self._texture(sheet.texture), 1 / sheet.side, sheet.opacity, 0]])
+
+    def _texture(self, texture: Texture) -> int:
+        for number, known in enumerate(self._textures):
+            if known is texture:
+                return number
+        self._textures.append(texture)
+        return len(self._textures) - 1
+
+
+def _type(name: str) -> type:
+    return np.int64 if name in ('media', 'first', 'lists', 'nodes', 'sides') else np.float64

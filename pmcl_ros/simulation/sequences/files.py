@@ -1,0 +1,70 @@
+"""Sequences on disk: a bag that plays into the nodes, the mesh, and the truth of every frame."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import yaml
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.bags import Recorded, light_field_messages, pose_message, record
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.simulation.sequences.sequence import Sequence
+
+FIXED_FRAME = 'odom'
+_STEP = 2.0 ** -10  # of a view's values: far below their noise, and half the bytes on disk
+
+
+def write_sequence(folder: Path, sequence: Sequence,
+                   told: Callable[[int], None] = lambda _: None) -> None:
+    """Write bag/, model.obj, truth.json, parameters.yaml into a folder.
+
+    The bag is what `subaperture_node` would publish, and camera_pose: the optical frame in
+    `FIXED_FRAME`. The parameters are those with which `dlv_node` and `pmcl_node` follow the object
+    in it; they name the mesh where it lies now. told: how many frames are written. Raises BagError
+    when there is a bag already.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    record(folder / 'bag', _messages(sequence, told))
+    mesh = trimesh.Trimesh(sequence.model.vertices, sequence.model.faces, process=False)
+    mesh.export(folder / 'model.obj', digits=7)
+    axis = sequence.model.axis
+    truth = {
+        'seed': sequence.seed, 'kind': sequence.kind,
+        'settings': sequence.settings.model_dump(mode='json'),
+        'symmetry_continuous': None if axis is None else {'axis': axis.tolist()},
+        'roi': {'center': list(sequence.roi_center), 'size': list(sequence.roi_size)},
+        'fixed_frame': FIXED_FRAME,
+        'frames': [{'stamp_ns': sequence.header(number).stamp_ns,
+                    'object_to_camera': sequence.poses[number].tolist(),
+                    'camera_to_fixed': sequence.cameras[number].tolist(),
+                    'occluded': number in sequence.hidden} for number in range(len(sequence))]}
+    (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+    (folder / 'parameters.yaml').write_text(yaml.safe_dump(
+        {f'/**/{node}': {'ros__parameters': values}
+         for node, values in _parameters(folder, sequence).items()}, sort_keys=False))
+
+
+def _parameters(folder: Path, sequence: Sequence) -> dict[str, dict[str, object]]:
+    of = sequence.settings
+    near, far = Region(sequence.roi_center, sequence.roi_size).grown(sequence.model.radius)
+    return {
+        'dlv_node': {'views': of.views, 'near': near, 'far': far},
+        'pmcl_node': {
+            'object': str((folder / 'model.obj').resolve()),
+            'roi_center': list(sequence.roi_center), 'roi_size': list(sequence.roi_size),
+            'tracking': 'constant_velocity', 'track_period': 1 / of.rate,
+            'track_camera': 'topic', 'track_frame': FIXED_FRAME}}
+
+
+def _messages(sequence: Sequence, told: Callable[[int], None]) -> Iterator[Recorded]:
+    for number, frame in enumerate(sequence):
+        light_field = frame.light_field
+        views = np.round(light_field.views / np.float32(_STEP)) * np.float32(_STEP)
+        where = Header(light_field.header.stamp_ns, FIXED_FRAME)
+        yield pose_message('/camera_pose', where, frame.camera)
+        yield from light_field_messages(replace(light_field, views=views))
+        told(number + 1)

@@ -1,0 +1,180 @@
+"""A moving object before a moving camera, frame by frame."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.simulation.scenes.poses import pose_of
+from pmcl_ros.simulation.scenes.random_scene import random_sensor
+from pmcl_ros.simulation.scenes.scene import Sensor
+from pmcl_ros.simulation.scenes.sensing import exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.textures import random_texture
+from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
+from pmcl_ros.simulation.sequences.layers import Plane, Solid, laid_over, view_shifts
+from pmcl_ros.simulation.sequences.paths import wander
+from pmcl_ros.simulation.sequences.settings import SequenceSettings
+
+_SPAN = 6  # of an F01's view steps: from side to side of the inner 7x7 views
+_REACH = np.array([0.045, 0.035, 0.03])  # m: of the object's motion
+_TURN = 0.25  # rad
+_CAMERA_REACH, _CAMERA_TURN = np.array([0.02, 0.02, 0.02]), 0.03
+_LARGEST = 0.11  # m: diameter of the object; larger ones are made smaller
+_KINDS = ('stemmed', 'bottle', 'free')  # jars and bowls look much the same upside down
+_FROM_SIDE = 0.7  # rad: the object's axis is at least so far from the line of sight at rest
+_RIM = 0.003  # m: how far inwards the rim of a translucent object fades
+_MARGIN = 0.02  # m: of the region of interest around the object's path
+_BEGIN = 1_700_000_000_000_000_000  # ns
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One frame and its truth.
+
+    pose: (4, 4), object to camera [m]. camera: (4, 4), camera to the fixed frame. occluded: all is
+    hidden.
+    """
+
+    light_field: LightField
+    pose: NDArray[np.float64]
+    camera: NDArray[np.float64]
+    occluded: bool
+
+
+class Sequence:
+    """A sequence of its seed: any of its frames can be drawn at any time, always alike.
+
+    model: of the object. cameras: (frames, 4, 4), camera to fixed frame. poses: (frames, 4, 4),
+    object to camera. roi_center, roi_size: a box that holds the object's origin in all of them.
+    hidden: frames in which a card hides all. kind: of `SequenceSettings.kinds`.
+    """
+
+    def __init__(self, seed: int, settings: SequenceSettings | None = None) -> None:
+        self.seed, self.settings = seed, settings or SequenceSettings()
+        of = self.settings
+        rng = np.random.default_rng([23, seed])
+        self.kind = of.kinds[seed % len(of.kinds)]
+        self._sensor = _sensor(rng, of)
+        self.model = _vessel(rng)
+        rest = pose_of(_attitude(rng), np.array([0, 0, of.distance]))
+        moves = wander(rng, of.frames, _REACH, _TURN, of.object_speed)
+        world = np.tile(rest, (of.frames, 1, 1))
+        world[:, :3, :3] = moves[:, :3, :3] @ rest[:3, :3]
+        world[:, :3, 3] += moves[:, :3, 3]
+        self.cameras = wander(rng, of.frames, _CAMERA_REACH, _CAMERA_TURN, of.camera_speed)
+        self.poses = np.linalg.inv(self.cameras) @ world
+        low, high = self.poses[:, :3, 3].min(axis=0), self.poses[:, :3, 3].max(axis=0)
+        x, y, z = (float(each) for each in (low + high) / 2)
+        across, down, deep = (float(each) for each in high - low + 2 * _MARGIN)
+        self.roi_center, self.roi_size = (x, y, z), (across, down, deep)
+        first = (of.frames - of.occluded) // 2
+        self.hidden = range(first, first + of.occluded)
+        self._lay(rng)
+        self._gain = exposure(self._light(0, False)[self._sensor.grid.centre], self._sensor.level)
+
+    def __len__(self) -> int:
+        return self.settings.frames
+
+    def __iter__(self) -> Iterator[Frame]:
+        return (self.frame(number) for number in range(len(self)))
+
+    def header(self, number: int) -> Header:
+        """Of a frame."""
+        return Header(_BEGIN + round(1e9 * number / self.settings.rate))
+
+    def frame(self, number: int) -> Frame:
+        """Draw a frame."""
+        sensor, rng = self._sensor, np.random.default_rng([29, self.seed, number])
+        hidden = number in self.hidden
+        light = self._light(number, hidden)
+        views = np.zeros_like(light)
+        for at in np.ndindex(sensor.grid.shape):
+            view = sensed(light[at], self._gain, sensor.blur, 0)
+            views[at] = noisy(view, float(sensor.grid.weights[at]), sensor, rng)
+        return Frame(LightField(self.header(number), views, sensor.grid), self.poses[number],
+                     self.cameras[number], hidden)
+
+    def _lay(self, rng: np.random.Generator) -> None:
+        """Lay out what is seen: a wall, cards before it, the object, a film, the hiding card."""
+        of = self.settings
+        pixel = of.field / of.size  # of a plane one metre away [m]
+
+        def plane(depth: float, size: tuple[float, float] | None, side: float, tilt: float,
+                  opacity: float = 1.0, kinds: tuple[str, ...] = ()) -> Plane:
+            place = np.append(rng.uniform(-0.5, 0.5, 2) * depth * of.field, depth)
+            turn = Rotation.from_rotvec(np.append(rng.normal(0, tilt, 2), rng.uniform(0, 7)))
+            return Plane.of(pose_of(turn, place), random_texture(rng, kinds), side, pixel * depth,
+                            size, opacity)
+
+        far = of.distance + 0.2
+        planes = [plane(rng.uniform(far + 0.2, far + 0.7), None, rng.uniform(0.3, 0.8), 0.3)]
+        for _ in range(int(rng.integers(2, 7))):
+            width, height = rng.uniform(0.04, 0.2, 2)
+            planes.append(plane(rng.uniform(far, far + 0.2), (width, height),
+                                rng.uniform(0.15, 0.5), 0.2))
+        self._behind = planes
+        clear = self.kind == 'translucent'
+        texture = random_texture(rng)
+        if clear:  # its outline shows what is dark, or bright, elsewhere in a room
+            texture = np.clip(0.2 * texture + rng.choice([0.0, 0.8]), 0, 1, dtype=np.float32)
+        self._solid = Solid(self.model, texture, float(rng.uniform(0.1, 0.2)),
+                            float(rng.uniform(0.35, 0.6)) if clear else 1.0,
+                            float(rng.uniform(0.7, 0.95)) if clear else 1.0, _RIM,
+                            np.array([0.5, -0.7, -0.5]))
+        depth = max(0.15, of.distance - 0.2)
+        self._film = plane(depth, None, rng.uniform(0.15, 0.4), 0.1, rng.uniform(0.12, 0.3),
+                           ('panes', 'clouds', 'lettering')) if self.kind == 'film' else None
+        self._card = plane(max(0.1, of.distance - 0.3), None, rng.uniform(0.2, 0.5), 0.1,
+                           kinds=('clouds', 'lettering', 'checks'))
+
+    def _light(self, number: int, hidden: bool) -> NDArray[np.float32]:
+        """(rows, columns, height, width, 3) the light of all views of a frame."""
+        grid = self._sensor.grid
+        fixed_to_camera = np.linalg.inv(self.cameras[number])
+        seen, window = self._solid.drawn(grid, self.poses[number],
+                                         fixed_to_camera[:3, :3] @ self._solid.light)
+        across = slice(window.left, window.left + window.size[0])
+        down = slice(window.top, window.top + window.size[1])
+        pictures = []
+        for shift, solid in zip(view_shifts(grid), seen, strict=True):
+            view = fixed_to_camera.copy()
+            view[:3, 3] -= shift
+            if hidden:
+                pictures.append(self._card.drawn(grid.pinhole, view)[..., :3])
+                continue
+            picture = self._behind[0].drawn(grid.pinhole, view)[..., :3]
+            for each in self._behind[1:]:
+                picture = laid_over(picture, each.drawn(grid.pinhole, view))
+            picture[down, across] = laid_over(picture[down, across], solid)
+            if self._film is not None:
+                picture = laid_over(picture, self._film.drawn(grid.pinhole, view))
+            pictures.append(picture)
+        return np.stack(pictures).reshape(*grid.shape, grid.pinhole.height, grid.pinhole.width, 3)
+
+
+def _sensor(rng: np.random.Generator, of: SequenceSettings) -> Sensor:
+    """An F01's, of so many views that span as much."""
+    sensor = random_sensor(rng, SceneSettings(views=of.views, size=of.size, field=of.field,
+                                              noise=of.noise))
+    spacing = _SPAN / (of.views - 1)
+    return replace(sensor, grid=replace(sensor.grid, baseline=spacing * sensor.grid.baseline))
+
+
+def _vessel(rng: np.random.Generator) -> ObjectModel:
+    vessel = random_vessel(rng, _KINDS)
+    vertices, faces = outer_mesh(vessel.closed)
+    size = 2 * np.linalg.norm(vertices, axis=1).max()
+    return ObjectModel(vessel.kind, vertices * min(1.0, _LARGEST / size), faces,
+                       np.array([0, 0, 1.0]), True)
+
+
+def _attitude(rng: np.random.Generator) -> Rotation:
+    """Any, but seen from the side: along its axis every vessel is a few circles."""
+    lean, turn, spin = rng.uniform([_FROM_SIDE, 0, 0], [np.pi - _FROM_SIDE, 7, 7])
+    return Rotation.from_euler('zyz', [turn, lean, spin])

@@ -1,0 +1,81 @@
+"""`pmcl calibrate`, as users call it: real processes on files of a made-up camera."""
+
+import json
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+from board_scene import CAMERA, POSES, frame_of, plain
+
+from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decode import Decoder
+
+BOARD = ('--corners', '6x5', '--square', '0.012')
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    """A white image and three pictures of a board, each in its own folder."""
+    folder = tmp_path_factory.mktemp('boards')
+    for name, frame in (('white', plain().white()), *((f'board{k}', frame_of(k))
+                                                      for k in (0, 1, 3))):
+        (folder / name).mkdir()
+        write_raw_frame(folder / name / 'IMG.RAW', frame)
+    return folder
+
+
+def calibrate(folder, out, *more):
+    return subprocess.run(
+        [sys.executable, '-m', 'pmcl_ros.cli', 'calibrate', '--white', folder / 'white/IMG.RAW',
+         '--boards', folder, *more, '--out', out], capture_output=True, text=True, check=False)
+
+
+def test_a_calibration_and_its_report_are_written(folder, tmp_path):
+    out = tmp_path / 'new' / 'camera.yaml'
+    done = calibrate(folder, out, *BOARD)
+    assert done.returncode == 0, done.stderr
+    assert 'white' in done.stderr
+    assert 'baseline' in done.stdout
+    calibration = Calibration.load(out)
+    report = json.loads(out.with_suffix('.json').read_text())
+    assert report['calibration'] == calibration.model_dump(mode='json')
+    for name in ('fx', 'cx', 'cy', 'baseline', 'focus_distance'):
+        sigma = report['standard_deviation'][name]
+        assert abs(getattr(calibration, name) - CAMERA[name]) < 4 * sigma
+    assert [each['picture'].split('/')[0] for each in report['boards']] == [
+        'board0', 'board1', 'board3']
+    for each, k in zip(report['boards'], (0, 1, 3), strict=True):
+        assert np.abs(np.array(each['board_to_camera']) - POSES[k]).max() < 1e-3
+    assert [each['name'].split('/')[0] for each in report['left_out']] == ['white']
+    picture = cv2.imread(str(out.with_suffix('.png')))
+    assert picture.shape[0] > 300
+    assert picture.std() > 10
+    decoder = Decoder(calibration, read_raw_frame(folder / 'white/IMG.RAW'))
+    assert decoder.decode(frame_of(0)).views.any()
+
+
+def test_what_is_missing_is_told_in_one_message(folder, tmp_path):
+    done = calibrate(folder, tmp_path / 'C.yaml', '--corners', '10x7', '--square', '0.012')
+    assert done.returncode == 1
+    assert 'Traceback' not in done.stderr
+    assert 'at least 3 are needed' in done.stderr
+    assert 'no complete board of 10x7' in done.stderr
+    assert not (tmp_path / 'C.yaml').exists()
+
+
+def test_a_place_that_cannot_be_written_is_told_before_the_work(folder, tmp_path):
+    (tmp_path / 'file').write_text('')
+    done = calibrate(folder, tmp_path / 'file' / 'C.yaml', *BOARD)
+    assert done.returncode == 1
+    assert 'Traceback' not in done.stderr
+    assert str(tmp_path / 'file') in done.stderr
+    assert 'left out' not in done.stderr
+
+
+def test_impossible_corners_are_told(folder, tmp_path):
+    done = calibrate(folder, tmp_path / 'C.yaml', '--corners', 'ten', '--square', '0.012')
+    assert done.returncode == 1
+    assert 'ten' in done.stderr

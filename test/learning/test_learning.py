@@ -1,0 +1,148 @@
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
+from pmcl_ros.evaluation.studies.coverage import _drawn
+from pmcl_ros.evaluation.studies.crease_study import Result, crease_profile, table
+from pmcl_ros.evaluation.studies.searches import Supports, searches
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.learning.contour_tables import (
+    KNOTS,
+    OFFSETS,
+    SHIFTS,
+    Example,
+    Samples,
+    fitted,
+    profiles,
+    samples,
+)
+from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.simulation.edge_scenes import random_edge_scene
+
+
+def test_log_odds_of_independent_energies_are_recovered():
+    # Exponential energies, twice as large on a contour at one offset: log odds e / 2 - log 2.
+    rng = np.random.default_rng(0)
+    there = rng.random(40000) < 0.5
+    energies = rng.exponential(1.0, (len(there), len(OFFSETS)))
+    energies[there, 3] *= 2
+    profile = fitted(Samples(energies, there, np.ones(len(there))), ridge=1e-5)
+    assert np.ptp(profile.tables[[0, 1, 2, 4, 5, 6]], axis=1).max() < 0.4
+    steps = profile.tables[3] - profile.tables[3, 0]
+    np.testing.assert_allclose(steps[1:7], KNOTS[1:7] / 2, atol=0.15)
+
+
+def example(seed):
+    scene = random_edge_scene(np.random.default_rng(seed), _drawn, ModelError(0.1, 0.1, 40))
+    return Example(scene.volume.edges, scene.model, scene.pose,
+                   Region(scene.roi_center, scene.roi_size))
+
+
+def test_what_is_learned_prefers_true_poses():
+    rng = np.random.default_rng(0)
+    profile = fitted(samples([example(k) for k in range(3)], NumbaRenderer(), rng))
+    unseen = samples([example(9)], NumbaRenderer(), rng)
+    said = profile.evidence(unseen.energies)
+    assert said[unseen.there].mean() > 0 > said[~unseen.there].mean()
+    assert unseen.weights.sum() == pytest.approx(1)
+
+
+def test_what_is_learned_is_largest_where_the_contour_is():
+    # Edges everywhere along the contour, so that alone where they lie tells anything: energies of
+    # an edge 1.2 px wide, of any strength.
+    rng = np.random.default_rng(0)
+    strength = rng.uniform(0.5, 3, 3000)
+    away = np.add.outer(SHIFTS, OFFSETS)
+    shifted = strength[:, None, None] * np.exp(-0.5 * (away / 1.2) ** 2)
+    here = shifted[:, len(SHIFTS) // 2]
+    noise = rng.exponential(0.3, here.shape)
+    there = np.arange(2 * len(here)) < len(here)
+    weights = np.full(len(there), 0.5 / len(here))
+    given = Samples(np.concatenate([here, noise]), there, weights, shifted,
+                    np.full(len(here), 1 / len(here)))
+    profile = fitted(given)
+    said = profile.evidence(shifted.reshape(-1, len(OFFSETS))).reshape(len(here), -1).mean(axis=0)
+    assert SHIFTS[said.argmax()] == 0
+    alone = fitted(Samples(given.energies, there, weights))
+    loose = alone.evidence(shifted.reshape(-1, len(OFFSETS))).reshape(len(here), -1).mean(axis=0)
+    assert np.ptp(said[4:9]) > np.ptp(loose[4:9])
+
+
+def test_objects_that_are_elsewhere_have_less_support():
+    found = Supports.of(list(searches([example(k) for k in range(2)],
+                                      ContourProfile.learned(), 0)))
+    assert (len(found.there), len(found.elsewhere)) == (2, 1)  # the first has none before it
+    assert np.median(found.there) > np.median(found.elsewhere)
+    assert len(found.evidence) == 2
+    assert (found.evidence > ContourProfile.learned().least).all()
+    with pytest.raises(LocalizationError):
+        Supports.of([])
+
+
+def test_the_threshold_is_exceeded_as_often_as_asked():
+    found = Supports(np.linspace(0, 1, 11), np.linspace(-1, 0, 1001), np.linspace(0, 1, 1001))
+    least = found.threshold(0.05)
+    assert (found.elsewhere > least).mean() == pytest.approx(0.05, abs=2e-3)
+    assert (found.evidence < found.least_evidence(0.05)).mean() == pytest.approx(0.05, abs=2e-3)
+    assert found.missed(least) == 0
+    assert found.missed(0.35) == pytest.approx(4 / 11)
+
+
+def block_example(seed):
+    """Edges of a box: its outline and the creases inside it, as sharp at every depth."""
+    rng = np.random.default_rng(seed)
+    mesh = trimesh.creation.box((0.06, 0.045, 0.03))
+    model = ObjectModel('box', np.array(mesh.vertices), np.array(mesh.faces, np.int64), None, True)
+    camera = Pinhole(140, 140, 700.0, 700.0, 69.5, 69.5)
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler('xyz', rng.uniform(0.4, 0.7, 3)).as_matrix()
+    pose[:3, 3] = 0, 0, 0.5
+    lines = np.zeros((140, 140), np.uint8)
+    creases = Creases.of(model)
+    for ends, normals in zip(creases.ends, creases.normals, strict=True):
+        there = ends @ pose[:3, :3].T + pose[:3, 3]
+        if (normals @ pose[:3, :3].T @ there[0] < 0).any():
+            first, last = np.rint(8 * camera.project(there)).astype(int).tolist()
+            cv2.line(lines, first, last, 255, 1, cv2.LINE_AA, 3)
+    smooth = gaussian_filter(lines / 255.0 + 0.02 * rng.random((140, 140)), 1)
+    gy, gx = np.gradient(gaussian_filter(smooth, 1))
+    tensor = np.stack([gx * gx, gy * gy, gx * gy], axis=-1)
+    tensor = np.stack([gaussian_filter(each, 1) for each in np.moveaxis(tensor, -1, 0)], axis=-1)
+    tensor *= 4 / tensor[..., :2].sum(axis=-1).max()
+    edges = EdgeVolume(Header(), np.repeat(tensor[:, :, None], 2, axis=2).astype(np.float32),
+                       depth_labels(0.4, 0.6, 2), camera)
+    return Example(edges, model, pose, Region((0, 0, 0.5), (0.06, 0.06, 0.06)))
+
+
+def test_what_creases_say_has_no_side():
+    rng = np.random.default_rng(0)
+    renderer = NumbaRenderer()
+    given = [each for seed in range(3)
+             for each in profiles(block_example(seed), renderer, rng, of_creases=True)]
+    assert len(given) == 3
+    profile = crease_profile(given)
+    np.testing.assert_allclose(profile.tables, profile.tables[::-1], atol=1e-3)
+    unseen = profiles(block_example(7), renderer, rng, of_creases=True)[0]
+    assert unseen.weights.sum() == pytest.approx(1)
+    said = profile.evidence(unseen.energies)
+    assert said[unseen.there].mean() > 0 > said[~unseen.there].mean()
+    assert profiles(example(0), renderer, rng, of_creases=True) == []  # a surface of revolution
+
+
+def test_the_table_counts_only_what_both_find_for_the_errors():
+    right, off, lost = Result(0.001, 0.01, False), Result(0.003, 0.02, False), \
+        Result(0.1, 1.0, True)
+    lines = list(table([(right, off), (lost, right), (off, right)]))
+    assert 'right 2 of 3, wrong and not lost 0; of 2 that both find: median 2.00 mm' in lines[0]
+    assert 'right 3 of 3' in lines[1]

@@ -1,0 +1,106 @@
+"""Captures come back from bags as they were recorded, without ROS."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.messages.bag_captures import is_bag, read_bag
+from pmcl_ros.messages.bags import capture_messages, light_field_messages, read, record
+from pmcl_ros.runtime.errors import BagError
+
+ROOT = Path(__file__).parents[2]
+HEADER = Header(1_700_000_000_123_456_789, 'left_lytro')
+
+
+@pytest.fixture
+def raw_frame(camera_text):
+    counts = np.random.default_rng(0).integers(0, 4096, (40, 60)).astype(np.uint16)
+    return RawFrame(HEADER, counts, CameraMetadata.parse(camera_text(60, 40)))
+
+
+@pytest.fixture
+def light_field():
+    rng = np.random.default_rng(1)
+    grid = ViewGrid(Pinhole(6, 5, 20, 21, 2.4, 2.1), 0.002, nominal_positions(3, 2),
+                    rng.random((3, 2), np.float32))
+    return LightField(HEADER, rng.random((3, 2, 5, 6, 3), np.float32) * 1.5, grid)
+
+
+def test_a_raw_picture_is_read_as_it_was(tmp_path, raw_frame):
+    messages = capture_messages(raw_frame)
+    record(tmp_path / 'bag', [*messages, *messages])  # of two captures the first
+    found = read_bag(tmp_path / 'bag')
+    assert found.header == HEADER
+    assert found.metadata == raw_frame.metadata
+    np.testing.assert_array_equal(found.counts, raw_frame.counts)
+
+
+def test_views_are_read_as_they_were_but_for_rounding(tmp_path, light_field):
+    record(tmp_path / 'bag', light_field_messages(light_field))
+    found = read_bag(tmp_path / 'bag')
+    assert found.header == HEADER
+    assert found.grid.pinhole == light_field.grid.pinhole
+    assert found.grid.baseline == pytest.approx(0.002, rel=1e-12)
+    np.testing.assert_array_equal(found.grid.weights, light_field.grid.weights)
+    np.testing.assert_array_equal(found.grid.positions, light_field.grid.positions)
+    np.testing.assert_allclose(found.views, light_field.views, atol=0.51 / 32768)
+
+
+def test_the_views_are_those_that_a_node_would_read(tmp_path, light_field):
+    pytest.importorskip('rclpy')
+    from rclpy.serialization import deserialize_message
+    from sensor_msgs.msg import CameraInfo, Image
+
+    from pmcl_ros.conversions import light_field_from
+    record(tmp_path / 'bag', light_field_messages(light_field))
+    cdr = {each.topic: each.cdr for each in read(tmp_path / 'bag')}
+    theirs = light_field_from(*(deserialize_message(cdr[topic], kind) for topic, kind in (
+        ('/views/camera_info', CameraInfo), ('/views/pupil', Image), ('/views', Image))))
+    ours = read_bag(tmp_path / 'bag')
+    np.testing.assert_array_equal(ours.views, theirs.views)
+    np.testing.assert_array_equal(ours.grid.positions, theirs.grid.positions)
+    assert (ours.grid.pinhole, ours.header) == (theirs.grid.pinhole, theirs.header)
+    assert ours.grid.baseline == pytest.approx(theirs.grid.baseline, rel=1e-12)
+
+
+def test_a_bag_without_a_picture_is_refused(tmp_path, raw_frame, light_field):
+    text, _ = capture_messages(raw_frame)
+    record(tmp_path / 'text', [text])
+    with pytest.raises(BagError, match=r'text holds neither /image_raw with /metadata nor /views'):
+        read_bag(tmp_path / 'text')
+    messages = light_field_messages(light_field)
+    record(tmp_path / 'cut', [each for each in messages if each.topic != '/views/pupil'])
+    with pytest.raises(BagError, match='it takes the picture or its views'):
+        read_bag(tmp_path / 'cut')
+
+
+def test_messages_that_do_not_fit_are_refused(tmp_path, raw_frame, light_field):
+    text, _image = capture_messages(raw_frame)
+    wrong = next(each for each in light_field_messages(light_field)
+                 if each.topic == '/center/image')
+    record(tmp_path / 'kind', [text, wrong._replace(topic='/image_raw')])
+    with pytest.raises(BagError, match=r"/image_raw: 6x5 pixels of 'rgb8' in 90 bytes"):
+        read_bag(tmp_path / 'kind')
+    other = {each.topic: each for each in light_field_messages(LightField(
+        HEADER, light_field.views[:2], ViewGrid(
+            light_field.grid.pinhole, 0.002, light_field.grid.positions[:2],
+            light_field.grid.weights[:2])))}
+    mixed = [other.get(each.topic) if each.topic == '/views' else each
+             for each in light_field_messages(light_field)]
+    record(tmp_path / 'mixed', mixed)
+    with pytest.raises(BagError, match='/views is 12x10 pixels, expected 2x3 views of 6x5'):
+        read_bag(tmp_path / 'mixed')
+
+
+def test_a_bag_is_known_by_its_files(tmp_path):
+    assert is_bag(ROOT / 'bags' / 'wine_glass')
+    assert not is_bag(ROOT / 'models')
+    assert not is_bag(ROOT / 'bags' / 'wine_glass' / 'metadata.yaml')
+    assert not is_bag(tmp_path / 'none')

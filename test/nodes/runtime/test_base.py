@@ -1,0 +1,211 @@
+"""What the base class promises to a node: logged failures, and everything released in order."""
+
+import threading
+
+import pytest
+import rclpy
+from pydantic import Field
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
+from std_msgs.msg import String
+
+from pmcl_ros.nodes.runtime.base import LATCHED, StageNode
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.settings import Settings
+
+
+class ProbeSettings(Settings):
+    """A probe's."""
+
+    size: float = Field(1.0, gt=0, le=2, description='size [m]')
+
+
+class Probe(StageNode):
+    """Does what a test asks for, and notes what happens to it."""
+
+    name = 'probe'
+    settings_class = ProbeSettings
+
+    def __init__(self, **options):
+        super().__init__(**options)
+        self.notes = []
+        self.wrong = {}
+
+    def set_up(self, settings):
+        self.publisher(String, 'out', LATCHED)
+        for each in ('file', 'context'):
+            self.notes.append(f'open {each}')
+            self.configured.callback(self.release, each)
+        self.raise_in('set_up')
+        self.settings = settings
+
+    def start(self):
+        self.active.callback(self.release, 'stream')
+        self.subscribe(String, 'in', self.received, LATCHED)
+        self.serve('~/call', self.called)
+        self.raise_in('start')
+
+    def release(self, what):
+        self.notes.append(f'close {what}')
+        self.raise_in(what)
+
+    def received(self, message):
+        self.notes.append(message.data)
+        self.raise_in(message.data)
+
+    def called(self):
+        self.raise_in('call')
+        return 'done'
+
+    def raise_in(self, where):
+        if where in self.wrong:
+            raise self.wrong[where]
+
+
+@pytest.fixture
+def context():
+    context = Context()
+    rclpy.init(context=context)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def probe(context):
+    probe = Probe(context=context)
+    yield probe
+    probe.wrong = {}
+    probe.close()
+
+
+def test_life_without_mistakes(probe):
+    assert probe.trigger_configure() == Result.SUCCESS
+    assert probe.settings.size == 1.0
+    assert probe.trigger_activate() == Result.SUCCESS
+    assert probe.trigger_deactivate() == Result.SUCCESS
+    assert probe.trigger_cleanup() == Result.SUCCESS
+    assert probe.notes == ['open file', 'open context', 'close stream', 'close context',
+                           'close file']
+
+
+def test_parameters_are_read_again_at_each_configure(probe):
+    probe.trigger_configure()
+    probe.trigger_cleanup()
+    probe.set_parameters([Parameter('size', value=1.5)])
+    probe.trigger_configure()
+    assert probe.settings.size == 1.5
+
+
+def test_what_a_user_can_mend_is_one_line(probe, capfd):
+    probe.wrong['set_up'] = PmclError('no such mesh; give its path')
+    assert probe.trigger_configure() == Result.FAILURE
+    assert probe.notes[-2:] == ['close context', 'close file']
+    error = capfd.readouterr().err
+    assert 'cannot configure: no such mesh; give its path' in error
+    assert 'Traceback' not in error
+    probe.wrong.clear()
+    assert probe.trigger_configure() == Result.SUCCESS
+
+
+def test_a_fault_is_logged_with_its_traceback_and_all_is_released(probe, capfd):
+    probe.wrong['set_up'] = ZeroDivisionError('oh')
+    assert probe.trigger_configure() == Result.ERROR
+    assert probe.notes[-2:] == ['close context', 'close file']
+    error = capfd.readouterr().err
+    assert 'Traceback' in error
+    assert 'ZeroDivisionError: oh' in error
+    assert 'raise_in' in error
+    probe.wrong.clear()
+    assert probe.trigger_configure() == Result.SUCCESS
+
+
+@pytest.mark.parametrize(('problem', 'result'),
+                         [(PmclError('busy'), Result.FAILURE), (KeyError('x'), Result.ERROR)])
+def test_a_failed_activation_leaves_nothing_running(probe, problem, result):
+    probe.trigger_configure()
+    probe.wrong['start'] = problem
+    assert probe.trigger_activate() == result
+    assert 'close stream' in probe.notes
+    assert ('close file' in probe.notes) == (result == Result.ERROR)
+    assert probe.count_subscribers('in') == 0
+    probe.wrong.clear()
+    if result == Result.ERROR:
+        assert probe.trigger_configure() == Result.SUCCESS
+    assert probe.trigger_activate() == Result.SUCCESS
+
+
+def test_a_fault_in_release_does_not_stop_the_rest(probe, capfd):
+    probe.trigger_configure()
+    probe.wrong['context'] = RuntimeError('stuck')
+    assert probe.trigger_cleanup() == Result.ERROR
+    assert probe.notes[-2:] == ['close context', 'close file']
+    assert 'RuntimeError: stuck' in capfd.readouterr().err
+    probe.wrong.clear()
+    assert probe.trigger_configure() == Result.SUCCESS
+
+
+@pytest.mark.parametrize('transitions', [[], ['configure'], ['configure', 'activate']])
+def test_shutdown_releases_from_every_state(probe, transitions):
+    for each in transitions:
+        getattr(probe, f'trigger_{each}')()
+    assert probe.trigger_shutdown() == Result.SUCCESS
+    assert ('close file' in probe.notes) == bool(transitions)
+    assert ('close stream' in probe.notes) == (len(transitions) == 2)
+
+
+def test_health_is_told_from_any_thread_in_any_state(probe):
+    probe.trigger_configure()
+    stop, problems = threading.Event(), []
+
+    def tell():
+        try:
+            while not stop.is_set():
+                probe.tell_health()
+        except Exception as problem:
+            problems.append(problem)
+
+    threads = [threading.Thread(target=tell) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for _ in range(20):
+        assert probe.trigger_activate() == Result.SUCCESS
+        assert probe.trigger_deactivate() == Result.SUCCESS
+    stop.set()
+    for each in threads:
+        each.join()
+    assert problems == []
+
+
+def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, context, capfd):
+    from std_srvs.srv import Trigger
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(probe)
+    probe.trigger_configure()
+    probe.trigger_activate()
+    user.others.append(executor)
+    publisher = user.node.create_publisher(String, 'in', LATCHED)
+    seen = probe.notes
+
+    def send(text):
+        publisher.publish(String(data=text))
+        user.wait(lambda: text in seen, text)
+
+    def call():
+        return user.call(Trigger, '/probe/call', Trigger.Request())
+
+    probe.wrong = {'bad': PmclError('half a message'), 'worse': IndexError('far')}
+    for text in ('bad', 'worse', 'good'):
+        send(text)
+    error = capfd.readouterr().err
+    assert 'in: half a message' in error
+    assert error.count('Traceback') == 1
+    assert 'IndexError: far' in error
+    assert probe.health.errors == 2
+    assert probe.health.last_error == 'in: IndexError: far'
+    assert (call().success, call().message) == (True, 'done')
+    probe.wrong = {'call': PmclError('not now')}
+    answer = call()
+    assert (answer.success, answer.message) == (False, 'not now')
+    executor.shutdown()

@@ -1,0 +1,59 @@
+"""What a node tells of itself is what happened."""
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from pmcl_ros.nodes.runtime.health import Health
+
+
+@pytest.fixture
+def health():
+    health = Health(back_end='numba', clock=lambda: health_time[0])
+    yield health
+    health_time[0] = 0.0
+
+
+health_time = [0.0]
+
+
+def told(health):
+    status, = health.to_message(5, 'dlv_node').status
+    return status, {each.key: each.value for each in status.values}
+
+
+def test_the_rate_is_that_of_the_last_seconds(health):
+    for second in range(1, 31):
+        health_time[0] = float(second)
+        health.done(0.25)
+    assert told(health)[1]['rate [Hz]'] == '1.00'
+    health_time[0] = 35.0
+    assert told(health)[1]['rate [Hz]'] == '0.50'
+    health_time[0] = 60.0
+    assert told(health)[1]['rate [Hz]'] == '0.00'
+
+
+def test_soon_after_the_start_the_rate_is_that_since_then(health):
+    for _ in range(3):
+        health_time[0] += 0.5
+        health.done(0.1)
+    assert health.rate == pytest.approx(2.0)
+
+
+def test_all_is_told(health):
+    health.frames_in = 4
+    health.done(0.25)
+    health.dropped += 1
+    health.count('dlv sent')
+    health.count('dlv sent')
+    health.extra = {'object': 'cup'}
+    health.failed('views: dark')
+    status, values = told(health)
+    assert (status.name, status.level) == ('dlv_node', DiagnosticStatus.ERROR)
+    assert values == {
+        'frames in': '4', 'frames out': '1', 'dropped': '1', 'errors': '1',
+        'last error': 'views: dark', 'last latency [ms]': '250.0', 'back end': 'numba',
+        'rate [Hz]': '1.00', 'dlv sent': '2', 'object': 'cup'}
+    health.done(0.1)
+    status, values = told(health)
+    assert status.level == DiagnosticStatus.OK
+    assert values['last error'] == 'views: dark'

@@ -1,0 +1,72 @@
+"""A parameter file is for the nodes that its author meant, or that is told."""
+
+import pytest
+import rclpy
+from harness import ROOT
+from rclpy.context import Context
+from rclpy.node import Node
+
+from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file, parameter_file
+from pmcl_ros.runtime.errors import SettingsError
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text):
+        path = tmp_path / 'parameters.yaml'
+        path.write_text(text)
+        return path
+    return write
+
+
+def test_the_shipped_file_is_for_our_nodes():
+    assert check_parameter_file(ROOT / 'config' / 'pmcl.yaml') == []
+
+
+@pytest.mark.parametrize(('text', 'others'), [
+    ('/**: {ros__parameters: {use_sim_time: true}}', []),
+    ('/left/dlv_node: {ros__parameters: {}}', []),
+    ('/**/dlv_node: {ros__parameters: {use_sim_time: true, qos_overrides./dlv.publisher.depth: 2,'
+     ' qos_overrides: {/dlv/depth: {publisher: {depth: 3}}}}}', []),
+    ('/**: {ros__parameters: {labels: 5, move_group_has_it: 1}}', []),  # each node judges
+    ('/left: {pmcl_node: {ros__parameters: {seed: 3}}}', []),
+    ('dlv_node: {ros__parameters: {}}\nmove_group: {ros__parameters: {}}', ['move_group']),
+    ('/arm: {/controller: {ros__parameters: {}}}', ['arm/controller']),
+])
+def test_who_else_has_parameters_in_it_is_told(write, text, others):
+    assert check_parameter_file(write(text)) == others
+
+
+@pytest.mark.parametrize(('text', 'reason'), [
+    ('/**/dlv_nod: {ros__parameters: {labels: 5}}',
+     r"'\*\*/dlv_nod', but there is no node 'dlv_nod'; did you mean 'dlv_node'\?"),
+    ('/left: {lytro-driver: {ros__parameters: {}}}', "did you mean 'lytro_driver'"),
+    ('dlv_node: {ros__parameters: {labls: 5}}',
+     "gives 'dlv_node' an unknown parameter 'labls'; did you mean 'labels'"),
+    ('/arm: {pmcl_node: {ros__parameters: {labels: 5}}}',
+     "gives 'arm/pmcl_node' an unknown parameter 'labels'; dlv_node has it"),
+    ('dlv_node: {labels: 5}', 'has no parameters: expected NODE: {ros__parameters: '),
+    ('- 1', 'holds list, expected a mapping'),
+])
+def test_what_ros_would_pass_over_in_silence_is_refused(write, text, reason):
+    with pytest.raises(SettingsError, match=reason):
+        check_parameter_file(write(text))
+
+
+@pytest.mark.parametrize('namespace', ['', '/arm', '/left/arm'])
+def test_values_for_one_node_reach_it_in_every_namespace_and_no_other(namespace):
+    context = Context()
+    with parameter_file({'grasp_node': {'grasps': 'a.yaml'}, 'sweep_driver': {'plan': None}}
+                        ) as arguments:
+        rclpy.init(args=arguments, context=context)
+        nodes = [Node(name, context=context, namespace=namespace, allow_undeclared_parameters=True,
+                      automatically_declare_parameters_from_overrides=True)
+                 for name in ('grasp_node', 'sweep_driver')]
+        found = [each.get_parameter_or('grasps').value for each in nodes]
+        rclpy.shutdown(context=context)
+    assert found == ['a.yaml', None]
+
+
+def test_no_values_are_no_arguments():
+    with parameter_file({'grasp_node': {'grasps': None}}) as arguments:
+        assert arguments == []

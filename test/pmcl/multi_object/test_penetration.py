@@ -1,0 +1,60 @@
+"""Solids in each other are moved apart, by as little as their covariances allow."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pmcl_scenes import model_of, pose_of
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, Placed, apart, deepest_pair
+from pmcl_ros.pmcl.multi_object.solid import Solid
+from pmcl_ros.pmcl.summary import moved
+
+BALL = Solid.of(model_of(trimesh.creation.icosphere(4, 0.03)))
+BOX = Solid.of(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))
+SURE = np.diag([1e-8, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
+DEEP = np.diag([1e-8, 1e-8, 25e-6, 1e-6, 1e-6, 1e-6])  # 5 mm along the line of sight
+
+
+def at(x, y, z):
+    return pose_of(Rotation.identity(), [x, y, z])
+
+
+def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
+    things = [Placed(BALL, at(0.01, 0, 0.5), SURE), Placed(BALL, at(0, 0, 0.55), DEEP)]
+    found = apart(things)
+    assert found.depth <= DEEPEST
+    first, second = np.abs(found.deviations[:, :3])
+    assert second[2] > 20 * first.max()
+    assert second[2] > 20 * second[:2].max()
+    assert found.cost == pytest.approx(0.5 * (second[2] / 0.005) ** 2, rel=0.05)
+
+
+def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
+    far = [Placed(BALL, at(0, 0, 0.5), SURE), Placed(BALL, at(0.07, 0, 0.5), SURE)]
+    found = apart(far)
+    assert not found.deviations.any()
+    assert found.cost == 0
+    assert deepest_pair([(each.solid, each.pose) for each in far]) <= 0
+    same = [Placed(BALL, at(0, 0, 0.5), SURE), Placed(BALL, at(0.01, 0, 0.5), SURE)]
+    given_up = apart(same, dearest=10.0)
+    assert given_up.cost > 10
+    assert apart([]).depth == -np.inf
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.lists(st.floats(-1, 1), min_size=12, max_size=12))
+def test_any_three_are_apart_in_the_end(numbers):
+    spots = np.array(numbers[:9]).reshape(3, 3) * 0.03 + [0, 0, 0.5]
+    spots += [[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0]]
+    turn = Rotation.from_rotvec(numbers[9:])
+    wide = np.diag([1e-4] * 3 + [1e-2] * 3)
+    things = [Placed(solid, pose_of(turn, spot), wide)
+              for solid, spot in zip((BALL, BOX, BALL), spots, strict=True)]
+    found = apart(things)
+    after = [(each.solid, moved(each.pose, off[None])[0])
+             for each, off in zip(things, found.deviations, strict=True)]
+    assert deepest_pair(after) == pytest.approx(max(found.depth, deepest_pair(after)))
+    assert found.depth <= DEEPEST

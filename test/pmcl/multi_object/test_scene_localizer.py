@@ -1,0 +1,100 @@
+"""Several objects in one volume: one behind another, two alike, one that is not there."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
+
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, deepest_pair
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.multi_object.solid import Solid
+from pmcl_ros.runtime.errors import LocalizationError
+
+FRONT, BEHIND = standing(-0.012, 0.005, 0.38, 0.3), standing(0.02, 0.0, 0.46, 0.3)
+
+
+def located(models, volume, seed=0):
+    with SceneLocalizer(models, SETTINGS) as localizer:
+        return localizer.localize(volume, np.random.default_rng(seed))
+
+
+def error(estimate, truth, model):
+    return pose_error(estimate.pose, truth, model.axis)
+
+
+@pytest.fixture(scope='module')
+def overlapping():
+    return seen_together([(CUP, FRONT), (BOTTLE, BEHIND)])
+
+
+@pytest.fixture(scope='module')
+def found(overlapping):
+    return located([CUP, BOTTLE], overlapping)
+
+
+def test_one_behind_another_is_found_as_well_as_alone(found):
+    assert found.names == ('cup', 'bottle')
+    for estimate, alone, truth, model in zip(found.estimates, found.alone, (FRONT, BEHIND),
+                                             (CUP, BOTTLE), strict=True):
+        off = error(estimate, truth, model)
+        assert not estimate.lost
+        assert off.translation < max(0.006, error(alone, truth, model).translation + 0.002)
+        assert off.rotation < 0.12
+    assert found.depth <= DEEPEST
+    assert set(found.as_dict()['objects']) == {'cup', 'bottle'}
+    assert [line.split(':')[0] for line in found.describe().splitlines()] == ['cup', 'bottle']
+
+
+def test_what_is_hidden_takes_nothing_from_the_support(found):
+    # Its search alone took what the cup hides for a part that is missing.
+    assert found.estimates[1].support > found.alone[1].support
+
+
+def test_the_same_seed_gives_the_same_poses_bit_for_bit(found, overlapping):
+    again = located([CUP, BOTTLE], overlapping)
+    for one, other in zip(found.estimates, again.estimates, strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
+        np.testing.assert_array_equal(one.covariance, other.covariance)
+        np.testing.assert_array_equal(one.particles, other.particles)
+
+
+def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_lost():
+    left, right = standing(-0.04, 0, 0.42, 0.2), standing(0.035, 0.01, 0.4, 0.2)
+    found = located([CUP, BOTTLE, CUP], seen_together([(CUP, right), (CUP, left)]))
+    assert found.names == ('cup', 'bottle', 'cup_2')
+    assert [each.lost for each in found.estimates] == [False, True, False]
+    for estimate, truth in zip(found.estimates[::2], (left, right), strict=True):
+        assert error(estimate, truth, CUP).translation < 0.006
+    assert found.depth <= DEEPEST
+
+
+def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_sight():
+    # The edges are those of a bottle 3 mm deep in a cup, which cannot be.
+    front, behind = standing(-0.012, 0.005, 0.4, 0.1), standing(0.008, 0.0, 0.441, 0.1)
+    seen = seen_together([(CUP, front), (BOTTLE, behind)], through=True)
+    found = located([CUP, BOTTLE], seen)
+    solids = Solid.of(CUP), Solid.of(BOTTLE)
+    before = deepest_pair(list(zip(solids, (each.pose for each in found.alone), strict=True)))
+    assert before > DEEPEST
+    after = deepest_pair(list(zip(solids, (each.pose for each in found.estimates), strict=True)))
+    assert 0 < after == found.depth <= DEEPEST
+    assert not any(each.lost for each in found.estimates)
+    moved = found.estimates[1].pose[:3, 3] - found.estimates[0].pose[:3, 3] - (
+        found.alone[1].pose[:3, 3] - found.alone[0].pose[:3, 3])
+    assert moved[2] > 0.001
+    assert np.abs(moved[:2]).max() < 0.2 * moved[2]
+
+
+def test_what_is_impossible_is_told(overlapping):
+    with pytest.raises(LocalizationError, match='no objects'):
+        SceneLocalizer([], SETTINGS)
+    with pytest.raises(LocalizationError, match='at most 8'):
+        SceneLocalizer([CUP] * 9, SETTINGS)
+    with pytest.raises(LocalizationError, match="called 'cup'"):
+        SceneLocalizer([CUP, replace(CUP)], SETTINGS)
+    with pytest.raises(LocalizationError, match='faithful'):
+        SceneLocalizer([CUP], SETTINGS.model_copy(update={'mode': 'faithful'}))
+    with pytest.raises(LocalizationError, match='edges'):
+        located([CUP], replace(overlapping, edges=None))

@@ -1,0 +1,40 @@
+"""Parameters name files by paths or package://pmcl_ros/..., in the source tree or installed."""
+
+from pathlib import Path
+
+import pytest
+
+import pmcl_ros
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.resources import resolve
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_path_is_itself(tmp_path):
+    assert resolve(str(tmp_path), 'source') == tmp_path
+
+
+def test_a_package_path_is_found_in_the_source_tree():
+    assert resolve('package://pmcl_ros/config/pmcl.yaml', 'p') == ROOT / 'config' / 'pmcl.yaml'
+
+
+def test_a_package_path_is_found_where_it_is_installed(tmp_path, monkeypatch):
+    mesh = tmp_path / 'share' / 'pmcl_ros' / 'models' / 'cup.obj'
+    mesh.parent.mkdir(parents=True)
+    mesh.touch()
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/opt/other:{tmp_path}')
+    monkeypatch.setattr(pmcl_ros, '__file__', str(tmp_path / 'lib' / 'pmcl_ros' / '__init__.py'))
+    assert resolve('package://pmcl_ros/models/cup.obj', 'object') == mesh
+
+
+@pytest.mark.parametrize(('path', 'reason'), [
+    ('', "parameter 'object' is empty"),
+    ('/nowhere/cup.obj', "parameter 'object': there is no /nowhere/cup.obj"),
+    ('cup.obj', 'there is no /.*cup.obj'),
+    ('package://pmcl_ros/cup.obj', 'cup.obj is in none of /'),
+    ('package://other/cup.obj', 'there is no'),
+])
+def test_what_is_not_there_is_told(path, reason):
+    with pytest.raises(SettingsError, match=reason):
+        resolve(path, 'object')

@@ -1,0 +1,134 @@
+"""Settings are checked wherever they come from, and errors say where, which and why."""
+
+from typing import Literal
+
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from pydantic import Field, ValidationError, model_validator
+
+from pmcl_ros.camera.settings import CameraSettings
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lattice import Lattice
+from pmcl_ros.lightfield.settings import DecodeSettings
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import Settings, read_yaml
+
+
+class Inner(Settings):
+    size: float = Field(gt=0)
+
+
+class Example(Settings):
+    count: int = Field(3, ge=1)
+    mode: Literal['a', 'b'] = 'a'
+    limit: float = 1.0
+    name: str = ''
+    point: tuple[float, float] = (0.0, 0.0)
+    inner: Inner = Inner(size=1)
+
+    @model_validator(mode='after')
+    def _together(self):
+        if self.mode == 'b' and self.count > 9:
+            raise ValueError('mode b counts to 9')
+        return self
+
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+EXAMPLES = st.builds(Example, count=st.integers(1), limit=FINITE, name=st.text(),
+                     mode=st.just('a'), point=st.tuples(FINITE, FINITE),
+                     inner=st.builds(Inner, size=st.floats(1e-300, 1e300)))
+
+
+@pytest.fixture(scope='module')
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp('settings') / 'example.yaml'
+
+
+@hypothesis_settings(deadline=None)
+@given(EXAMPLES, st.text(st.characters(exclude_categories=['C'])))
+def test_what_is_saved_is_loaded(path, settings, comment):
+    settings.save(path, comment)
+    assert Example.load(path) == settings
+    assert Example.load(str(path)) == settings
+
+
+def test_comments_come_first(path):
+    Example().save(path, 'one\ntwo')
+    assert path.read_text().startswith('# one\n# two\ncount: 3\n')
+
+
+def test_settings_are_frozen():
+    with pytest.raises(ValidationError, match='frozen'):
+        Example().count = 4
+
+
+@pytest.mark.parametrize(('values', 'lines'), [
+    ({'count': 0}, ['count: Input should be greater than or equal to 1 (got 0)']),
+    ({'mode': 'c'}, ["mode: Input should be 'a' or 'b' (got 'c')"]),
+    ({'counts': 4}, ['counts: Extra inputs are not permitted (got 4)']),
+    ({'limit': float('inf')}, ['limit: Input should be a finite number (got inf)']),
+    ({'point': [1.0]}, ['point.1: Field required']),
+    ({'inner': {'size': -1}}, ['inner.size: Input should be greater than 0 (got -1)']),
+    ({'inner': {}}, ['inner.size: Field required']),
+    ({'mode': 'b', 'count': 10},
+     ["Value error, mode b counts to 9 (got {'count': 10, 'mode': 'b'})"]),
+    ({1: 2}, ['1: Keys should be strings (got 1)']),
+    ({'count': 0, 'limit': 'x'},
+     ['count: Input should be greater than or equal to 1 (got 0)',
+      "limit: Input should be a valid number, unable to parse string as a number (got 'x')"]),
+])
+def test_errors_name_source_field_and_value(values, lines):
+    with pytest.raises(SettingsError) as caught:
+        Example.make(values, 'the source')
+    assert str(caught.value) == 'the source: ' + '; '.join(lines)
+
+
+def test_an_error_in_a_file_names_the_file(path):
+    path.write_text('count: 0')
+    with pytest.raises(SettingsError, match=r'example.yaml: count: .*got 0'):
+        Example.load(path)
+
+
+def test_a_value_that_unfolds_to_gigabytes_is_not_shown_whole(path):
+    lines = ['a0: &a0 [x, x, x, x, x, x, x, x, x]']
+    lines += [f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 9)}]' for n in range(1, 12)]
+    path.write_text('\n'.join([*lines, 'count: *a11']))
+    with pytest.raises(SettingsError, match='count: Input should be a valid integer') as caught:
+        Example.load(path)
+    assert len(str(caught.value)) < 50_000
+
+
+@pytest.mark.parametrize(('content', 'reason'), [
+    (b'', 'holds NoneType, expected a mapping'),
+    (b'- 1', 'holds list, expected a mapping'),
+    (b'text', 'holds str, expected a mapping'),
+    (b'a: [', 'is not valid YAML'),
+    (b'a: \xe4', 'is not valid YAML'),
+    (b'a: 2026-99-99', 'is not valid YAML: month'),
+    (b'a: !!python/name:os.system', 'is not valid YAML'),
+    (b'[' * 10_000, 'is not valid YAML: maximum recursion'),
+])
+def test_what_is_no_mapping_is_refused(path, content, reason):
+    path.write_bytes(content)
+    with pytest.raises(SettingsError, match=f'example.yaml {reason}'):
+        read_yaml(path)
+
+
+def test_files_that_cannot_be_read_or_written(tmp_path):
+    with pytest.raises(SettingsError, match=r'cannot read .*none.yaml: No such file'):
+        read_yaml(tmp_path / 'none.yaml')
+    with pytest.raises(SettingsError, match=r'cannot read .*: Is a directory'):
+        read_yaml(tmp_path)
+    with pytest.raises(SettingsError, match=r'cannot write .*none.yaml: No such file'):
+        Example().save(tmp_path / 'none' / 'none.yaml')
+
+
+@pytest.mark.parametrize('kind', [CameraSettings, DecodeSettings, Calibration, Lattice])
+def test_every_number_and_path_is_described_with_its_unit(kind):
+    for name, field in kind.model_fields.items():
+        if field.annotation is not Lattice:
+            assert field.description, name
+        if field.annotation is float:
+            assert field.description.endswith(']') or '[s]' in field.description, name
