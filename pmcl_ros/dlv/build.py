@@ -11,7 +11,7 @@ from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.likelihood import truncate
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
 from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
@@ -29,7 +29,7 @@ _MOST_BYTES = 2 ** 31  # of a volume with its edges; making them takes about thr
 def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
     """The paper's depth likelihood volume of one capture (section V.A), with its edge volume.
 
-    Both are made for the pixels of `Lattice.of` the settings, and carry their camera. With
+    Both are made for the pixels of `PixelGrid.of` the settings, and carry their camera. With
     `interpolation` 'phase' every view is shifted to every label by a Fourier transform, which
     takes many seconds. Raises VolumeError when fewer than two views have light, the labels are too
     near, or the volume would be too large; RenderError when `back_end` is 'gl' and GL cannot.
@@ -55,9 +55,9 @@ def build_gl_volume(gl_cost: GlCost, light_field: LightField, settings: DlvSetti
     return replace(GlVolume.of(gl_cost, light_field, settings), edges=edges)
 
 
-def _checked(light_field: LightField, settings: DlvSettings) -> Lattice:
+def _checked(light_field: LightField, settings: DlvSettings) -> PixelGrid:
     """The pixels that a volume is made for, which is not too large."""
-    lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    lattice = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
     _check_size(lattice.pinhole, light_field.grid.pinhole, settings)
     needed = StereoPairs.of(light_field.grid, settings.views).labels_needed(settings.near,
                                                                             settings.far)
@@ -65,7 +65,7 @@ def _checked(light_field: LightField, settings: DlvSettings) -> Lattice:
     return lattice
 
 
-def _edges(light_field: LightField, settings: DlvSettings, lattice: Lattice) -> EdgeVolume:
+def _edges(light_field: LightField, settings: DlvSettings, lattice: PixelGrid) -> EdgeVolume:
     depths = depth_labels(settings.near, settings.far, settings.edge_labels)
     return edge_volume(light_field, depths, settings.views).on(lattice)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.cost_inputs import Matching
+from pmcl_ros.dlv.cost_inputs import CostInputs
 from pmcl_ros.dlv.likelihood import row_likelihood
 from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, room_of_coefficients, row_costs
 from pmcl_ros.dlv.settings import DlvSettings
@@ -31,7 +31,7 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
     in proportion to views, labels and pixels. Raises VolumeError when no two views have light, the
     depths shift views out of the image, or the crop is not in it.
     """
-    task = Matching.of(light_field, depths, settings)
+    task = CostInputs.of(light_field, depths, settings)
     cost = np.empty((len(depths), *task.wanted.shape), np.float32)
     _run(task, settings, cost, _NONE)
     return cost
@@ -43,17 +43,17 @@ def likelihood_volume(light_field: LightField, depths: NDArray[np.float64],
 
     It is the more exact for not rounding the costs. Arguments and errors: as `cost_volume`.
     """
-    return likelihood_of(Matching.of(light_field, depths, settings), settings)
+    return likelihood_of(CostInputs.of(light_field, depths, settings), settings)
 
 
-def likelihood_of(task: Matching, settings: DlvSettings) -> NDArray[np.float32]:
+def likelihood_of(task: CostInputs, settings: DlvSettings) -> NDArray[np.float32]:
     """The likelihood volume of a task made with the same settings."""
     likelihood = np.empty((*task.wanted.shape, task.shape[0]), np.float32)
     _run(task, settings, _NONE, likelihood)
     return likelihood
 
 
-def _run(task: Matching, settings: DlvSettings, cost: NDArray[np.float32],
+def _run(task: CostInputs, settings: DlvSettings, cost: NDArray[np.float32],
          likelihood: NDArray[np.float32]) -> None:
     lattice, runs = task.lattice, task.runs
     rows, columns = task.wanted.within(lattice)

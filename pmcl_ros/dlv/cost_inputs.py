@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.label_segments import Runs
+from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
@@ -15,7 +15,7 @@ from pmcl_ros.lightfield.light_field import LightField
 
 
 @dataclass(frozen=True)
-class Matching:
+class CostInputs:
     """The pictures, the pixels, and how each pair of views is sampled and counts.
 
     planes: of `matching_planes`, of the part of the views that is needed; the centre's, then those
@@ -30,17 +30,17 @@ class Matching:
 
     planes: NDArray[np.float32]
     corner: tuple[int, int]
-    runs: Runs
+    runs: LabelSegments
     weights: NDArray[np.float32]
     limits: NDArray[np.float32]
     inside: NDArray[np.int64]
-    wanted: Lattice
-    lattice: Lattice
+    wanted: PixelGrid
+    lattice: PixelGrid
     half: int
 
     @classmethod
     def of(cls, light_field: LightField, depths: NDArray[np.float64], settings: DlvSettings
-           ) -> 'Matching':
+           ) -> 'CostInputs':
         """depths: (labels,) [m], monotone.
 
         Raises VolumeError when no two views have light, the depths shift views out of the image,
@@ -55,7 +55,7 @@ class Matching:
         if settings.view_weights == 'light':
             weights *= pairs.light[:, None]
         limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
-        wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+        wanted = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
         half = settings.window // 2 // settings.stride
         lattice = wanted.grown(half)
         left, top, width, height = _reached(lattice, int(np.ceil(np.abs(shifts).max())))
@@ -63,7 +63,7 @@ class Matching:
         planes = matching_planes(light_field, pairs.indices, (left, top, width, height), TAPS,
                                  neutral)
         return cls(planes, (lattice.left - left + TAPS, lattice.top - top + TAPS),
-                   Runs.neutral(shifts) if neutral else Runs.bilinear(shifts),
+                   LabelSegments.neutral(shifts) if neutral else LabelSegments.bilinear(shifts),
                    weights.astype(np.float32), limits.astype(np.float32),
                    _within(pairs.inside(depths), lattice), wanted, lattice, half)
 
@@ -73,7 +73,7 @@ class Matching:
         return self.runs.time.shape[1], len(self.lattice.rows), len(self.lattice.columns)
 
 
-def _reached(lattice: Lattice, shift: int) -> tuple[int, int, int, int]:
+def _reached(lattice: PixelGrid, shift: int) -> tuple[int, int, int, int]:
     """Left, top, width, height [px] of the part of a view that the lattice's pixels, displaced by
     up to `shift` px, are made from."""
     reach = shift + TAPS + HALO
@@ -83,7 +83,7 @@ def _reached(lattice: Lattice, shift: int) -> tuple[int, int, int, int]:
     return left, top, right - left, bottom - top
 
 
-def _within(inside: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
+def _within(inside: NDArray[np.int64], lattice: PixelGrid) -> NDArray[np.int64]:
     """Ranges of x and y [px] as ranges of columns and rows of the lattice."""
     corner = np.repeat([lattice.left, lattice.top], 2)
     ends = np.repeat([len(lattice.columns), len(lattice.rows)], 2)

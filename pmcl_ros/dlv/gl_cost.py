@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.cost_inputs import Matching
+from pmcl_ros.dlv.cost_inputs import CostInputs
 from pmcl_ros.dlv.cost_shaders import GROUP, LABELS, LIKELIHOOD, LINE, MATCH, SUM
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.light_field import LightField
@@ -60,7 +60,7 @@ class Uploaded:
         of label 0, then these, as of `row_costs`. They change places to sum over windows.
     """
 
-    task: Matching
+    task: CostInputs
     l2: bool
     inputs: list[moderngl.Buffer]
     costs: moderngl.Buffer
@@ -78,7 +78,7 @@ class GlCost:
     """Makes volumes in a context, on its thread.
 
     All methods raise RenderError in another thread, and when the views or the volume are larger
-    than this GL can hold; and VolumeError as `Matching.of` does.
+    than this GL can hold; and VolumeError as `CostInputs.of` does.
     """
 
     def __init__(self, context: GlContext) -> None:
@@ -90,7 +90,7 @@ class GlCost:
     def cost_volume(self, light_field: LightField, depths: NDArray[np.float64],
                     settings: DlvSettings) -> NDArray[np.float32]:
         """What `cost.cost_volume` gives: (labels, height, width)."""
-        task = Matching.of(light_field, depths, settings)
+        task = CostInputs.of(light_field, depths, settings)
         rows, columns = task.wanted.within(task.lattice)
         with self.upload(task, settings) as uploaded:
             self._sum_costs(uploaded)
@@ -104,10 +104,10 @@ class GlCost:
 
         The layout is that which `pmcl`'s scorer reads. The caller releases it.
         """
-        with self.upload(Matching.of(light_field, depths, settings), settings) as uploaded:
+        with self.upload(CostInputs.of(light_field, depths, settings), settings) as uploaded:
             return self.likelihood_of(uploaded)
 
-    def upload(self, task: Matching, settings: DlvSettings) -> 'Uploaded':
+    def upload(self, task: CostInputs, settings: DlvSettings) -> 'Uploaded':
         """Bring a task, made with the same settings, to the GPU; the caller releases it."""
         self.context.use()
         labels, height, width = task.shape
@@ -187,7 +187,7 @@ class GlCost:
                               'back_end numba, fewer views or labels, or a crop')
 
 
-def _tables(task: Matching) -> list[NDArray[Any]]:
+def _tables(task: CostInputs) -> list[NDArray[Any]]:
     """Runs, nodes, times and pairs as the shader declares them."""
     pairs = np.zeros(len(task.weights), _PAIR)
     pairs['weights'][:, :3], pairs['limits'][:, :3] = task.weights, task.limits

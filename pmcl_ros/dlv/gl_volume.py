@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.geometry.header import Header
@@ -47,7 +47,7 @@ class GlVolume:
                               f'{settings.truncate}: a volume on the GPU is neither phase-shifted '
                               'nor truncated; use build_volume, or other settings')
         depths = depth_labels(settings.near, settings.far, settings.labels)
-        pinhole = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride).pinhole
+        pinhole = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride).pinhole
         likelihood = gl_cost.log_likelihood(light_field, depths, settings)
         return cls(light_field.header, likelihood, depths, pinhole)
 

@@ -1,4 +1,4 @@
-"""Runs of labels over which a view's samples are quadratics in the label."""
+"""LabelSegments of labels over which a view's samples are quadratics in the label."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ _REACH = 1.0  # px: of a noise-neutral run; its three nodes are then half a pixe
 
 
 @dataclass(frozen=True)
-class Runs:
+class LabelSegments:
     """Neighbouring labels of a pair, and three nodes through which its samples' quadratics go.
 
     where: (runs, 4) int64, the pair, its first label, one past the last, the first of the run's
@@ -29,8 +29,8 @@ class Runs:
     time: NDArray[np.float32]
 
     @classmethod
-    def bilinear(cls, shifts: NDArray[np.float64]) -> 'Runs':
-        """Runs that stay in a cell of the pixel grid, where bilinear samples *are* quadratics.
+    def bilinear(cls, shifts: NDArray[np.float64]) -> 'LabelSegments':
+        """Segments that stay in a cell of the pixel grid, where bilinear samples *are* quadratics.
 
         shifts: (pairs, labels, 2) displacements [px], each pair's on a line.
         """
@@ -53,8 +53,8 @@ class Runs:
                    time.astype(np.float32))
 
     @classmethod
-    def neutral(cls, shifts: NDArray[np.float64]) -> 'Runs':
-        """Runs of at most a pixel: between nodes half a pixel apart noise keeps its power too.
+    def neutral(cls, shifts: NDArray[np.float64]) -> 'LabelSegments':
+        """Segments of at most a pixel: between nodes half a pixel apart noise keeps its power too.
 
         The nodes are exact noise-neutral samples; a quadratic through them is within 1.5 % of the
         power of any noise that the pixel grid holds. shifts: as for `bilinear`.

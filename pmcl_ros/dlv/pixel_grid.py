@@ -10,7 +10,7 @@ from pmcl_ros.runtime.errors import VolumeError
 
 
 @dataclass(frozen=True)
-class Lattice:
+class PixelGrid:
     """Every `stride`-th pixel of a window of the centre view, from its upper left on.
 
     whole: the centre view's pinhole. left, top, width, height: the window [px].
@@ -24,7 +24,7 @@ class Lattice:
     stride: int = 1
 
     @classmethod
-    def of(cls, whole: Pinhole, crop: tuple[int, int, int, int], stride: int) -> 'Lattice':
+    def of(cls, whole: Pinhole, crop: tuple[int, int, int, int], stride: int) -> 'PixelGrid':
         """crop: left, top, width, height [px]; a size of 0 is up to the image's end.
 
         Raises VolumeError when that is not within the image.
@@ -57,16 +57,16 @@ class Lattice:
         """Rows and columns."""
         return len(self.rows), len(self.columns)
 
-    def grown(self, steps: int) -> 'Lattice':
+    def grown(self, steps: int) -> 'PixelGrid':
         """With up to `steps` more pixels of the lattice on each side, as far as the image goes."""
         stride = self.stride
         left = self.left - min(steps, self.left // stride) * stride
         top = self.top - min(steps, self.top // stride) * stride
         right = min(int(self.columns[-1]) + steps * stride + 1, self.whole.width)
         bottom = min(int(self.rows[-1]) + steps * stride + 1, self.whole.height)
-        return Lattice(self.whole, left, top, right - left, bottom - top, stride)
+        return PixelGrid(self.whole, left, top, right - left, bottom - top, stride)
 
-    def within(self, other: 'Lattice') -> tuple[slice, slice]:
+    def within(self, other: 'PixelGrid') -> tuple[slice, slice]:
         """Where in arrays (rows, columns) of `other`, of the same lattice, these pixels are."""
         x, y = (self.left - other.left) // self.stride, (self.top - other.top) // self.stride
         return slice(y, y + len(self.rows)), slice(x, x + len(self.columns))

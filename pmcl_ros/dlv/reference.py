@@ -10,9 +10,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.label_segments import Runs
+from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import ENCODING, LUMINANCE
 from pmcl_ros.dlv.sampling import neutral_taps, smoothed
 from pmcl_ros.dlv.settings import DlvSettings
@@ -27,14 +27,14 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> NDArray[np.float64]:
     """C(x, l) = beta C_c + (1 - beta) C_g, (labels, height, width) float64.
 
-    depths: (labels,) [m]. height and width are those of `Lattice.of` the settings. The sums run
+    depths: (labels,) [m]. height and width are those of `PixelGrid.of` the settings. The sums run
     over the views and the window R_x, cut off at the image's border; at a pixel a view counts if
     its samples at all labels lie inside it. Intensities are linear light, clipped to [0, 1] and
     gamma encoded as in a displayed picture, so that the noise of dark and of bright pixels counts
     about alike. Raises VolumeError when no two views have light, the depths shift views out of the
     image, or the crop is not in it.
     """
-    wanted = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    wanted = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
     half = settings.window // 2 // settings.stride
     lattice = wanted.grown(half)
     total = np.zeros((len(depths), len(lattice.rows), len(lattice.columns)))
@@ -53,7 +53,7 @@ def pixel_costs(light_field: LightField, depths: NDArray[np.float64],
     pairs = StereoPairs.of(light_field.grid, settings.views)
     shifts = pairs.shifts(depths)
     neutral = settings.interpolation == 'neutral'
-    runs = Runs.neutral(shifts) if neutral else None
+    runs = LabelSegments.neutral(shifts) if neutral else None
     light = pairs.light if settings.view_weights == 'light' else np.ones(len(pairs.indices))
     centre = _channels_of(light_field, light_field.grid.centre, neutral)
     for pair, (left, right, top, bottom) in enumerate(pairs.inside(depths)):
@@ -132,7 +132,7 @@ def tapped(image: NDArray[np.float64]) -> Sampler:
     return sample
 
 
-def on_runs(sample: Sampler, runs: Runs, pair: int) -> Iterator[NDArray[np.floating]]:
+def on_runs(sample: Sampler, runs: LabelSegments, pair: int) -> Iterator[NDArray[np.floating]]:
     """Samples of a pair's view at each label, between the three exact ones of the label's run."""
     where = runs.where[runs.where[:, 0] == pair]
     for _, first, end, node in where:

@@ -17,7 +17,7 @@ from pmcl_ros.dlv.layer_evidence import fit_rays
 from pmcl_ros.dlv.layer_sums import LL, NN, OO, REACH, SUMS, window_sums
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import colour_planes
 from pmcl_ros.dlv.sampling import SMOOTHER
 from pmcl_ros.dlv.settings import DlvSettings
@@ -78,7 +78,7 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     or on a line, or the depths shift them out of the image.
     """
     grid = light_field.grid
-    lattice = Lattice.of(grid.pinhole, settings.crop, settings.stride)
+    lattice = PixelGrid.of(grid.pinhole, settings.crop, settings.stride)
     views = _with_centre(StereoPairs.of(grid, settings.views))
     places = views.positions * [1, grid.pinhole.fy / grid.pinhole.fx]
     light = grid.weights[tuple(views.indices.T)].astype(float)
@@ -139,7 +139,7 @@ def _with_centre(pairs: StereoPairs) -> StereoPairs:
     return StereoPairs(pairs.grid, np.vstack([pairs.indices, [pairs.grid.centre]]))
 
 
-def _seen(lattice: Lattice, shifts: NDArray[np.float64], margin: int) -> NDArray[np.bool_]:
+def _seen(lattice: PixelGrid, shifts: NDArray[np.float64], margin: int) -> NDArray[np.bool_]:
     """(rows, columns) the pixels that, with `margin` px around, no view loses at any depth."""
     x, y = (np.add.outer(each, shifts[..., k].ravel()) for k, each in enumerate(
         (lattice.columns, lattice.rows)))

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.layers import Layers, read_layers
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.superposition import Superposition
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -55,7 +55,7 @@ class EdgeVolume:
     def __post_init__(self) -> None:
         _check(self.tensor, (3,), self.depths, self.pinhole, 'edge volume')
 
-    def on(self, lattice: Lattice) -> 'EdgeVolume':
+    def on(self, lattice: PixelGrid) -> 'EdgeVolume':
         """The same on some of the pixels."""
         if lattice.pinhole == self.pinhole:
             return self

@@ -9,7 +9,7 @@ import yaml
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.pixel_grid import Lattice
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.captures import Capture
@@ -90,7 +90,7 @@ class Variant:
         """The volume; of the centre view alone every label is the same, and none is likelier."""
         if self.base != 'centre':
             return build_volume(light_field, settings)
-        lattice = Lattice.of(light_field.grid.pinhole, settings.crop, settings.stride)
+        lattice = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
         depths, edge_depths = (depth_labels(settings.near, settings.far, count)
                                for count in (settings.labels, settings.edge_labels))
         edges = edge_volume(light_field, edge_depths, views=1).on(lattice)

@@ -10,7 +10,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.label_segments import Runs
+from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import colour_planes, mirrored
 from pmcl_ros.dlv.samples import sample_row
@@ -43,7 +43,7 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     grid = light_field.grid
     chosen = StereoPairs(grid, np.argwhere(_inner(grid, views)))
     shifts = chosen.shifts(depths)
-    runs = Runs.neutral(shifts)
+    runs = LabelSegments.neutral(shifts)
     pad = int(np.ceil(np.abs(shifts).max())) + TAPS
     # Linear light: encoded, a blurred edge is steepest beside its place, on the darker side.
     planes, brightness = colour_planes(light_field, chosen.indices, pad, gamma=1.0)

@@ -23,7 +23,7 @@ from pmcl_ros.nodes.runtime.parameter_file import (
 from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, NodeThread, pause, ros
 from pmcl_ros.nodes.runtime.supervision import Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
-from pmcl_ros.nodes.transport.intra_process_bus import HandOver
+from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 30.0  # s: for a process to end before it is killed
@@ -80,7 +80,7 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     entries += [entry for entry in NODES if entry.name not in without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
-    hand_over = HandOver()  # volumes go by reference between the nodes of this process
+    hand_over = IntraProcessBus()  # volumes go by reference between the nodes of this process
 
     def check(name: str) -> None:
         pause(0)

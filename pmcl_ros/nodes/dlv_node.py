@@ -15,8 +15,8 @@ from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
-from pmcl_ros.nodes.transport.deferred_publisher import Audience, Output
-from pmcl_ros.nodes.transport.exact_synchronizer import Matching
+from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
+from pmcl_ros.nodes.transport.exact_synchronizer import ExactSynchronizer
 from pmcl_ros.nodes.transport.values import ValuePublisher, subscribe_value
 
 # topic: type, what reads (and so checks) a message as it comes, quality of service
@@ -53,8 +53,8 @@ class DlvNode(StageNode):
     def start(self) -> None:
         """Listen."""
         # The small topics bring as many captures as their history holds before the big one's turn.
-        self._matching = Matching(list(_INPUTS), SMALL.depth, self.dropped)
-        self._audience = Audience(self, self._outputs, 'views: nobody listens to dlv')
+        self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
+        self._audience = DeferredPublisher(self, self._outputs, 'views: nobody listens to dlv')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, conversions.part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',

@@ -24,8 +24,8 @@ from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.tracked_camera import tracked_camera
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
-from pmcl_ros.nodes.transport.exact_synchronizer import Matching
-from pmcl_ros.nodes.transport.missing_captures import Awaited
+from pmcl_ros.nodes.transport.exact_synchronizer import ExactSynchronizer
+from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
 from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -115,11 +115,11 @@ class PmclNode(StageNode):
         self._overlays.forget()
         self._random = np.random.default_rng(self._settings.seed)
         self._last: DepthLikelihoodVolume | None = None
-        self._awaited = Awaited()
+        self._awaited = MissingCaptures()
         self._wait_anew()
 
     def _wait_anew(self) -> None:
-        self._matching = Matching(['dlv', 'dlv/edges'], 1, self.dropped, 'dlv')
+        self._matching = ExactSynchronizer(['dlv', 'dlv/edges'], 1, self.dropped, 'dlv')
         self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
 
     # in

@@ -16,7 +16,7 @@ from pmcl_ros.nodes.runtime.message_types import message_type
 from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.nodes.topics import PRESETS
-from pmcl_ros.nodes.transport.lockstep_player import InStep
+from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 from pmcl_ros.runtime.errors import BagError, PmclError
 
 _ROUND = 1.0  # s: a bag of one capture would begin again as fast as DDS can take it
@@ -42,7 +42,7 @@ class Player:
             pause(0.05)
 
     def play(self, messages: Iterable[Recorded], rate: float, progress: Progress,
-             in_step: InStep | None = None) -> None:
+             in_step: LockstepPlayer | None = None) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
         The time counts from when the first has been published. What a subscriber keeps of
@@ -160,7 +160,7 @@ def main(args: Sequence[str] | None = None) -> int:
         progress = Progress('pmcl_replay')
         with ros(given):
             node = Node('pmcl_replay')
-            in_step = (InStep(node, chosen.values(), options.patience) if options.in_step
+            in_step = (LockstepPlayer(node, chosen.values(), options.patience) if options.in_step
                        else None)
             player = Player(node, chosen.values())
             player.wait_for_subscribers(options.subscribers, options.timeout)

@@ -17,7 +17,7 @@ from pmcl_ros.lightfield.settings import DecodeSettings
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.runtime.live import live_parameters
 from pmcl_ros.nodes.runtime.running import run
-from pmcl_ros.nodes.transport.deferred_publisher import Audience
+from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.nodes.view_outputs import view_outputs
 from pmcl_ros.runtime.resources import resolve
@@ -41,7 +41,7 @@ class SubapertureNode(StageNode):
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata: CameraMetadata | None = None
         self._waiting: conversions.Part | None = None
-        self._audience = Audience(self, self._outputs,
+        self._audience = DeferredPublisher(self, self._outputs,
                                   'an image: nobody listens to views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         subscribe_value(self, Image, 'image_raw', conversions.part_from(conversions.counts_from),

@@ -19,7 +19,7 @@ from pmcl_ros.messages.camera_image import colours_from, lens_from
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.camera_poses import camera_poses
 from pmcl_ros.nodes.runtime.running import run
-from pmcl_ros.nodes.transport.deferred_publisher import Audience
+from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import view_outputs
 from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
 from pmcl_ros.runtime.resources import resolve
@@ -66,7 +66,7 @@ class SweepDriver(StageNode):
         self._lens: Lens | None = None
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._number = False, 0
-        self._audience = Audience(self, self._outputs, 'a sweep: nobody listens to views')
+        self._audience = DeferredPublisher(self, self._outputs, 'a sweep: nobody listens to views')
         self._poses.start()
         self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
             depth=10, reliability=self._reliability))

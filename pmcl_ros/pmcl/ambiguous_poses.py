@@ -10,7 +10,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.summary import same_mode
 
 
-def rivals(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4, 4) poses that a pose (4, 4) could be mistaken for, the middle of the mesh in place.
 
     With an axis of symmetry: the object upside down, and both of these with the tilt of the axis

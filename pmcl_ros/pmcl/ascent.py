@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 
 def ascent(pose: NDArray[np.float64], about: Callable[[NDArray[np.float64]], LocalModel],
@@ -24,7 +24,7 @@ def ascent(pose: NDArray[np.float64], about: Callable[[NDArray[np.float64]], Loc
         if local.motion(step) < converged:
             break
         for part in (1.0, 0.5, 0.25):
-            tried = moved(best, part * step[None])[0]
+            tried = retract(best, part * step[None])[0]
             if not allowed(tried):
                 continue
             there = about(tried)

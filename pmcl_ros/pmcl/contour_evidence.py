@@ -16,14 +16,14 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimator import Contour, Volume
 from pmcl_ros.pmcl.level_of_detail import simplified
-from pmcl_ros.pmcl.linearized_contour import SlidingContour
+from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
-from pmcl_ros.pmcl.render.gauss_newton import Climb
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -84,15 +84,17 @@ class ContourEvidence:
         return self.renderer.contour_score(self._scene(self.window), self.edges, self.profile,
                                            self.creases)
 
-    def climbs(self, count: int = 3) -> list[Climb]:
+    def climbs(self, count: int = 3) -> list[GaussNewton]:
         """The first of: by coarse contours, by fine ones, at the image's own resolution."""
         window = self.window
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
-        return [Climb(self._scene(window.coarser(max(scale, least))), self.edges, self.profile,
+        return [GaussNewton(self._scene(window.coarser(max(scale, least))), self.edges,
+                            self.profile,
                       self.region, step)
                 for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
 
-    def ascent(self, climb: Climb, tries: int = _TRIES, judge: Score | None = None) -> Ascend:
+    def ascent(self, climb: GaussNewton, tries: int = _TRIES, judge: Score | None = None
+               ) -> Ascend:
         """Where poses come to by a climb, and what they are worth there.
 
         judge: by this; by default by the climb, which sees no creases.
@@ -118,8 +120,8 @@ class ContourEvidence:
             return LocalModel.of(pose, self.model.axis, contour(pose), edges, profile,
                                  CONTOUR_ERROR if sure else None, creases(pose))
 
-        def near(pose: NDArray[np.float64]) -> SlidingContour:
-            return SlidingContour.of(pose, contour(pose), edges, profile, creases(pose))
+        def near(pose: NDArray[np.float64]) -> LinearizedContour:
+            return LinearizedContour.of(pose, contour(pose), edges, profile, creases(pose))
 
         return ContourPosterior(self.model, self.settings, where(self.possible, score, -np.inf),
                                 about, near, self.possible)

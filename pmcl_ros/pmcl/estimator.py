@@ -16,7 +16,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, moved, same_mode
+from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, retract, same_mode
 from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.pmcl.weights import Weights
 
@@ -65,7 +65,7 @@ class Estimator:
         # No part must be missing, and the whole must rather be there than not.
         partly, absent = support < self.settings.least_support, evidence < least
         return PoseEstimate(volume.header, pose, spread,
-                            symmetry.folded(moved(poses, off), pose),
+                            symmetry.folded(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent, self.settings.mode, modes, support, evidence,
                             incomplete=partly and not absent, in_view=in_view)
@@ -74,7 +74,7 @@ class Estimator:
                  rng: np.random.Generator) -> PoseEstimate:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))
-        poses = moved(prior.pose, prior.deviations(normal))
+        poses = retract(prior.pose, prior.deviations(normal))
         alike = Weights(np.zeros(count))
         spread = covariance(poses, alike, prior.pose, self.model.axis)
         return PoseEstimate(volume.header, prior.pose, spread, poses, alike.log_normalised, 0.0,

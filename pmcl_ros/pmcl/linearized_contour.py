@@ -17,7 +17,7 @@ _FARTHEST, _STEP = 4.0, 0.5  # px: the table's ends, and its steps
 
 
 @dataclass(frozen=True)
-class SlidingContour:
+class LinearizedContour:
     """Evidence of poses near one, to first order in the motion of each point of its contour.
 
     Nothing is rendered: a pose costs a hundredth of the exact evidence.
@@ -31,7 +31,7 @@ class SlidingContour:
 
     @classmethod
     def of(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EdgeVolume,
-           profile: ContourProfile, creases: CreasePoints | None = None) -> 'SlidingContour':
+           profile: ContourProfile, creases: CreasePoints | None = None) -> 'LinearizedContour':
         """About `pose` (4, 4), whose contour's points are `points`; creases: seen, if any count.
         """
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)

@@ -14,15 +14,15 @@ from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Volume
 from pmcl_ros.pmcl.history import Generation, Watch, recorder
-from pmcl_ros.pmcl.linearized_contour import SlidingContour
+from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.particle_filter import faithful_filter
+from pmcl_ros.pmcl.particle_filter import particle_filter
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.gauss_newton import Climb
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
@@ -31,7 +31,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
-from pmcl_ros.pmcl.tracking.observation import Look, weighted
+from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.gl import GlContext
@@ -66,7 +66,7 @@ class Localizer:
         self.renderer = self._renderer.name
         try:
             if settings.mode == 'default':
-                Climb.warm_up()
+                GaussNewton.warm_up()
             self._proposals = Proposals(self._renderer, model, self._region)
         except BaseException:
             self._renderer.close()
@@ -189,7 +189,7 @@ class Localizer:
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Look]:
+    def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Observation]:
         """What the object shows of itself at each of poses (4, 4), by the mode default.
 
         Raises as `localize` does.
@@ -202,7 +202,8 @@ class Localizer:
         depths = [self._renderer.depths(whole, each[None])[0] for each in poses]
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]
-        return [Look(pose, seen, depth, LocalModel.of(pose, self._model.axis, seen, evidence.edges,
+        return [Observation(pose, seen, depth,
+                            LocalModel.of(pose, self._model.axis, seen, evidence.edges,
                                                       evidence.profile, CONTOUR_ERROR),
                      share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
@@ -224,7 +225,7 @@ class Localizer:
             search = evidence.posterior(exact, contour)
             mode = search.refined(pose)
             points = exact.points(mode.pose)
-            rest = SlidingContour.of(mode.pose, weighted(points, 1 - shown(points)),
+            rest = LinearizedContour.of(mode.pose, weighted(points, 1 - shown(points)),
                                      evidence.edges, evidence.profile)
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -244,7 +245,7 @@ class Localizer:
         window = self._region.window(volume.pinhole, self._model.radius)
         drawn = scene(self._model, self._region, volume.pinhole, window)
         with self._renderer.likelihood_score(drawn, volume) as score:
-            poses, scores = faithful_filter(
+            poses, scores = particle_filter(
                 where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
                 self._region, self._settings, rng, progress, recorder(watch, 'filter'))
             estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)

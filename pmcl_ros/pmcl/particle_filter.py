@@ -15,7 +15,7 @@ Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Progress = Callable[[float], bool]
 
 
-def faithful_filter(score: Score, region: Region, settings: PmclSettings,
+def particle_filter(score: Score, region: Region, settings: PmclSettings,
                     rng: np.random.Generator, progress: Progress, record: Record | None = None
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses (n, 4, 4) and their scores (n,) when the mean weight passed the threshold.

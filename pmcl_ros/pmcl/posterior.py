@@ -9,7 +9,7 @@ from scipy.special import logsumexp
 
 from pmcl_ros.pmcl.ascent import ascent
 from pmcl_ros.pmcl.history import Watch, recorder
-from pmcl_ros.pmcl.linearized_contour import SlidingContour
+from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
@@ -62,7 +62,7 @@ class ContourPosterior:
     settings: PmclSettings
     exact: Score
     about: Callable[[NDArray[np.float64], bool], LocalModel]
-    near: Callable[[NDArray[np.float64]], SlidingContour]
+    near: Callable[[NDArray[np.float64]], LinearizedContour]
     inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
     def refined(self, pose: NDArray[np.float64]) -> Mode:

@@ -15,7 +15,7 @@ _AHEAD = 0.01  # m: what is nearer to the camera than that is not seen
 
 
 @dataclass(frozen=True)
-class MovedContour:
+class RigidContour:
     """Points of an object's contour that move with it as a rigid wire.
 
     A contour slides over a smooth object that turns, so this is true for small turns only; but
@@ -32,7 +32,7 @@ class MovedContour:
 
     @classmethod
     def of(cls, pose: NDArray[np.float64], contour: ContourPoints, pinhole: Pinhole, count: int
-           ) -> 'MovedContour':
+           ) -> 'RigidContour':
         """About `count` of the points of a contour, evenly along it."""
         total = float(contour.lengths.sum())
         reached = np.cumsum(contour.lengths)

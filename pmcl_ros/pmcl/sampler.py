@@ -10,7 +10,7 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from pmcl_ros.pmcl.history import Record
-from pmcl_ros.pmcl.summary import moved, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import retract, tangent, tangent_basis
 from pmcl_ros.pmcl.weights import Weights
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -135,7 +135,7 @@ def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArr
     deviations = np.zeros((len(poses), 6))
     for k, each in enumerate(start):
         deviations[own == k] = each.deviations(normal[own == k])
-    return moved(poses, deviations)
+    return retract(poses, deviations)
 
 
 def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64],

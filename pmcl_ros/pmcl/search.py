@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.ambiguous_poses import rivals
+from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
-from pmcl_ros.pmcl.modes import different
+from pmcl_ros.pmcl.modes import suppress_duplicates
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior, Progress
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 # Poses that go on to climb, to fine contours, from there, to the end.
 _LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3
@@ -50,7 +50,7 @@ class ContourSearch:
         if stages.go_on(0.3):
             found = self._climbed(self.fine, found, _LEFT, 'fine', watch)
         if stages.go_on(0.4):
-            others = np.concatenate([rivals(self.posterior.model, each)
+            others = np.concatenate([ambiguous_poses(self.posterior.model, each)
                                      for each in found[:_CHALLENGED]])
             if len(others):
                 found = np.concatenate([found, self.coarse(others)[0]])
@@ -71,7 +71,7 @@ class ContourSearch:
         if watch is not None:
             watch(Generation(stage, poses, values))
         poses = poses[np.argsort(-values, kind='stable')]
-        return poses[different(poses, self.posterior.model.symmetry, count)]
+        return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
@@ -82,14 +82,14 @@ class ContourSearch:
             widest = local.basis.T @ np.diag((_ASIDE / _WIDEST) ** 2) @ local.basis
             root = np.linalg.cholesky(np.linalg.inv(local.moments + widest))
             off = _ASIDE * rng.normal(size=(_AROUND, len(root))) @ root.T
-            result.append(moved(pose, off @ local.basis.T))
+            result.append(retract(pose, off @ local.basis.T))
         return np.concatenate(result)
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
         """The different modes near poses (n, 4, 4), best first."""
         modes = sorted((self.posterior.refined(each) for each in self.finest(poses)[0]),
                        key=lambda mode: -mode.local.evidence)
-        return [modes[k] for k in different(np.stack([mode.pose for mode in modes]),
+        return [modes[k] for k in suppress_duplicates(np.stack([mode.pose for mode in modes]),
                                             self.posterior.model.symmetry, _MODES)]
 
 

@@ -91,7 +91,7 @@ def tangent_basis(mean: NDArray[np.float64], axis: NDArray[np.float64] | None
     return basis
 
 
-def moved(poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+def retract(poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.float64]:
     """Poses (..., 4, 4) moved by tangent vectors (n, 6): `tangent` undone, (n, 4, 4)."""
     result = np.array(np.broadcast_to(poses, (len(deviations), 4, 4)))
     result[:, :3, 3] += deviations[:, :3]

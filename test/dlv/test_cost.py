@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.cost import cost_volume
-from pmcl_ros.dlv.cost_inputs import Matching
+from pmcl_ros.dlv.cost_inputs import CostInputs
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings
@@ -224,6 +224,6 @@ def test_a_periodic_band_limited_view_is_shifted_exactly_by_the_shift_theorem():
 def test_crops_pay_for_what_they_need():
     field = noise_field(make_grid((3, 3), (200, 180), 0.006))
     depths, crop = depth_labels(0.3, 0.9, 9), DlvSettings(crop=(90, 70, 20, 30), window=3)
-    whole = Matching.of(field, depths, DlvSettings(window=3)).planes
-    part = Matching.of(field, depths, crop).planes
+    whole = CostInputs.of(field, depths, DlvSettings(window=3)).planes
+    part = CostInputs.of(field, depths, crop).planes
     assert part.size < whole.size / 10

@@ -1,4 +1,4 @@
-"""Runs: every label is in one, and their quadratics are what they claim to be."""
+"""LabelSegments: every label is in one, and their quadratics are what they claim to be."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from dlv_fields import Texture, make_grid
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pmcl_ros.dlv.label_segments import Runs
+from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.volume import depth_labels
 
 
@@ -22,7 +22,7 @@ def lagrange(t):
 
 @settings(max_examples=50, deadline=None)
 @given(labels=st.integers(3, 90), scale=st.floats(0, 3), near=st.floats(0.1, 0.89),
-       make=st.sampled_from([Runs.bilinear, Runs.neutral]))
+       make=st.sampled_from([LabelSegments.bilinear, LabelSegments.neutral]))
 def test_every_label_is_once_in_a_run_and_between_its_nodes(labels, scale, near, make):
     shifts = shifts_of(labels, scale, near)
     runs = make(shifts)
@@ -40,7 +40,7 @@ def test_every_label_is_once_in_a_run_and_between_its_nodes(labels, scale, near,
 
 def test_bilinear_runs_stay_in_a_cell_and_neutral_ones_are_a_pixel_at_most():
     shifts = shifts_of()
-    bilinear, neutral = Runs.bilinear(shifts), Runs.neutral(shifts)
+    bilinear, neutral = LabelSegments.bilinear(shifts), LabelSegments.neutral(shifts)
     for _, _, _, node in bilinear.where:
         place = bilinear.places[node:node + 3] - bilinear.cells[node:node + 3]
         assert (place > -1e-9).all()
@@ -53,7 +53,8 @@ def test_bilinear_runs_stay_in_a_cell_and_neutral_ones_are_a_pixel_at_most():
     assert (np.diff(node)[np.diff(pair) == 0] == 2).all()
 
 
-@pytest.mark.parametrize(('make', 'tolerance'), [(Runs.bilinear, 0.06), (Runs.neutral, 0.02)])
+@pytest.mark.parametrize(('make', 'tolerance'),
+                         [(LabelSegments.bilinear, 0.06), (LabelSegments.neutral, 0.02)])
 def test_taps_and_quadratics_read_a_texture_where_it_is(make, tolerance):
     texture = Texture(3, highest=0.15)
     shifts = shifts_of(31)

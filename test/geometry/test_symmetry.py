@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.surface_errors import Surface
-from pmcl_ros.pmcl.ambiguous_poses import rivals
+from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
@@ -196,8 +196,8 @@ def test_folding_turns_least_and_the_canonical_pose_is_one_for_all(name, seed):
 def test_a_symmetry_is_no_rival(name, seed):
     model = MODELS[name]
     pose = random_poses(1, seed)[0]
-    plain = rivals(replace(model, discrete=np.eye(4)[None]), pose)
-    found = rivals(model, pose)
+    plain = ambiguous_poses(replace(model, discrete=np.eye(4)[None]), pose)
+    found = ambiguous_poses(model, pose)
     assert len(found) < len(plain)
     near = [same_mode(model.symmetry.folded(found, pose), pose, model.axis, 0.01, 0.1).any()]
     assert not any(near)

@@ -20,8 +20,8 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
-from pmcl_ros.nodes.transport.missing_captures import Awaited
-from pmcl_ros.nodes.transport.sequence_gaps import Gaps
+from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
+from pmcl_ros.nodes.transport.sequence_gaps import SequenceGaps
 
 BRINGUP = 'pmcl_ros.nodes.bringup'
 NODES = ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
@@ -186,7 +186,7 @@ def test_messages_come_without_room_in_shared_memory(size):
 
 
 def test_gaps_in_the_numbers_of_one_publisher():
-    gaps = Gaps()
+    gaps = SequenceGaps()
     assert [gaps.missed(number, 1) for number in (7, 8, 11, 12)] == [0, 0, 2, 0]
     assert [gaps.missed(number, 1) for number in (1, 4)] == [0, 2]  # it was started again
     assert [gaps.missed(number, 2) for number in (9, 30, 10)] == [0, 0, 0]  # whose?
@@ -194,7 +194,7 @@ def test_gaps_in_the_numbers_of_one_publisher():
 
 
 def test_captures_that_were_announced_only():
-    awaited = Awaited()
+    awaited = MissingCaptures()
     for stamp in (1, 2, 3):
         awaited.announced(stamp)
     assert awaited.came(3) == [1, 2]

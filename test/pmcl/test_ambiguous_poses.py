@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pmcl_scenes import bracket, cup, model_of, random_poses
 
-from pmcl_ros.pmcl.ambiguous_poses import rivals
+from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.summary import rotation_distance
 
 CUP = model_of(cup(), [0, 0, 1])
@@ -13,7 +13,7 @@ BRACKET = model_of(bracket())
 @pytest.mark.parametrize('seed', range(6))
 def test_rivals_are_rigid_and_keep_the_middle_in_place(model, seed):
     pose = random_poses(1, seed)[0]
-    found = rivals(model, pose)
+    found = ambiguous_poses(model, pose)
     middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
     turns = found[:, :3, :3]
     np.testing.assert_allclose(turns @ turns.swapaxes(1, 2),
@@ -27,7 +27,7 @@ def test_rivals_are_rigid_and_keep_the_middle_in_place(model, seed):
 
 def test_an_axis_is_turned_upside_down_and_away():
     for pose in random_poses(20, 3):
-        axes = rivals(CUP, pose)[:, :3, :3] @ CUP.axis
+        axes = ambiguous_poses(CUP, pose)[:, :3, :3] @ CUP.axis
         axis = pose[:3, :3] @ CUP.axis
         middle = pose[:3, 3]  # the cup's own
         sight = middle / np.linalg.norm(middle)

@@ -12,14 +12,14 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.linearized_contour import SlidingContour
+from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 DEPTHS = depth_labels(0.3, 0.7, 6)
@@ -171,7 +171,7 @@ def test_creases_move_as_foretold():
         points = seen.points
         local = LocalModel.of(pose, None, score.points(pose), edges, CONTRAST, None, seen)
         alone = LocalModel.of(pose, None, score.points(pose), edges, CONTRAST, None)
-        slides = SlidingContour.of(pose, score.points(pose), edges, CONTRAST, seen)
+        slides = LinearizedContour.of(pose, score.points(pose), edges, CONTRAST, seen)
         assert local.evidence == pytest.approx(
             alone.evidence + points.lengths @ points.evidence, rel=1e-3)
         assert slides.evidence(np.zeros((1, 6)))[0] == pytest.approx(local.evidence, rel=1e-6)
@@ -182,7 +182,7 @@ def test_creases_move_as_foretold():
     for k in range(6):
         step = 1e-5 * np.eye(6)[k]
         after, before = (CAMERA.project(of_object @ each[:3, :3].T + each[:3, 3])
-                         for each in moved(pose, np.stack([step, -step])))
+                         for each in retract(pose, np.stack([step, -step])))
         slope = ((after - before) * points.normals).sum(axis=1) / 2
         np.testing.assert_allclose(normal_motion(points, CAMERA, pose[:3, 3])[:, k] * 1e-5, slope,
                                    atol=1e-6)

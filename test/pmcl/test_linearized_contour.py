@@ -6,10 +6,10 @@ from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, random_pose
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import energies_across, evidence_across
-from pmcl_ros.pmcl.linearized_contour import SlidingContour
+from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 CUP = model_of(cup(), [0, 0, 1])
 PROFILE = ContourProfile.learned()
@@ -27,9 +27,9 @@ def seen(context):
 
 def test_it_tells_what_poses_nearby_are_worth(context):
     truth, edges, score = seen(context)
-    slide = SlidingContour.of(truth, score.points(truth), edges, PROFILE)
+    slide = LinearizedContour.of(truth, score.points(truth), edges, PROFILE)
     off = SIGMA * np.random.default_rng(0).normal(size=(100, 6))
-    told, exact = slide.evidence(off), score(moved(truth, off))
+    told, exact = slide.evidence(off), score(retract(truth, off))
     assert np.corrcoef(told, exact)[0, 1] > 0.9
     assert np.std(told - exact) < 0.4 * np.std(exact)
     np.testing.assert_allclose(slide.evidence(np.zeros((1, 6))), score(truth[None]), rtol=0.01)
@@ -37,7 +37,7 @@ def test_it_tells_what_poses_nearby_are_worth(context):
 
 def test_farther_than_the_table_goes_its_end_counts(context):
     truth, edges, score = seen(context)
-    slide = SlidingContour.of(truth, score.points(truth), edges, PROFILE)
+    slide = LinearizedContour.of(truth, score.points(truth), edges, PROFILE)
     far, farther = slide.evidence(np.array([[0.5, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0]]))
     # A point whose normal is along y goes nowhere, all others are beyond.
     assert np.isfinite([far, farther]).all()

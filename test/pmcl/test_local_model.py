@@ -12,7 +12,7 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import credible_level, moved, tangent
+from pmcl_ros.pmcl.summary import credible_level, retract, tangent
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -44,7 +44,7 @@ def test_a_contour_moves_along_its_normals_as_foretold(context, model):
     foretold = normal_motion(before, CAMERA, truth[:3, 3])
     for k, size in enumerate([0.002, 0.002, 0.01, 0.03, 0.03, 0.03]):
         step = size * np.eye(6)[k]
-        after = score.points(moved(truth, step[None])[0])
+        after = score.points(retract(truth, step[None])[0])
         _, nearest = cKDTree(after.pixels).query(before.pixels)
         shift = ((after.pixels[nearest] - before.pixels) * before.normals).sum(axis=1)
         expected = foretold @ step
@@ -62,9 +62,9 @@ def test_its_steps_lead_to_the_truth(context, seed):
     score = seen(CUP, truth, edges)
     rng = np.random.default_rng(seed)
     off = rng.choice([-1, 1], 6) * [0.0004, 0.0004, 0.002, 0.015, 0.015, 0.015]
-    pose = moved(truth, off[None])[0]
+    pose = retract(truth, off[None])[0]
     for _ in range(6):
-        pose = moved(pose, about(score, edges, pose, CUP.axis).step[None])[0]
+        pose = retract(pose, about(score, edges, pose, CUP.axis).step[None])[0]
     left = tangent(pose[None], truth, CUP.axis)[0]
     assert np.linalg.norm(left[:3]) < 0.0025
     assert np.linalg.norm(left[3:]) < 0.03
@@ -79,7 +79,7 @@ def test_what_the_model_gets_wrong_widens_the_region(context):
     np.testing.assert_allclose(sure.covariance, unsure.covariance)
     assert np.linalg.eigvalsh(unsure.model_error).min() > 0
     assert 0 < sure.scale <= 1
-    off = moved(truth, np.array([[0, 0, 0.004, 0, 0, 0]]))[0]
+    off = retract(truth, np.array([[0, 0, 0.004, 0, 0, 0]]))[0]
     wide = unsure.covariance + unsure.basis @ unsure.model_error @ unsure.basis.T
     assert (credible_level(off, truth, wide, CUP.axis)
             < credible_level(off, truth, sure.covariance, CUP.axis))

@@ -4,8 +4,8 @@ import numpy as np
 from pmcl_scenes import random_poses
 
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import alike, different
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.modes import same_mode_of, suppress_duplicates
+from pmcl_ros.pmcl.summary import retract
 
 NONE = Symmetry(None, np.eye(4)[None])
 ROUND = Symmetry(np.array([0, 0, 1.0]), np.eye(4)[None])
@@ -17,7 +17,7 @@ def around(pose, count, distance, angle, rng):
     """Poses off by less than these, in any direction."""
     off = rng.normal(size=(count, 2, 3))
     off *= rng.random((count, 2, 1)) / np.linalg.norm(off, axis=2, keepdims=True)
-    return moved(pose, np.concatenate([distance * off[:, 0], angle * off[:, 1]], axis=1))
+    return retract(pose, np.concatenate([distance * off[:, 0], angle * off[:, 1]], axis=1))
 
 
 def test_of_each_mode_the_best_is_kept():
@@ -28,9 +28,9 @@ def test_of_each_mode_the_best_is_kept():
     # In an order in which the first of mode k is at place k.
     order = np.concatenate([np.arange(0, 30, 5), rng.permutation(np.delete(np.arange(30), slice(
         0, None, 5)))])
-    assert different(members[order], NONE, 30) == list(range(6))
-    assert different(members[order], NONE, 4) == list(range(4))
-    assert different(members[:0], NONE, 4) == []
+    assert suppress_duplicates(members[order], NONE, 30) == list(range(6))
+    assert suppress_duplicates(members[order], NONE, 4) == list(range(4))
+    assert suppress_duplicates(members[:0], NONE, 4) == []
 
 
 def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
@@ -38,6 +38,6 @@ def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
     spun = pose.copy()
     spun[:3, :3] = pose[:3, :3] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     others = np.stack([pose, spun, pose @ UPSIDE_DOWN])
-    assert alike(others, pose, NONE).tolist() == [True, False, False]
-    assert alike(others, pose, ROUND).tolist() == [True, True, False]
-    assert alike(others, pose, TURNED).tolist() == [True, False, True]
+    assert same_mode_of(others, pose, NONE).tolist() == [True, False, False]
+    assert same_mode_of(others, pose, ROUND).tolist() == [True, True, False]
+    assert same_mode_of(others, pose, TURNED).tolist() == [True, False, True]

@@ -8,7 +8,7 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.particle_filter import faithful_filter
+from pmcl_ros.pmcl.particle_filter import particle_filter
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -26,7 +26,7 @@ def run(score, progress=lambda _: True, seed=0, **options):
         return score(poses)
 
     settings = PmclSettings(mode='faithful', **options)
-    result = faithful_filter(counted, REGION, settings, np.random.default_rng(seed), progress)
+    result = particle_filter(counted, REGION, settings, np.random.default_rng(seed), progress)
     return *result, calls
 
 

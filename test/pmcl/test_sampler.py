@@ -5,7 +5,7 @@ import pytest
 from pmcl_scenes import random_poses
 
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import moved, same_mode, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import retract, same_mode, tangent, tangent_basis
 
 AXIS = np.array([0, 0, 1.0])
 SIGMA = np.array([0.001, 0.0005, 0.004, 0.02, 0.03, 0.01])
@@ -31,7 +31,7 @@ def test_a_gaussian_is_sampled_with_its_mean_and_covariance(axis, seed):
     pose, target = random_poses(1, seed)[0], covariance_of(seed)
     basis = tangent_basis(pose, axis)
     # The start is off by a standard deviation, and three times as wide.
-    start = moved(pose, (basis @ basis.T @ SIGMA)[None])[0]
+    start = retract(pose, (basis @ basis.T @ SIGMA)[None])[0]
     poses, values, own = sample_posterior(
         [lambda each: density(pose, target, axis, each)], [Gaussian.of(start, 9 * target, axis)],
         axis, 1500, 6, np.random.default_rng(seed), lambda _: True)
@@ -83,7 +83,7 @@ def test_what_is_impossible_is_left_out_and_stopping_is_heard():
 
 def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
     pose, target = random_poses(1, 1)[0], covariance_of(1)
-    beside = moved(pose, 0.5 * SIGMA[None])[0]
+    beside = retract(pose, 0.5 * SIGMA[None])[0]
     asked = []
 
     def exact(poses):

@@ -12,7 +12,7 @@ from pmcl_ros.pmcl.summary import (
     covariance,
     credible_level,
     mean_pose,
-    moved,
+    retract,
     rotation_distance,
     same_mode,
     tangent,
@@ -170,7 +170,7 @@ def test_levels_of_draws_from_the_covariance_are_uniform_and_heed_no_spin(axis):
     basis = tangent_basis(mean, axis)
     spread = basis @ basis.T @ np.diag(sigma ** 2) @ basis @ basis.T
     rng = np.random.default_rng(0)
-    draws = moved(mean, rng.multivariate_normal(np.zeros(6), spread, 1000, method='eigh'))
+    draws = retract(mean, rng.multivariate_normal(np.zeros(6), spread, 1000, method='eigh'))
     np.testing.assert_allclose(tangent(draws, mean, axis) @ basis @ basis.T,
                                tangent(draws, mean, axis), atol=1e-9)
     if axis is not None:
@@ -184,7 +184,7 @@ def test_levels_of_draws_from_the_covariance_are_uniform_and_heed_no_spin(axis):
 @pytest.mark.parametrize('axis', [None, AXES[0]], ids=['whole', 'symmetric'])
 def test_tangents_lead_back(axis):
     mean = random_poses(1, 1)[0]
-    pose = moved(mean, np.array([[0.01, -0.02, 0.03, 0.1, -0.2, 0.15]]))
-    back = moved(mean, tangent(pose, mean, axis))
+    pose = retract(mean, np.array([[0.01, -0.02, 0.03, 0.1, -0.2, 0.15]]))
+    back = retract(mean, tangent(pose, mean, axis))
     np.testing.assert_allclose(back[:, :3, 3], pose[:, :3, 3], atol=1e-12)
     assert rotation_distance(back, pose[0], axis)[0] < 1e-6

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv import back_end
 from pmcl_ros.dlv.cost import likelihood_of
-from pmcl_ros.dlv.cost_inputs import Matching
+from pmcl_ros.dlv.cost_inputs import CostInputs
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings
@@ -43,10 +43,10 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     grid, counts = _grid(side), _noise(side)
     speeds = [(multiply_adds(), copied_bytes())]
     light_field = _light_field(grid, counts)
-    task = Matching.of(light_field, depths, settings)
+    task = CostInputs.of(light_field, depths, settings)
     chosen = back_end.choose(wanted)
     ms = {'views': best_ms(lambda: _light_field(grid, counts), repeats),
-          'planes': best_ms(lambda: Matching.of(light_field, depths, settings), repeats)}
+          'planes': best_ms(lambda: CostInputs.of(light_field, depths, settings), repeats)}
     ms |= (_gl_stages if chosen == 'gl' else _numba_stages)(task, settings, repeats)
 
     def total() -> None:
@@ -69,11 +69,11 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
                  ratio_to_bound=ms['total'] / ms['bound'])
 
 
-def _numba_stages(task: Matching, settings: DlvSettings, repeats: int) -> dict[str, float]:
+def _numba_stages(task: CostInputs, settings: DlvSettings, repeats: int) -> dict[str, float]:
     return {'sweep': _best_after_first(lambda: likelihood_of(task, settings), repeats)}
 
 
-def _gl_stages(task: Matching, settings: DlvSettings, repeats: int) -> dict[str, float]:
+def _gl_stages(task: CostInputs, settings: DlvSettings, repeats: int) -> dict[str, float]:
     """Each stage waits for the GPU."""
     context = GlContext()
     try:
@@ -117,7 +117,7 @@ def _best_after_first(step: Callable[[], object], repeats: int) -> float:
     return best_ms(step, repeats)
 
 
-def least_work(task: Matching, settings: DlvSettings) -> NDArray[np.float64]:
+def least_work(task: CostInputs, settings: DlvSettings) -> NDArray[np.float64]:
     """(2,) float32 operations and bytes without which views do not become a likelihood.
 
     An operation is what a vector unit does in one instruction: a multiply-add, but also an

@@ -25,8 +25,8 @@ from std_srvs.srv import Trigger
 from pmcl_ros.nodes.runtime.health import Health
 from pmcl_ros.nodes.runtime.parameters import Parameters
 from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
-from pmcl_ros.nodes.transport.intra_process_bus import HandOver
-from pmcl_ros.nodes.transport.sequence_gaps import Gaps
+from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
+from pmcl_ros.nodes.transport.sequence_gaps import SequenceGaps
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 
@@ -53,9 +53,9 @@ class StageNode(LifecycleNode):
     name: ClassVar[str]
     settings_class: ClassVar[type[Settings]]
 
-    def __init__(self, hand_over: HandOver | None = None, **options: Any) -> None:
+    def __init__(self, hand_over: IntraProcessBus | None = None, **options: Any) -> None:
         super().__init__(self.name, **options)
-        self.hand_over = hand_over or HandOver()
+        self.hand_over = hand_over or IntraProcessBus()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
         self._described = Parameters(self, self.settings_class)
@@ -91,7 +91,7 @@ class StageNode(LifecycleNode):
         raw: the callback gets the serialised message. missed: told how many messages came and were
         overwritten before this one was taken, where there were some.
         """
-        gaps = Gaps()
+        gaps = SequenceGaps()
 
         def received(message: Any, info: dict[str, int | None]) -> None:
             with self.watched(topic):

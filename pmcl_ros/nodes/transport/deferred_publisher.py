@@ -22,7 +22,7 @@ class Output(NamedTuple, Generic[T]):
     publish: Callable[[T], None]
 
 
-class Audience(Generic[T]):
+class DeferredPublisher(Generic[T]):
     """Publishes what is made of each capture to those who listen, or makes nothing.
 
     For `start` of a node. In the first seconds the newest capture is kept for those who have not

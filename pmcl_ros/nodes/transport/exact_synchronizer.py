@@ -6,7 +6,7 @@ from typing import Any
 _REMEMBERED = 100  # captures given up, whose other parts may still come
 
 
-class Matching:
+class ExactSynchronizer:
     """Joins messages whose stamps are equal; the newest captures only.
 
     A capture is given up once: what still comes of it is left alone.

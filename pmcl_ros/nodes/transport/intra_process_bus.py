@@ -9,7 +9,7 @@ from typing import Any
 _REMEMBERED = 8  # values whose messages may still be on their way
 
 
-class Taker:
+class IntraProcessSubscription:
     """One who takes the values of a topic: the newest, once, as from a history of depth 1."""
 
     def __init__(self, node: str, wake: Callable[[], None]) -> None:
@@ -47,7 +47,7 @@ class Taker:
             return True
 
 
-class HandOver:
+class IntraProcessBus:
     """What the nodes of one graph that live in one process share: who of them takes which topic.
 
     Topics go by their resolved names, so that namespaces and remaps count as they do for messages.
@@ -57,16 +57,17 @@ class HandOver:
 
     def __init__(self) -> None:
         self._lock = Lock()  # who has it knows that the takers are there, and stay
-        self._takers: dict[str, list[Taker]] = {}
+        self._takers: dict[str, list[IntraProcessSubscription]] = {}
 
     @contextmanager
-    def taking(self, topic: str, node: str, wake: Callable[[], None]) -> Iterator[Taker]:
+    def taking(self, topic: str, node: str,
+               wake: Callable[[], None]) -> Iterator[IntraProcessSubscription]:
         """Take the values of a topic while it lasts.
 
         node: the taker's full name, which its subscription to the topic has too. wake: called from
         the giver's thread when there is something to take, and never after the end.
         """
-        taker = Taker(node, wake)
+        taker = IntraProcessSubscription(node, wake)
         with self._lock:
             self._takers.setdefault(topic, []).append(taker)
         try:

@@ -22,7 +22,7 @@ _STAMPED = ('image_raw', 'views', 'dlv')  # a message of each capture, that know
 _PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
 
 
-class InStep:
+class LockstepPlayer:
     """Holds a bag's messages back until `objects`, found or lost, has come of the capture before.
 
     A capture ends where one of its topics comes again; in which order they come is the bag's. What

@@ -5,7 +5,7 @@ from collections import deque
 _REMEMBERED = 100
 
 
-class Awaited:
+class MissingCaptures:
     """Tells which captures are missing, once a newer one has come. Both topics keep their order.
 
     A small topic's message comes when a big one's is lost: a capture that was announced and has

@@ -1,7 +1,7 @@
 """Messages that came and were never taken, as newer ones came before: DDS tells nobody of them."""
 
 
-class Gaps:
+class SequenceGaps:
     """Counts them for one subscription, by the numbers that their publisher gave its messages.
 
     A history that keeps the last one overwrites what has not been taken. What was published before

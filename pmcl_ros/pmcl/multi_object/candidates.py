@@ -12,7 +12,7 @@ from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.support import contour_support
-from pmcl_ros.pmcl.tracking.observation import Look, weighted
+from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 
 _MOST = 12  # candidates of an object
 _ALIKE = 0.005, 0.1  # m, rad: closer ones are one
@@ -32,15 +32,15 @@ class Candidates:
                  listed: Sequence[int], least: float, least_support: float) -> None:
         self._models, self._solids, self._listed = models, solids, listed
         self._least, self._least_support = least, least_support
-        self._looks: list[list[Look]] = [[] for _ in models]
+        self._looks: list[list[Observation]] = [[] for _ in models]
         self._scales: dict[int, float] = {}
         self._barred: set[Member] = set()
         self._known: dict[tuple[Member, Member], float] = {}
 
-    def __getitem__(self, member: Member) -> Look:
+    def __getitem__(self, member: Member) -> Observation:
         return self._looks[member[0]][member[1]]
 
-    def add(self, number: int, looks: Sequence[Look]) -> list[Member]:
+    def add(self, number: int, looks: Sequence[Observation]) -> list[Member]:
         """More poses of an object; of each, which candidate it is now, an old one if alike."""
         model, ours, members = self._models[number], self._looks[number], []
         for look in looks:
@@ -90,7 +90,7 @@ class Candidates:
         return support_beside(self[member], self.others(member, beside), self.scale(member[0]),
                               self._least)
 
-    def others(self, member: Member, beside: Sequence[Member | None]) -> list[Look]:
+    def others(self, member: Member, beside: Sequence[Member | None]) -> list[Observation]:
         """The looks of the other members."""
         return [self[each] for each in beside if each is not None and each != member]
 
@@ -146,7 +146,8 @@ class Candidates:
         return scale * (left - float(points.lengths @ points.evidence))
 
 
-def support_beside(look: Look, others: Sequence[Look], scale: float, least: float) -> float:
+def support_beside(look: Observation, others: Sequence[Observation], scale: float,
+                   least: float) -> float:
     """Of a contour, as `Localizer` asks for it, what is hidden being out of view [nat / px].
 
     Minus infinity where the whole of it is rather not there.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.multi_object.solid import Contact, Solid, contact
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 DEEPEST = 0.002  # m: deeper no two objects are in each other
 _AIMED = 0.001  # m: so deep they are left, as points of a surface tell it not quite
@@ -66,7 +66,7 @@ def apart(things: Sequence[Placed], dearest: float = np.inf) -> Apart:
         for k, way in ways.items():
             step = way * wanted / gain
             off[k] += step
-            poses[k] = moved(things[k].pose, off[k][None])[0]
+            poses[k] = retract(things[k].pose, off[k][None])[0]
         if _cost(things, off) > dearest:
             break
         for pair in known:

@@ -18,8 +18,8 @@ from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.summary import moved, tangent_basis
-from pmcl_ros.pmcl.tracking.observation import Look, weighted
+from pmcl_ros.pmcl.summary import retract, tangent_basis
+from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 
 _LOG = logging.getLogger(__name__)
 _WHOLE = 0.999  # share of a contour that counts, from which on it is whole
@@ -132,12 +132,13 @@ class SceneSearch:
         return [self._lost(number, looks) if member is None else found[member]
                 for number, member in zip(self._listed, chosen, strict=True)]
 
-    def _lost(self, number: int, there: Mapping[Member, Look]) -> PoseEstimate:
+    def _lost(self, number: int, there: Mapping[Member, Observation]) -> PoseEstimate:
         """The best hypothesis about an object that is lost: of its searches, beside the others."""
         worth = [self._candidates.worth(member, there) for _, member in self._searches[number]]
         return replace(self._searches[number][int(np.argmax(worth))][0], lost=True)
 
-    def _estimate(self, member: Member, look: Look, others: Sequence[Look]) -> PoseEstimate:
+    def _estimate(self, member: Member, look: Observation,
+                  others: Sequence[Observation]) -> PoseEstimate:
         number, scale = member[0], self._candidates.scale(member[0])
         alone = self.alone[number]
         if sight(look.points, others, scale).share > _WHOLE and np.array_equal(
@@ -147,10 +148,10 @@ class SceneSearch:
             self._volume, look.pose, self._rng.spawn(1)[0],
             lambda points: sight(points, others, scale).weights)
 
-    def _at(self, member: Member, pose: NDArray[np.float64]) -> Look:
+    def _at(self, member: Member, pose: NDArray[np.float64]) -> Observation:
         return self._localizers[member[0]].looks(self._volume, [pose])[0]
 
-    def _apart(self, found: dict[Member, PoseEstimate], looks: dict[Member, Look]
+    def _apart(self, found: dict[Member, PoseEstimate], looks: dict[Member, Observation]
                ) -> dict[Member, PoseEstimate]:
         """The estimates moved until none are in each other, by their covariances."""
         members = [each for each in found if not found[each].lost]
@@ -164,8 +165,8 @@ class SceneSearch:
             if not off.any():
                 continue
             old = found[member]
-            pose = moved(old.pose, off[None])[0]
-            particles = moved(old.particles, np.tile(off, (len(old.particles), 1)))
+            pose = retract(old.pose, off[None])[0]
+            particles = retract(old.particles, np.tile(off, (len(old.particles), 1)))
             looks[member] = self._at(member, pose)
             others = [look for each, look in looks.items() if each != member]
             support = support_beside(looks[member], others, self._candidates.scale(member[0]),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.tracking.observation import Look
+from pmcl_ros.pmcl.tracking.observation import Observation
 
 _THROUGH = 0.5  # the chance that what is behind something is seen through it
 _BEHIND = 0.005  # m: nearer than this to a surface is not behind it
@@ -31,7 +31,7 @@ class Sight:
     share: float
 
 
-def sight(points: ContourPoints, others: Sequence[Look], scale: float) -> Sight:
+def sight(points: ContourPoints, others: Sequence[Observation], scale: float) -> Sight:
     """The evidence of a contour where others are too.
 
     scale: of the evidence, that makes it a log likelihood.
@@ -57,7 +57,7 @@ def sight(points: ContourPoints, others: Sequence[Look], scale: float) -> Sight:
                  weights, float(points.lengths @ weights) / length if length > 0 else 0.0)
 
 
-def _in_front(points: ContourPoints, others: Sequence[Look]) -> NDArray[np.int64]:
+def _in_front(points: ContourPoints, others: Sequence[Observation]) -> NDArray[np.int64]:
     """(m,) which of the others points of a contour lie behind, the nearest; -1: of none."""
     nearest, which = np.full(len(points.depths), np.inf), np.full(len(points.depths), -1)
     for number, other in enumerate(others):

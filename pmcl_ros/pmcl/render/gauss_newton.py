@@ -35,7 +35,7 @@ _WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
 _SHORTER, _LONGER = 0.25, 2.0  # the next step, after one that led down or up
 
 
-class Climb:
+class GaussNewton:
     """Moves poses to maxima of the contour's evidence in a scene.
 
     region: which their origins do not leave. step: how far aside slopes and curvature are taken

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.pmcl.motion import perturb
-from pmcl_ros.pmcl.summary import moved, tangent
+from pmcl_ros.pmcl.summary import retract, tangent
 from pmcl_ros.runtime.errors import LocalizationError
 
 _ANCESTORS = 512  # at most: particles of the last state that one of the next may be from
@@ -90,7 +90,7 @@ class ActionModel:
     def _moved(self, state: State, time: float, camera: NDArray[np.float64] | None
                ) -> NDArray[np.float64]:
         if self.model == 'constant_velocity':
-            return moved(state.poses, time * state.velocities)
+            return retract(state.poses, time * state.velocities)
         if self.model == 'camera':
             if camera is None or state.camera is None:
                 raise LocalizationError("the object cannot be moved by the camera's own motion: "

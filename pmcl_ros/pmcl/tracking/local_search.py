@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.pmcl.ambiguous_poses import rivals
-from pmcl_ros.pmcl.modes import different
+from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
+from pmcl_ros.pmcl.modes import suppress_duplicates
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.rigid_contour import MovedContour, shrunk
+from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import moved, tangent
+from pmcl_ros.pmcl.summary import retract, tangent
 from pmcl_ros.pmcl.tracking.pilot import piloted
 
 # Different poses that go on: by a wire to coarse contours, from there to fine ones, to the end.
@@ -100,15 +100,15 @@ class LocalSearch:
         points, model = self.contour(prior.pose), self.posterior.model
         if not len(points.lengths):
             return np.zeros((0, 4, 4))
-        wire = MovedContour.of(prior.pose, points, self.edges.pinhole, _WIRE)
+        wire = RigidContour.of(prior.pose, points, self.edges.pinhole, _WIRE)
         blurred, contrast = shrunk(self.edges, _BLUR), ContourProfile.contrast()
         normal = rng.normal(size=(self.candidates, prior.basis.shape[1]))
-        poses = np.concatenate([prior.pose[None], moved(prior.pose, prior.deviations(normal))])
+        poses = np.concatenate([prior.pose[None], retract(prior.pose, prior.deviations(normal))])
         poses = poses[self.posterior.inside(poses)]
         poses = self._best(lambda each: (each, wire.evidence(each, blurred, contrast)), poses,
                            prior, _LIKELY)
         poses = self._best(self.coarse, poses, prior, _HOPEFUL)
-        others = rivals(model, poses[0]) if len(poses) else poses
+        others = ambiguous_poses(model, poses[0]) if len(poses) else poses
         others = others[self.posterior.inside(others)]
         poses = np.concatenate([poses, self.coarse(others)[0]])
         return self._best(self.fine, poses, prior, _MODES)
@@ -120,7 +120,7 @@ class LocalSearch:
         poses, values = stage(poses)
         values = values - 0.5 * prior.square_distance(poses, self.posterior.model.axis)
         poses = poses[np.argsort(-values, kind='stable')]
-        return poses[different(poses, self.posterior.model.symmetry, count)]
+        return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
         """The different modes near poses, best first, of those in the region."""
@@ -129,7 +129,8 @@ class LocalSearch:
                  and each.local.length > 0]
         modes.sort(key=lambda mode: -mode.local.evidence)
         poses = np.array([mode.pose for mode in modes]).reshape(-1, 4, 4)
-        return [modes[k] for k in different(poses, self.posterior.model.symmetry, _MODES)]
+        return [modes[k] for k in suppress_duplicates(poses, self.posterior.model.symmetry,
+                                                      _MODES)]
 
 
 def _product(prior: Gaussian, mode: Mode, axis: NDArray[np.float64] | None) -> Gaussian:
@@ -142,7 +143,7 @@ def _product(prior: Gaussian, mode: Mode, axis: NDArray[np.float64] | None) -> G
     off = local.basis.T @ tangent(prior.pose[None], mode.pose, axis)[0]
     step = local.basis @ np.linalg.solve(told + expected, expected @ off)
     wide = local.basis @ np.linalg.inv(told / _WIDEN ** 2 + expected) @ local.basis.T
-    return Gaussian.of(moved(mode.pose, step[None])[0], wide, axis)
+    return Gaussian.of(retract(mode.pose, step[None])[0], wide, axis)
 
 
 def _share(prior: Gaussian, mode: Mode, product: Gaussian, axis: NDArray[np.float64] | None

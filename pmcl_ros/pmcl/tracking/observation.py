@@ -12,7 +12,7 @@ _NOTHING = 1e-3  # a point that counts less is left out
 
 
 @dataclass(frozen=True)
-class Look:
+class Observation:
     """An object at a pose, as the mode default sees it.
 
     pose: (4, 4), object to camera [m]. points: of its contour, as if it were alone.

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.sampler import Gaussian, LogDensity, sample_posterior
-from pmcl_ros.pmcl.summary import moved, tangent
+from pmcl_ros.pmcl.summary import retract, tangent
 from pmcl_ros.pmcl.weights import Weights
 
 _PILOTS = 192  # particles, by the likeness
@@ -95,6 +95,6 @@ def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float
     share = trusted * weights.normalised + (1 - trusted) / len(off)
     mean = share @ off
     covariance = (off - mean).T @ ((off - mean) * share[:, None]) + least
-    better = Gaussian.of(moved(start.pose, (start.basis @ mean)[None])[0],
+    better = Gaussian.of(retract(start.pose, (start.basis @ mean)[None])[0],
                          start.basis @ (_WIDEN ** 2 * covariance) @ start.basis.T, axis)
     return Tilt(start, slope, height - float(slope @ centre)), better

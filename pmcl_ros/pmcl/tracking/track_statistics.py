@@ -13,7 +13,7 @@ _AMONG = 2 ** 0.5  # likewise of both, root of the sum of squares: still as usua
 _LEAST = 0.2  # nat / px: of these standard deviations
 
 
-class UsualLook:
+class TrackStatistics:
     """Support and evidence of the contour, in the captures in which the object was seen."""
 
     def __init__(self) -> None:

@@ -15,7 +15,7 @@ from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.summary import covariance, credible_level, mean_pose, same_mode
 from pmcl_ros.pmcl.tracking.action import ActionModel, State
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
-from pmcl_ros.pmcl.tracking.track_statistics import UsualLook
+from pmcl_ros.pmcl.tracking.track_statistics import TrackStatistics
 from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -61,7 +61,7 @@ class Tracker:
         self._seen = False  # in the last capture
         self._followed = 0  # captures since the whole region was last searched
         self._confirmed = 0  # how often that was in vain since the object was found
-        self._usual = UsualLook()
+        self._usual = TrackStatistics()
 
     def reset(self) -> None:
         """Forget the track: the next capture is searched as the first."""

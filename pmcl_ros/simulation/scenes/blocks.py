@@ -9,7 +9,7 @@ from scipy.spatial import HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.simulation.scenes.materials import random_glass
-from pmcl_ros.simulation.scenes.objects import Thing, random_finish
+from pmcl_ros.simulation.scenes.objects import SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
@@ -17,7 +17,7 @@ Block = tuple[trimesh.Trimesh, NDArray[np.float64]]  # and the turns (k, 3, 3) i
 _HOLLOW = 0.6  # share of glass blocks that can be hollow which are
 
 
-def random_block(rng: np.random.Generator, glass: bool) -> Thing:
+def random_block(rng: np.random.Generator, glass: bool) -> SceneObject:
     """A block of glass, massive or hollow, or an opaque one."""
     name = list(BLOCKS)[int(rng.integers(len(BLOCKS)))]
     outer, turns = BLOCKS[name](rng)
@@ -28,7 +28,7 @@ def random_block(rng: np.random.Generator, glass: bool) -> Thing:
     if glass and outer.is_convex and rng.random() < _HOLLOW:
         corners, kind = np.concatenate([corners, _inset(outer, wall).triangles[:, ::-1]]), 'hollow'
     solid = Solid(Triangles(np.asarray(corners, float), 0, 1), (medium,), np.eye(4))
-    return Thing(f'{kind if glass else "opaque"} {name}', (solid,),
+    return SceneObject(f'{kind if glass else "opaque"} {name}', (solid,),
                  np.asarray(outer.vertices, float), np.asarray(outer.faces, np.int64), None,
                  discrete=_about(turns, np.asarray(outer.center_mass, float)))
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.simulation.scenes.environment import random_environment
-from pmcl_ros.simulation.scenes.objects import Thing, random_opaque, random_transparent
+from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
 from pmcl_ros.simulation.scenes.random_scene import (
     random_film,
@@ -35,7 +35,7 @@ class GroupScene:
     """A scene, the things in it, and for each of them which thing it is a copy of, or itself."""
 
     scene: Scene
-    things: tuple[Thing, ...]
+    things: tuple[SceneObject, ...]
     copies: tuple[int, ...]
 
 
@@ -86,7 +86,7 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings) -
     return GroupScene(scene, things, tuple(copies))
 
 
-def _placed(rng: np.random.Generator, things: tuple[Thing, ...]) -> list[Pose]:
+def _placed(rng: np.random.Generator, things: tuple[SceneObject, ...]) -> list[Pose]:
     """(4, 4) to the world: each beside an earlier one, their shadows from above apart."""
     worlds: list[Pose] = []
     circles: list[tuple[NDArray[np.float64], float]] = []

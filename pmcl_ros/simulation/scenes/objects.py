@@ -17,7 +17,7 @@ from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
 
 
 @dataclass(frozen=True)
-class Thing:
+class SceneObject:
     """Something that can be put anywhere.
 
     solids: their poses are in the thing's frame. vertices, faces: its outer surface, closed [m].
@@ -38,7 +38,7 @@ class Thing:
         return tuple(Solid(each.surface, each.media, pose @ each.pose) for each in self.solids)
 
 
-def random_transparent(rng: np.random.Generator) -> Thing:
+def random_transparent(rng: np.random.Generator) -> SceneObject:
     """A vessel of glass: empty, filled, massive, or with something in it."""
     vessel, glass = random_vessel(rng), random_glass(rng)
     chance = rng.random()
@@ -59,7 +59,7 @@ def random_transparent(rng: np.random.Generator) -> Thing:
                   upright=kind in ('filled', 'glass with content'))
 
 
-def random_opaque(rng: np.random.Generator) -> Thing:
+def random_opaque(rng: np.random.Generator) -> SceneObject:
     """A closed or open body of a vessel's shape, matt or glossy."""
     vessel = random_vessel(rng)
     is_open = rng.random() < 0.25
@@ -68,10 +68,10 @@ def random_opaque(rng: np.random.Generator) -> Thing:
     return _thing(f'opaque {vessel.kind}', vessel, (solid,))
 
 
-def mesh_thing(mesh: trimesh.Trimesh, medium: Medium, name: str = 'mesh') -> Thing:
+def mesh_thing(mesh: trimesh.Trimesh, medium: Medium, name: str = 'mesh') -> SceneObject:
     """A closed mesh [m] of one medium. Its own symmetry is not looked for."""
     corners = np.asarray(mesh.triangles, float)
-    return Thing(name, (Solid(Triangles(corners, 0, 1), (medium,), np.eye(4)),),
+    return SceneObject(name, (Solid(Triangles(corners, 0, 1), (medium,), np.eye(4)),),
                  np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
 
 
@@ -122,6 +122,7 @@ def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
     return (Solid(ball, (random_finish(rng),), pose_of(Rotation.random(rng=rng), middle)),)
 
 
-def _thing(name: str, vessel: Vessel, solids: tuple[Solid, ...], upright: bool = False) -> Thing:
+def _thing(name: str, vessel: Vessel, solids: tuple[Solid, ...],
+           upright: bool = False) -> SceneObject:
     vertices, faces = outer_mesh(vessel.closed)
-    return Thing(name, solids, vertices, faces, np.array([0, 0, 1.0]), upright)
+    return SceneObject(name, solids, vertices, faces, np.array([0, 0, 1.0]), upright)

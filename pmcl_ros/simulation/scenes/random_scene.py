@@ -9,7 +9,7 @@ from pmcl_ros.lightfield.view_grid import ViewGrid
 from pmcl_ros.simulation.scenes.blocks import random_block
 from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import (
-    Thing,
+    SceneObject,
     random_box,
     random_opaque,
     random_transparent,
@@ -28,7 +28,7 @@ _SHOT, _READ = 5.5e-4, 0.002
 
 
 def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None,
-                 things: tuple[Thing, ...] = ()) -> Scene:
+                 things: tuple[SceneObject, ...] = ()) -> Scene:
     """Draw a scene.
 
     things: what to look for; by default as many as the settings say, of the kind they say. Where
@@ -66,7 +66,7 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
                  sensor, targets, tuple(owners))
 
 
-def _thing(rng: np.random.Generator, kind: Kind) -> Thing:
+def _thing(rng: np.random.Generator, kind: Kind) -> SceneObject:
     glass = kind.startswith('glass')
     if 'block' in kind:
         return random_block(rng, glass)
@@ -89,14 +89,14 @@ def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
                   (red, 1.0, blue))
 
 
-def random_way(rng: np.random.Generator, thing: Thing) -> str:
+def random_way(rng: np.random.Generator, thing: SceneObject) -> str:
     """How a thing lies on the table: as `poses.resting` takes it."""
     if thing.upright:
         return 'upright'
     return str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
 
 
-def _spots(rng: np.random.Generator, things: tuple[Thing, ...], clutter: int
+def _spots(rng: np.random.Generator, things: tuple[SceneObject, ...], clutter: int
            ) -> list[NDArray[np.float64]]:
     """Places on the table, targets' first, so far apart that nothing touches."""
     reach = [float(np.linalg.norm(each.vertices, axis=1).max()) for each in things]
@@ -127,7 +127,7 @@ def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, world
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]))
 
 
-def _target(rng: np.random.Generator, thing: Thing, pose: Pose, side: float, empty: bool
+def _target(rng: np.random.Generator, thing: SceneObject, pose: Pose, side: float, empty: bool
             ) -> Target:
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
     return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.cost import cost_volume, likelihood_volume
-from pmcl_ros.dlv.cost_inputs import Matching
+from pmcl_ros.dlv.cost_inputs import CostInputs
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
@@ -70,7 +70,7 @@ def work(labels=20, size=(40, 30), baseline=0.001, **options):
                     np.ones((1, 3), np.float32))
     field = LightField(Header(), np.ones((1, 3, height, width, 3), np.float32), grid)
     settings = DlvSettings(**options)
-    return least_work(Matching.of(field, depth_labels(0.3, 0.9, labels), settings), settings)
+    return least_work(CostInputs.of(field, depth_labels(0.3, 0.9, labels), settings), settings)
 
 
 def test_the_least_work_by_hand():

@@ -6,7 +6,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 
 from pmcl_ros.nodes.runtime.base import StageNode
-from pmcl_ros.nodes.transport.deferred_publisher import Audience, Output
+from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 
@@ -26,7 +26,7 @@ class Speaker(StageNode):
     def start(self):
         outputs = [Output(lambda name=name: name in self.listens, words.append)
                    for name, words in self.said.items()]
-        self.audience = Audience(self, outputs, 'a word: nobody listens', self.patience)
+        self.audience = DeferredPublisher(self, outputs, 'a word: nobody listens', self.patience)
 
     def say(self, word):
         def make():

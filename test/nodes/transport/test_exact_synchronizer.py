@@ -1,11 +1,11 @@
 """Messages are joined by stamp, and what is given up is told."""
 
-from pmcl_ros.nodes.transport.exact_synchronizer import Matching
+from pmcl_ros.nodes.transport.exact_synchronizer import ExactSynchronizer
 
 
 def make(depth=2):
     told = []
-    return Matching(['a', 'b', 'c'], depth, told.append), told
+    return ExactSynchronizer(['a', 'b', 'c'], depth, told.append), told
 
 
 def test_a_capture_is_complete_in_whatever_order_it_comes():
@@ -61,7 +61,7 @@ def test_stamps_may_go_back_as_in_a_bag_played_again():
 
 def test_what_the_subscription_of_the_main_topic_counts_is_told_with_a_count_of_0():
     told = []
-    matching = Matching(['a', 'b'], 1, lambda *given: told.append(given), main='a')
+    matching = ExactSynchronizer(['a', 'b'], 1, lambda *given: told.append(given), main='a')
     for topic, stamp in (('b', 1), ('a', 2), ('a', 3)):
         assert matching.add(topic, stamp, None) is None
     assert told == [('capture 1: no a came with it', 0), ('capture 2: no b came with it',)]

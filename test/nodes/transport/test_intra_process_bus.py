@@ -24,7 +24,7 @@ from std_msgs.msg import Float32MultiArray
 from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
-from pmcl_ros.nodes.transport.intra_process_bus import HandOver
+from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.values import ValuePublisher, subscribe_value
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
@@ -97,7 +97,7 @@ def stamped(small_volume):
 @pytest.fixture
 def pair(start):
     """A giver and a taker that share what nodes of one process do."""
-    hand_over = HandOver()
+    hand_over = IntraProcessBus()
     return start(Giver, hand_over=hand_over), start(Taker, hand_over=hand_over)
 
 
@@ -217,7 +217,7 @@ def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, 
 
 
 def test_names_count_as_for_messages(user, start, stamped):
-    hand_over = HandOver()
+    hand_over = IntraProcessBus()
     giver = start(Giver, hand_over=hand_over, namespace='/left')
     right = start(Taker, hand_over=hand_over, namespace='/right')
     remapped = start(Taker, hand_over=hand_over, namespace='/left',
@@ -233,7 +233,7 @@ def test_names_count_as_for_messages(user, start, stamped):
 
 
 def test_two_graphs_do_not_mix(user, start, stamped):
-    one, two = HandOver(), HandOver()
+    one, two = IntraProcessBus(), IntraProcessBus()
     graphs = [(start(Giver, hand_over=each, namespace=name),
                start(Taker, hand_over=each, namespace=name))
               for each, name in ((one, '/a'), (two, '/b'))]

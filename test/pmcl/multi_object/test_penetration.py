@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, Placed, apart, deepest_pair
 from pmcl_ros.pmcl.multi_object.solid import Solid
-from pmcl_ros.pmcl.summary import moved
+from pmcl_ros.pmcl.summary import retract
 
 BALL = Solid.of(model_of(trimesh.creation.icosphere(4, 0.03)))
 BOX = Solid.of(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))
@@ -54,7 +54,7 @@ def test_any_three_are_apart_in_the_end(numbers):
     things = [Placed(solid, pose_of(turn, spot), wide)
               for solid, spot in zip((BALL, BOX, BALL), spots, strict=True)]
     found = apart(things)
-    after = [(each.solid, moved(each.pose, off[None])[0])
+    after = [(each.solid, retract(each.pose, off[None])[0])
              for each, off in zip(things, found.deviations, strict=True)]
     assert deepest_pair(after) == pytest.approx(max(found.depth, deepest_pair(after)))
     assert found.depth <= DEEPEST

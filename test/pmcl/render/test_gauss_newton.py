@@ -10,10 +10,10 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.gauss_newton import Climb, _climb
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton, _climb
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import moved, rotation_distance, tangent
+from pmcl_ros.pmcl.summary import retract, rotation_distance, tangent
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -42,14 +42,14 @@ def shown(request, _session_context):
 
 def beside(truth, count, size=1.0, seed=0):
     off = np.random.default_rng(seed).normal(size=(count, 6))
-    return moved(truth, size * off * [0.0015, 0.0015, 0.005, 0.03, 0.03, 0.03])
+    return retract(truth, size * off * [0.0015, 0.0015, 0.005, 0.03, 0.03, 0.03])
 
 
 @pytest.mark.parametrize('scale', [1, 2, 4])
 def test_without_a_step_it_is_the_score(shown, scale):
     model, truth, edges = shown
     poses = np.concatenate([beside(truth, 20, 3), random_poses(10, 5)])
-    climb = Climb(seen(model, scale), edges, PROFILE, REGION, 1.0)
+    climb = GaussNewton(seen(model, scale), edges, PROFILE, REGION, 1.0)
     found, values = climb(poses, 0, 1.0, 0.1)
     np.testing.assert_array_equal(found, poses)
     assert climb.evaluations == len(poses)
@@ -60,7 +60,7 @@ def test_without_a_step_it_is_the_score(shown, scale):
 
 def test_its_first_step_is_the_local_models(shown):
     model, truth, edges = shown
-    climb = Climb(seen(model), edges, PROFILE, REGION, 1.0)
+    climb = GaussNewton(seen(model), edges, PROFILE, REGION, 1.0)
     with NumbaRenderer().contour_score(seen(model), edges, PROFILE) as score:
         compared = 0
         for pose in beside(truth, 20, 0.7):
@@ -78,7 +78,7 @@ def test_its_first_step_is_the_local_models(shown):
 
 def test_it_leads_to_the_truth(shown):
     model, truth, edges = shown
-    climb = Climb(seen(model, 2), edges, PROFILE, REGION, 1.0)
+    climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
     start = beside(truth, 60)
     (_, before), (found, after) = climb(start, 0, 2.0, 0.05), climb(start, 12, 2.0, 0.05)
     assert (after >= before).all()
@@ -94,7 +94,7 @@ def test_more_tries_go_higher_and_cost_no_more_than_they_are(shown):
     model, truth, edges = shown
     start, last = beside(truth, 30, 2), np.full(30, -np.inf)
     for tries in (0, 1, 3, 9):
-        climb = Climb(seen(model, 2), edges, PROFILE, REGION, 1.0)
+        climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
         _, values = climb(start, tries, 2.0, 0.1)
         assert (values >= last).all()
         assert len(start) <= climb.evaluations <= len(start) * (1 + tries)
@@ -104,7 +104,7 @@ def test_more_tries_go_higher_and_cost_no_more_than_they_are(shown):
 def test_each_pose_climbs_by_itself(shown):
     model, truth, edges = shown
     start = beside(truth, 9, 2)
-    climb = Climb(seen(model, 2), edges, PROFILE, REGION, 1.0)
+    climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
     together, alone = climb(start, 6, 2.0, 0.1), [climb(each[None], 6, 2.0, 0.1)
                                                   for each in start]
     np.testing.assert_array_equal(together[0], np.concatenate([each[0] for each in alone]))
@@ -118,7 +118,7 @@ def test_none_leaves_the_region(shown):
     region = Region(tuple(truth[:3, 3] + [0.012, 0, 0]), (0.02, 0.02, 0.04))
     start = beside(truth, 30)
     start[:, :3, 3] = region.clip(start[:, :3, 3])
-    found, _ = Climb(seen(model, 2), edges, PROFILE, region, 1.0)(start, 8, 2.0, 0.05)
+    found, _ = GaussNewton(seen(model, 2), edges, PROFILE, region, 1.0)(start, 8, 2.0, 0.05)
     assert region.contains(found[:, :3, 3]).all()
     assert (found != start).any()
 
@@ -126,7 +126,7 @@ def test_none_leaves_the_region(shown):
 def test_what_begins_outside_the_region_stays_there(shown):
     model, truth, edges = shown
     region = Region((0.5, 0, 0.42), (0.02, 0.02, 0.02))
-    climb = Climb(seen(model, 2), edges, PROFILE, region, 1.0)
+    climb = GaussNewton(seen(model, 2), edges, PROFILE, region, 1.0)
     for reach in ((8, 2.0, 0.05), (0, 0, 0)):
         np.testing.assert_array_equal(climb(beside(truth, 3), *reach)[0], beside(truth, 3))
 
@@ -139,16 +139,16 @@ def test_what_shows_nothing_stays_where_it_is():
     tiny = EdgeVolume(Header(), tensor, depth_labels(0.3, 0.6, 3),
                       Pinhole(3, 2, 300, 300, 1.5, 1))
     scene = Scene(CUP, tiny.pinhole, Window(0, 0, (3, 2)), 0.25, 0.75)
-    found, values = Climb(scene, tiny, PROFILE, region, 1.0)(hidden[None], 5, 2.0, 0.1)
+    found, values = GaussNewton(scene, tiny, PROFILE, region, 1.0)(hidden[None], 5, 2.0, 0.1)
     np.testing.assert_array_equal(found[0], hidden)
     np.testing.assert_array_equal(values, 0)
 
 
 def test_a_warm_climb_compiles_no_more(shown):
     model, truth, edges = shown
-    Climb.warm_up()
+    GaussNewton.warm_up()
     before = len(_climb.signatures)
-    climb = Climb(seen(model, 2), edges, PROFILE, REGION, 1)
+    climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1)
     for reach in ((8, 2.0, 0.05), (0, 0, 0)):
         climb(beside(truth, 2)[::-1], *reach)
     assert len(_climb.signatures) == before

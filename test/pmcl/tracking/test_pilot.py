@@ -6,7 +6,7 @@ from pmcl_scenes import random_poses
 from test_sampler import AXIS, covariance_of, density
 
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import moved, same_mode, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import retract, same_mode, tangent, tangent_basis
 from pmcl_ros.pmcl.tracking.pilot import piloted
 
 OFF = 1.5  # standard deviations that the likeness lies beside the density
@@ -18,7 +18,7 @@ def beside(pose, covariance, axis, seed):
     direction = np.random.default_rng([1, seed]).normal(size=basis.shape[1])
     root = np.linalg.cholesky(basis.T @ covariance @ basis)
     step = basis @ root @ direction * OFF / np.linalg.norm(direction)
-    return moved(pose, step[None])[0]
+    return retract(pose, step[None])[0]
 
 
 @pytest.mark.parametrize('axis', [None, AXIS], ids=['whole', 'symmetric'])
@@ -35,7 +35,7 @@ def test_what_a_density_says_more_is_learned(axis, seed):
                             np.random.default_rng(seed))
     # Two Gaussians alike but for their place differ by a plane: then nothing is left.
     normal = np.random.default_rng([2, seed]).normal(size=(200, start.basis.shape[1]))
-    near = moved(pose, Gaussian.of(pose, target, axis).deviations(normal))
+    near = retract(pose, Gaussian.of(pose, target, axis).deviations(normal))
     left = tilted(near) - exact(near)
     assert left.std() < 0.1 * OFF
     assert abs(left.mean()) < 0.2

@@ -5,7 +5,7 @@ import pytest
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.tracking.track_statistics import UsualLook
+from pmcl_ros.pmcl.tracking.track_statistics import TrackStatistics
 
 
 def seen(support, evidence):
@@ -14,7 +14,7 @@ def seen(support, evidence):
 
 
 def looks(count, rng):
-    usual = UsualLook()
+    usual = TrackStatistics()
     values = rng.normal([0.5, 2.0], [0.4, 0.1], (count, 2))
     for support, evidence in values:
         usual.remember(seen(support, evidence))
