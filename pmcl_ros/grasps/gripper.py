@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pmcl_ros.geometry.transforms import inverse, transform
+from pmcl_ros.geometry.se3 import inverse, transform
 from pmcl_ros.runtime.settings import Settings
 
 

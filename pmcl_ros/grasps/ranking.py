@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.transforms import about, covariance_at, without_spin
+from pmcl_ros.geometry.se3 import point_covariance, remove_spin, rotations_about
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.grasp import Grasp
 from pmcl_ros.grasps.gripper import GripperSettings
@@ -124,16 +124,17 @@ class Ranker:
             return (pose @ own)[:, None]
         outwards = pose[:3, :3].T @ (pose[:3, 3] - self._settings.shoulder)
         steps = 2 * np.pi * np.arange(self._settings.turns) / self._settings.turns
-        return np.stack([pose @ about(axis, _aligning(each, axis, outwards, pose) + steps) @ each
-                         for each in own])
+        angles = (_aligning(each, axis, outwards, pose) + steps for each in own)
+        return np.stack([pose @ rotations_about(axis, about) @ each
+                         for about, each in zip(angles, own, strict=True)])
 
     def _probability(self, pose: NDArray[np.float64], covariance: NDArray[np.float64],
                      poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(grasps, turns) that the open fingers clear the object."""
         if self._model.axis is not None:
-            covariance = without_spin(covariance, pose[:3, :3] @ self._model.axis)
+            covariance = remove_spin(covariance, pose[:3, :3] @ self._model.axis)
         turns = poses[..., :3, :3]
-        shift = covariance_at(covariance, poses[..., :3, 3] - pose[:3, 3])
+        shift = point_covariance(covariance, poses[..., :3, 3] - pose[:3, 3])
         shift = np.swapaxes(turns, -1, -2) @ shift @ turns
         shift = shift + self._settings.arm_sigma ** 2 * np.eye(3)
         return np.stack([room.probability(each) for room, each

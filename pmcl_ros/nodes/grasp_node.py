@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.transforms import transform, turned_covariance
+from pmcl_ros.geometry.se3 import rotate_covariance, transform
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker, Ranking
 from pmcl_ros.grasps.settings import GraspSettings
@@ -124,7 +124,7 @@ class GraspNode(StageNode):
             raise GraspError(f'the pose is told in {header.frame_id!r}, expected camera_frame '
                              f'{self._settings.camera_frame!r}')
         camera = self._arm.at(header.stamp_ns) @ self._mount
-        return self._ranker.rank(camera @ pose, turned_covariance(covariance, camera[:3, :3]))
+        return self._ranker.rank(camera @ pose, rotate_covariance(covariance, camera[:3, :3]))
 
     def _none(self, header: Header, why: str) -> None:
         self._publish(header, Ranking((), {}))

@@ -34,7 +34,7 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
-from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
@@ -194,7 +194,7 @@ class PmclNode(StageNode):
             return None
         try:
             return self._camera_poses.at(volume.header)
-        except LocalizationError as error:
+        except PoseUnavailableError as error:
             self.get_logger().warning(str(error))
             return None
 

@@ -21,7 +21,12 @@ from pmcl_ros.nodes.runtime.camera_poses import camera_poses
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import view_outputs
-from pmcl_ros.runtime.errors import LightFieldError, PmclError, SettingsError
+from pmcl_ros.runtime.errors import (
+    LightFieldError,
+    PmclError,
+    PoseUnavailableError,
+    SettingsError,
+)
 from pmcl_ros.runtime.resources import resolve
 
 _LOOK = 0.05  # s between two looks for poses of images that wait
@@ -126,7 +131,7 @@ class SweepDriver(StageNode):
             lens = self._lens
             try:
                 moving = self._poses.at(first.header.stamp_ns, first.header.frame_id)
-            except LightFieldError as error:
+            except PoseUnavailableError as error:
                 self._give_up(self._waiting.popleft(), str(error))
                 continue
             if lens is None or moving is None:
@@ -138,7 +143,7 @@ class SweepDriver(StageNode):
             self._waiting.popleft()
             try:
                 frame = SweepFrame(first.name, first.header.stamp_ns, colours_from(first.image),
-                                   lens, moving.pose, moving.speed, moving.turning)
+                                   lens, moving.pose, moving.speed, moving.angular_speed)
             except PmclError as error:
                 self._collection.leave_out(first.name, str(error))
                 raise LightFieldError(f'{first.name} is left out: {error}') from None

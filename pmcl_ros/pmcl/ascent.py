@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.summary import retract
 
 
 def ascent(pose: NDArray[np.float64], about: Callable[[NDArray[np.float64]], LocalModel],

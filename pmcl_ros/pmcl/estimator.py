@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -16,7 +17,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, retract, same_mode
+from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, same_mode
 from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.pmcl.weights import Weights
 

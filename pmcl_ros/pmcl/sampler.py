@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 from scipy.stats import qmc
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Record
-from pmcl_ros.pmcl.summary import retract, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import tangent, tangent_basis
 from pmcl_ros.pmcl.weights import Weights
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]

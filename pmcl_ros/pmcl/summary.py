@@ -91,14 +91,6 @@ def tangent_basis(mean: NDArray[np.float64], axis: NDArray[np.float64] | None
     return basis
 
 
-def retract(poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses (..., 4, 4) moved by tangent vectors (n, 6): `tangent` undone, (n, 4, 4)."""
-    result = np.array(np.broadcast_to(poses, (len(deviations), 4, 4)))
-    result[:, :3, 3] += deviations[:, :3]
-    result[:, :3, :3] = Rotation.from_rotvec(deviations[:, 3:]).as_matrix() @ result[:, :3, :3]
-    return result
-
-
 def credible_level(pose: NDArray[np.float64], mean: NDArray[np.float64],
                    covariance: NDArray[np.float64], axis: NDArray[np.float64] | None) -> float:
     """Level (0..1) of the smallest credible region about an estimate that holds `pose`.

@@ -52,6 +52,10 @@ class GraspError(PmclError):
     """No grasp can be made or ranked from what was given."""
 
 
+class PoseUnavailableError(PmclError):
+    """The pose of an arm or a camera is not known at the time of a capture."""
+
+
 class MessageError(PmclError):
     """A ROS message does not hold what its topic promises."""
 

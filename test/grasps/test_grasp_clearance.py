@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from scipy.stats import multivariate_normal
 
-from pmcl_ros.geometry.transforms import covariance_at, without_spin
+from pmcl_ros.geometry.se3 import point_covariance, remove_spin
 from pmcl_ros.grasps.clearance import (
     Clearance,
     in_grasp_frame,
@@ -81,7 +81,7 @@ def test_a_gripper_clears_a_glass_as_often_as_told(made, vessels, rooms, mesh_of
         turn @ np.array([[.003, 0, 0], [.003, .011, 0], [0, .001, .002]])).T
     covariance[3:, 3:] = np.diag([.02, .02, 0]) ** 2
     covariance[5, 5] = np.pi ** 2 / 3
-    shift = covariance_at(without_spin(covariance, model.axis), grasp.pose[:3, 3])
+    shift = point_covariance(remove_spin(covariance, model.axis), grasp.pose[:3, 3])
     told = float(room.probability(turn.T @ shift @ turn))
     draws = rng.multivariate_normal(np.zeros(6), covariance, size=700)
     share = physically_clear(grasp, samples, draws[:, :3], draws[:, 3:], np.zeros(3)).mean()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.transforms import about, transform
+from pmcl_ros.geometry.se3 import rotations_about, transform
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
@@ -31,7 +31,7 @@ def test_a_spin_about_the_axis_changes_nothing(vessels, made, name, spin):
     world = pose[:3, :3] @ axis
     covariance[3:, 3:] += np.pi ** 2 / 3 * np.outer(world, world)
     one = rank(pose, covariance)
-    two = rank(pose @ about(axis, np.array([spin]))[0], covariance)
+    two = rank(pose @ rotations_about(axis, np.array([spin]))[0], covariance)
     assert len(one.candidates) > 20
     assert one.refused == two.refused
     assert len(one.candidates) == len(two.candidates)

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.transforms import inverse, transform, turned_covariance
+from pmcl_ros.geometry.se3 import inverse, rotate_covariance, transform
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
@@ -109,7 +109,7 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     found = planner.grasps()
     model, gripper, grasps = GraspFile.read(FILE)
     expected = Ranker(model, gripper, grasps, SETTINGS).rank(
-        GLASS, turned_covariance(SPREAD, CAMERA[:3, :3])).candidates
+        GLASS, rotate_covariance(SPREAD, CAMERA[:3, :3])).candidates
     poses = cv.particles_from(found['grasps'])[1]
     assert len(poses) == len(expected) > 10
     parent = np.stack([each.pose for each in expected]) @ gripper.parent_pose
@@ -170,7 +170,7 @@ def test_what_cannot_be_placed_is_refused(node, user):
     process, planner = node()
     seen = inverse(CAMERA) @ GLASS
     for publish, reason in (
-            (lambda: None, 'no pose of the arm has come'),
+            (lambda: None, 'arm_pose: no pose has come'),
             (lambda: planner.arm.publish(stamped(ARM, STAMP - 2 * SECOND)),
              '2.000 s older, at most 0.1 s are allowed (max_age)'),
             (lambda: planner.arm.publish(stamped(ARM, STAMP, 'odom')),

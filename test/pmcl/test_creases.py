@@ -11,6 +11,7 @@ from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
@@ -19,7 +20,6 @@ from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import retract
 
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 DEPTHS = depth_labels(0.3, 0.7, 6)

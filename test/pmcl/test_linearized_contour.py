@@ -6,10 +6,10 @@ from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, random_pose
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import energies_across, evidence_across
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import retract
 
 CUP = model_of(cup(), [0, 0, 1])
 PROFILE = ContourProfile.learned()

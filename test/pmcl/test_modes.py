@@ -3,9 +3,9 @@
 import numpy as np
 from pmcl_scenes import random_poses
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import same_mode_of, suppress_duplicates
-from pmcl_ros.pmcl.summary import retract
 
 NONE = Symmetry(None, np.eye(4)[None])
 ROUND = Symmetry(np.array([0, 0, 1.0]), np.eye(4)[None])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from pmcl_scenes import random_poses
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import retract, same_mode, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import same_mode, tangent, tangent_basis
 
 AXIS = np.array([0, 0, 1.0])
 SIGMA = np.array([0.001, 0.0005, 0.004, 0.02, 0.03, 0.01])

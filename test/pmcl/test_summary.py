@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from pmcl_scenes import pose_of, random_poses
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.motion import perturb
 from pmcl_ros.pmcl.summary import (
     FREE_AXIS_VARIANCE,
@@ -12,7 +13,6 @@ from pmcl_ros.pmcl.summary import (
     covariance,
     credible_level,
     mean_pose,
-    retract,
     rotation_distance,
     same_mode,
     tangent,

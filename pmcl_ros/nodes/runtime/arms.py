@@ -9,10 +9,10 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 
 from pmcl_ros import conversions
-from pmcl_ros.grasps.arm import ArmHistory
+from pmcl_ros.geometry.pose_buffer import PoseBuffer
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
-from pmcl_ros.runtime.errors import GraspError, SettingsError
+from pmcl_ros.runtime.errors import GraspError, PoseUnavailableError, SettingsError
 
 _KEPT = 120.0  # s: how long transforms are remembered; a search takes seconds
 
@@ -24,7 +24,7 @@ class Arm(Protocol):
         """Listen, while the node is active."""
 
     def at(self, stamp_ns: int) -> NDArray[np.float64]:
-        """The pose; GraspError where none is known for that time."""
+        """The pose; PoseUnavailableError where none is known for that time."""
 
 
 class FixedArm:
@@ -46,12 +46,17 @@ class TopicArm:
 
     def start(self) -> None:
         """Listen."""
-        self._history = ArmHistory(self._settings.max_age, _KEPT)
+        self._history = PoseBuffer(_KEPT)
         self._node.subscribe(PoseStamped, 'arm_pose', self._on_pose, SMALL)
 
     def at(self, stamp_ns: int) -> NDArray[np.float64]:
         """The pose, between the two about that time or the nearest."""
-        return self._history.at(stamp_ns)
+        try:
+            return self._history.nearest(stamp_ns, self._settings.max_age)
+        except PoseUnavailableError as error:
+            raise PoseUnavailableError(
+                f"arm_pose: {error} (max_age): publish it around the shutter's time, with the "
+                'same clock, or set the parameter arm') from None
 
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = conversions.pose_from(message)
@@ -82,8 +87,8 @@ class TfArm:
         try:
             found = self._buffer.lookup_transform(base, link, Time(nanoseconds=stamp_ns))
         except self._tf.TransformException as error:
-            raise GraspError(f'/tf has no {base} -> {link} at the capture {stamp_ns}: {error}'
-                             ) from error
+            raise PoseUnavailableError(f'/tf has no {base} -> {link} at the capture {stamp_ns}: '
+                                       f'{error}') from error
         return matrix_of(found.transform)
 
 

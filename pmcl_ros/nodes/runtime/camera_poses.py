@@ -7,9 +7,9 @@ from rclpy.duration import Duration
 from rclpy.time import Time
 
 from pmcl_ros import conversions
-from pmcl_ros.geometry.transforms import transform
+from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
+from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
-from pmcl_ros.lightfield.sweep.trajectory import Moving, Trajectory
 from pmcl_ros.nodes.runtime.arms import matrix_of, tf2
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
@@ -26,10 +26,10 @@ class CameraPoses(Protocol):
     def start(self) -> None:
         """Listen, while the node is active."""
 
-    def at(self, stamp_ns: int, frame_id: str) -> Moving | None:
+    def at(self, stamp_ns: int, frame_id: str) -> MovingPose | None:
         """The camera's pose at a time; frame_id: of the image.
 
-        None where it may still come; LightFieldError where it will not.
+        None where it may still come; PoseUnavailableError where it will not.
         """
 
 
@@ -44,12 +44,12 @@ class TopicPoses:
 
     def start(self) -> None:
         """Listen."""
-        self._trajectory = Trajectory(self._settings.gap, _KEPT)
+        self._trajectory = PoseBuffer(_KEPT)
         self._node.subscribe(PoseStamped, 'camera_pose', self._on_pose, MANY)
 
-    def at(self, stamp_ns: int, frame_id: str) -> Moving | None:  # noqa: ARG002 -- told by mount
+    def at(self, stamp_ns: int, frame_id: str) -> MovingPose | None:  # noqa: ARG002 -- told by mount
         """The pose of that stamp, or between the two about it."""
-        return self._trajectory.at(stamp_ns)
+        return self._trajectory.interpolated(stamp_ns, self._settings.gap)
 
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = conversions.pose_from(message)
@@ -76,7 +76,7 @@ class TfPoses:
         listener = self._tf.TransformListener(self._buffer, self._node)
         self._node.active.callback(listener.unregister)
 
-    def at(self, stamp_ns: int, frame_id: str) -> Moving | None:
+    def at(self, stamp_ns: int, frame_id: str) -> MovingPose | None:
         """The transform at that time, and how it changed just before."""
         camera = self._settings.camera_frame or frame_id
         times = stamp_ns, stamp_ns - round(_BEFORE * 1e9)
@@ -87,7 +87,7 @@ class TfPoses:
         except self._tf.TransformException as error:
             self.missing = f'/tf has no {self._settings.fixed_frame} -> {camera}: {error}'
             return None
-        return Moving.between(before, now, _BEFORE, 1)
+        return MovingPose.between(before, now, _BEFORE, 1)
 
 
 def camera_poses(node: StageNode, settings: SweepDriverSettings) -> CameraPoses:

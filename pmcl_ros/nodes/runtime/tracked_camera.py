@@ -10,11 +10,11 @@ from rclpy.time import Time
 
 from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.grasps.arm import ArmHistory
+from pmcl_ros.geometry.pose_buffer import PoseBuffer
 from pmcl_ros.nodes.runtime.arms import matrix_of, tf2
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
-from pmcl_ros.runtime.errors import GraspError, LocalizationError, SettingsError
+from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError, SettingsError
 
 _KEPT = 120.0  # s: how long poses are remembered; a search takes seconds
 
@@ -26,7 +26,7 @@ class TrackedCamera(Protocol):
         """Listen, while the node is active."""
 
     def at(self, capture: Header) -> NDArray[np.float64]:
-        """The pose; LocalizationError where none is known for that time."""
+        """The pose; PoseUnavailableError where none is known for that time."""
 
 
 class TopicCamera:
@@ -37,15 +37,15 @@ class TopicCamera:
 
     def start(self) -> None:
         """Listen."""
-        self._history = ArmHistory(self._settings.track_max_age, _KEPT)
+        self._history = PoseBuffer(_KEPT)
         self._node.subscribe(PoseStamped, 'camera_pose', self._on_pose, MANY)
 
     def at(self, capture: Header) -> NDArray[np.float64]:
         """The pose, between the two about that time or the nearest."""
         try:
-            return self._history.at(capture.stamp_ns)
-        except GraspError:
-            raise LocalizationError(
+            return self._history.nearest(capture.stamp_ns, self._settings.track_max_age)
+        except PoseUnavailableError:
+            raise PoseUnavailableError(
                 f'no camera_pose has come of within {self._settings.track_max_age:g} s of the '
                 f'capture {capture.stamp_ns} (track_max_age): publish it around the '
                 "shutter's time, with the same clock") from None
@@ -80,8 +80,8 @@ class TfCamera:
             found = self._buffer.lookup_transform(fixed, capture.frame_id,
                                                   Time(nanoseconds=capture.stamp_ns))
         except self._tf.TransformException as error:
-            raise LocalizationError(f'/tf has no {fixed} -> {capture.frame_id} at the capture '
-                                    f'{capture.stamp_ns}: {error}') from error
+            raise PoseUnavailableError(f'/tf has no {fixed} -> {capture.frame_id} at the capture '
+                                       f'{capture.stamp_ns}: {error}') from error
         return matrix_of(found.transform)
 
 

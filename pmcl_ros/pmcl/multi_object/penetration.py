@@ -7,8 +7,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_object.solid import Contact, Solid, contact
-from pmcl_ros.pmcl.summary import retract
 
 DEEPEST = 0.002  # m: deeper no two objects are in each other
 _AIMED = 0.001  # m: so deep they are left, as points of a surface tell it not quite

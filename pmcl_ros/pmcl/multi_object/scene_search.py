@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_evidence import Free
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -18,7 +19,7 @@ from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.summary import retract, tangent_basis
+from pmcl_ros.pmcl.summary import tangent_basis
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 
 _LOG = logging.getLogger(__name__)

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.motion import perturb
-from pmcl_ros.pmcl.summary import retract, tangent
+from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.runtime.errors import LocalizationError
 
 _ANCESTORS = 512  # at most: particles of the last state that one of the next may be from

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.modes import suppress_duplicates
 from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import retract, tangent
+from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.tracking.pilot import piloted
 
 # Different poses that go on: by a wire to coarse contours, from there to fine ones, to the end.

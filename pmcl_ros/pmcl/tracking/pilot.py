@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.sampler import Gaussian, LogDensity, sample_posterior
-from pmcl_ros.pmcl.summary import retract, tangent
+from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.weights import Weights
 
 _PILOTS = 192  # particles, by the likeness

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from pmcl_scenes import model_of, pose_of
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, Placed, apart, deepest_pair
 from pmcl_ros.pmcl.multi_object.solid import Solid
-from pmcl_ros.pmcl.summary import retract
 
 BALL = Solid.of(model_of(trimesh.creation.icosphere(4, 0.03)))
 BOX = Solid.of(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))

@@ -8,12 +8,13 @@ from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton, _climb
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import retract, rotation_distance, tangent
+from pmcl_ros.pmcl.summary import rotation_distance, tangent
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])

@@ -5,8 +5,9 @@ import pytest
 from pmcl_scenes import random_poses
 from test_sampler import AXIS, covariance_of, density
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import retract, same_mode, tangent, tangent_basis
+from pmcl_ros.pmcl.summary import same_mode, tangent, tangent_basis
 from pmcl_ros.pmcl.tracking.pilot import piloted
 
 OFF = 1.5  # standard deviations that the likeness lies beside the density
