@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
-from pmcl_ros.camera.lytro.discovery import find_camera
+from pmcl_ros.camera.lytro.address import find_camera
 from pmcl_ros.runtime.errors import PmclError, RenderError
 from pmcl_ros.runtime.gl import GlContext
 from pmcl_ros.runtime.kernels import cache_folder

@@ -6,8 +6,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from pmcl_ros.camera.lfp import LARGEST_TEXT, Container
-from pmcl_ros.camera.lfp_picture import LARGEST_RAW, lfp_to_picture, picture_to_lfp
+from pmcl_ros.camera.lfp import (
+    LARGEST_RAW,
+    LARGEST_TEXT,
+    Container,
+    lfp_to_picture,
+    picture_to_lfp,
+)
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame

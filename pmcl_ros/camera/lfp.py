@@ -1,18 +1,21 @@
-"""The LFP container (lytro_f01.md, B1): sections, each named by the SHA-1 of what it holds.
-
-A header, then sections aligned to 16 bytes: one table of contents (JSON) and any number of
-components that the table refers to by 'sha1-' and 40 hex digits. Integers are big-endian.
-"""
+"""The LFP container and F01 pictures in it (lytro_f01.md, B1)."""
 
 import hashlib
 import json
+import ntpath
+import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.settings import explain
 
 LARGEST_TEXT = 4_000_000  # bytes; the camera's JSON has some ten thousand
 
@@ -179,3 +182,112 @@ def _read(stream: BinaryIO, section: Section, largest: int) -> bytes:
                           f'at most {largest} make sense for what it should be')
     stream.seek(section.offset)
     return stream.read(section.length)
+
+
+LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
+
+_PARTS = ('metadata', 'privateMetadata')
+_REFERENCES = ('imageRef', *(f'{part}Ref' for part in _PARTS))
+_OUTSIDE = 'pmcl_ros.outside_master'  # what the camera wrote beside 'master', as 'debug'
+_NAME = re.compile(r'\w[\w .+-]*', re.ASCII)
+
+
+class _References(BaseModel):
+    model_config = ConfigDict(frozen=True, extra='ignore')
+
+    image: str = Field(alias='imageRef')
+    metadata: str = Field(alias='metadataRef')
+    private: str | None = Field(None, alias='privateMetadataRef')
+
+
+class _File(BaseModel):
+    model_config = ConfigDict(frozen=True, extra='ignore')
+
+    name: str
+    reference: str = Field(alias='dataRef')
+
+
+def picture_to_lfp(raw: bytes, text: str) -> bytes:
+    """The container of a .RAW and its .TXT (or a frame's metadata alone).
+
+    Raises CameraError when the text is none of a camera.
+    """
+    CameraMetadata.parse(text)
+    data = json_object(text.encode('utf-8', 'replace'), 'metadata')
+    if 'master' not in data:
+        frame = {'metadata': data, 'privateMetadata': {}}
+        data = {'master': {'picture': {'frameArray': [{'frame': frame}]},
+                           'version': {'major': 1, 'minor': 0}}}
+    table = data.pop('master')
+    frame = table['picture']['frameArray'][0]['frame']
+    components = {f'{part}Ref': json_bytes(frame.pop(part), part)
+                  for part in _PARTS if part in frame}
+    components['imageRef'] = raw
+    frame.update((name, reference_of(body)) for name, body in components.items())
+    if data:
+        table[_OUTSIDE] = data
+    return container_bytes(table, [*components.values()])
+
+
+def lfp_to_picture(container: Container) -> tuple[bytes, str]:
+    """The .RAW and the .TXT that a container was built from; the text has the same JSON.
+
+    Raises CameraError when it holds something else, as a refocused stack or a Lytro Illum's.
+    """
+    if 'frames' in container.table:
+        raise CameraError(f'{container.path}: Lytro Illum (10 bit) is not supported, only the '
+                          'first-generation Lytro (F01)')
+    table = dict(container.table)
+    outside = table.pop(_OUTSIDE, None)
+    try:
+        picture = dict(table['picture'])
+        first, *others = picture['frameArray']
+        found = dict(first['frame'])
+    except (KeyError, TypeError, ValueError):
+        raise CameraError(f'{container.path}: holds no raw picture: its table of contents has no '
+                          'picture.frameArray[0].frame; a refocused stack has none') from None
+    references = _checked(_References, found, container)
+    frame = {name: value for name, value in found.items() if name not in _REFERENCES}
+    for part, reference in (('metadata', references.metadata),
+                            ('privateMetadata', references.private)):
+        if reference is not None:
+            body = container.component(reference, LARGEST_TEXT)
+            frame[part] = json_object(body, f'{container.path}: {part}')
+    picture['frameArray'] = [{**first, 'frame': frame}, *others]
+    data = {**outside} if isinstance(outside, dict) else {}
+    data['master'] = {**table, 'picture': picture}
+    raw = container.component(references.image, LARGEST_RAW)
+    return raw, json_bytes(data, f'{container.path}: metadata').decode('ascii')
+
+
+def is_file_set(container: Container) -> bool:
+    """Whether it holds the camera's own files (data.C.#: calibration, white images)."""
+    return 'files' in container.table
+
+
+def file_set(container: Container, pattern: str = '*') -> dict[str, str]:
+    r"""Names without folders -> references, of a container of the camera's files (data.C.#).
+
+    pattern: as a shell has it, in any letter case: 'MOD_*' are the white images. A name is what
+    follows the last \ or /, so that nothing is ever written beside the folder that was asked for.
+    """
+    entries = container.table.get('files')
+    if not isinstance(entries, list):
+        raise CameraError(f'{container.path}: its table of contents lists no files')
+    found: dict[str, str] = {}
+    for entry in entries:
+        file = _checked(_File, entry, container)
+        name = ntpath.basename(file.name)
+        if not _NAME.fullmatch(name):
+            raise CameraError(f'{container.path}: {file.name[:80]!r} is no name of a file')
+        if fnmatchcase(name.upper(), pattern.upper()) and (
+                found.setdefault(name, file.reference) != file.reference):
+            raise CameraError(f'{container.path}: holds two different files {name}')
+    return found
+
+
+def _checked(kind: type[Any], value: Any, container: Container) -> Any:
+    try:
+        return kind.model_validate(value)
+    except ValidationError as error:
+        raise CameraError(f'{container.path}: table of contents: {explain(error)}') from None

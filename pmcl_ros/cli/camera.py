@@ -12,16 +12,13 @@ from rich.progress import BarColumn, DownloadColumn, Progress, TransferSpeedColu
 
 from pmcl_ros.camera.client import Picture
 from pmcl_ros.camera.files import write_picture
+from pmcl_ros.camera.lytro.address import Address, LinkSettings, find_camera
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.lytro.discovery import find_camera
-from pmcl_ros.camera.lytro.payloads import PictureRecord
-from pmcl_ros.camera.lytro.settings import Address, LinkSettings
-from pmcl_ros.camera.simulated.announce import announced
+from pmcl_ros.camera.lytro.protocol import PictureRecord
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.faults import HELP, Faults
-from pmcl_ros.camera.simulated.process import READY
-from pmcl_ros.camera.simulated.server import CameraServer
+from pmcl_ros.camera.simulated.server import READY, CameraServer, announced
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.cli.gateway import gateway
 from pmcl_ros.runtime.errors import CameraError

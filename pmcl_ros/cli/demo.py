@@ -22,7 +22,7 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from pmcl_ros import conversions
-from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.drawing.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.camera.gateway.cache import Cache
 from pmcl_ros.camera.gateway.server import GatewayServer
-from pmcl_ros.camera.gateway.service import Service
-from pmcl_ros.camera.gateway.token import read_token
+from pmcl_ros.camera.gateway.service import Cache, Service
+from pmcl_ros.camera.gateway.settings import read_token
+from pmcl_ros.camera.lytro.address import Address, find_camera
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.lytro.discovery import find_camera
-from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.cli.base import FILE
 from pmcl_ros.runtime.errors import CameraError
 

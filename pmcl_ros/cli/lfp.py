@@ -6,8 +6,7 @@ from typing import Any
 import click
 
 from pmcl_ros.camera.files import read_metadata, read_raw_frame, write_raw_frame
-from pmcl_ros.camera.lfp import Container
-from pmcl_ros.camera.lfp_picture import LARGEST_RAW, file_set, is_file_set
+from pmcl_ros.camera.lfp import LARGEST_RAW, Container, file_set, is_file_set
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.cli.base import FILE, FOLDER
 from pmcl_ros.runtime.errors import CameraError

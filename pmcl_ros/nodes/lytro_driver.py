@@ -16,14 +16,11 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros.camera.client import Picture
-from pmcl_ros.camera.file_camera import NoMorePictures
+from pmcl_ros.camera.client import Picture, Roll
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.camera.roll import Roll
-from pmcl_ros.camera.settings import CameraSettings
-from pmcl_ros.camera.sources import open_camera
+from pmcl_ros.camera.sources import CameraSettings, NoMorePictures, open_camera
 from pmcl_ros.conversions import Buffer, header_to_message, raw_frame_to_messages
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode

@@ -22,8 +22,7 @@ from pmcl_ros.camera.files import (
     write_picture,
     write_raw_frame,
 )
-from pmcl_ros.camera.lfp import Container, container_bytes
-from pmcl_ros.camera.lfp_picture import file_set, picture_to_lfp
+from pmcl_ros.camera.lfp import Container, container_bytes, file_set, picture_to_lfp
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.cli import main
 from pmcl_ros.runtime.errors import CameraError

@@ -14,8 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.camera.files import read_raw_frame
-from pmcl_ros.camera.lfp import container_bytes
-from pmcl_ros.camera.lfp_picture import picture_to_lfp
+from pmcl_ros.camera.lfp import container_bytes, picture_to_lfp
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.runtime.errors import CameraError
 

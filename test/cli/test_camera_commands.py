@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from simulated_cameras import SIDE, serving, write_captures
 
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.cli import main
 
 

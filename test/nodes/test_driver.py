@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from pmcl_ros import conversions as cv
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL
 
 DRIVER = 'pmcl_ros.nodes.lytro_driver'

@@ -8,7 +8,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from pydantic import Field, ValidationError, model_validator
 
-from pmcl_ros.camera.settings import CameraSettings
+from pmcl_ros.camera.sources import CameraSettings
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.settings import DecodeSettings

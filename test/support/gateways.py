@@ -7,9 +7,8 @@ from contextlib import closing, contextmanager, suppress
 
 from simulated_cameras import QUICK, serving
 
-from pmcl_ros.camera.gateway.cache import Cache
 from pmcl_ros.camera.gateway.server import GatewayServer
-from pmcl_ros.camera.gateway.service import Service
+from pmcl_ros.camera.gateway.service import Cache, Service
 from pmcl_ros.camera.lytro.client import LytroClient
 
 
@@ -42,7 +41,7 @@ class CuttingProxy:
     """
 
     def __init__(self, port, cuts=(), reset=False):
-        self._target, self._cuts, self._reset = port, list(cuts), reset
+        self.target, self._cuts, self._reset = port, list(cuts), reset
         self._listening = socket.create_server(('127.0.0.1', 0))
         self.port = self._listening.getsockname()[1]
         self.connections = self.to_client = 0
@@ -63,7 +62,7 @@ class CuttingProxy:
                 left = self._cuts[self.connections] if self.connections < len(
                     self._cuts) else None
                 self.connections += 1
-                server = socket.create_connection(('127.0.0.1', self._target))
+                server = socket.create_connection(('127.0.0.1', self.target))
                 for target, *arguments in ((self._requests, client, server),
                                            (self._answers, server, client, left)):
                     threading.Thread(target=target, args=arguments, daemon=True).start()

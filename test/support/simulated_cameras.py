@@ -7,8 +7,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from pmcl_ros.camera.lytro.address import LinkSettings
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.lytro.settings import LinkSettings
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card

@@ -1,4 +1,4 @@
-"""A camera that is reached by a gateway: HTTP that survives lost connections."""
+"""A camera behind a gateway: an HTTP client that survives lost connections."""
 
 import logging
 import re
@@ -7,6 +7,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import TracebackType
 from typing import TypeVar
 from urllib.parse import quote, urlsplit
@@ -15,16 +16,48 @@ import requests
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pmcl_ros.camera.client import CameraStatus, Picture
-from pmcl_ros.camera.gateway.clocks import ClockDifference
 from pmcl_ros.camera.gateway.download import Download, LostError, Progress
-from pmcl_ros.camera.gateway.handler import TIME_HEADER
-from pmcl_ros.camera.gateway.settings import GatewaySettings
-from pmcl_ros.camera.gateway.token import check_token
-from pmcl_ros.camera.lfp import LARGEST_TEXT
-from pmcl_ros.camera.lfp_picture import LARGEST_RAW
+from pmcl_ros.camera.gateway.server import TIME_HEADER
+from pmcl_ros.camera.gateway.settings import GatewaySettings, check_token
+from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.settings import explain
+
+_DRIFT = 100e-6  # two quartzes, at worst
+
+
+@dataclass(frozen=True)
+class ClockDifference:
+    """The other clock less ours: between `low_ns` and `high_ns`, as found at `found_ns`.
+
+    0 as long as nothing says otherwise: two clocks that NTP holds together differ by less than an
+    answer takes.
+    """
+
+    low_ns: float = float('-inf')
+    high_ns: float = float('inf')
+    found_ns: int = 0
+
+    @property
+    def ahead_ns(self) -> int:
+        """The best guess."""
+        if self.low_ns <= 0 <= self.high_ns:
+            return 0
+        return round((self.low_ns + self.high_ns) / 2)
+
+    def heard(self, asked_ns: int, told_ns: int, now_ns: int) -> 'ClockDifference':
+        """What is known once, between `asked_ns` and `now_ns` by our clock, the other told its.
+
+        The narrower interval counts, the older one less with time.
+        """
+        new = ClockDifference(told_ns - now_ns, told_ns - asked_ns, now_ns)
+        loss = _DRIFT * abs(now_ns - self.found_ns)
+        set_anew = new.low_ns > self.high_ns + loss or new.high_ns < self.low_ns - loss
+        if set_anew or now_ns - asked_ns <= self.high_ns - self.low_ns + 2 * loss:
+            return new
+        return self
+
 
 _LARGEST_ANSWER = 1 << 20  # bytes of JSON
 _TIME = re.compile('[0-9]{19}')

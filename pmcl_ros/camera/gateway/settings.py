@@ -1,7 +1,11 @@
-"""How a robot reaches a gateway, and how long that may take."""
+"""Token, time limits and header names of the gateway: shared by server and client."""
+
+import re
+from pathlib import Path
 
 from pydantic import Field
 
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 
@@ -14,3 +18,27 @@ class GatewaySettings(Settings):
                                   'gateway has an answer from its camera [s]')
     patience: float = Field(20.0, gt=0, le=3600, description='try again until nothing has come '
                             'for so long [s]')
+
+
+_TOKEN = re.compile(r'[A-Za-z0-9._~+/=-]{16,512}')  # what RFC 6750 allows in a header
+
+
+def read_token(path: Path | str) -> str:
+    """The token in a file, white space around it dropped.
+
+    Raises SettingsError when the file cannot be read or its token is too short to be safe.
+    """
+    try:
+        with Path(path).open(encoding='ascii') as stream:
+            token = stream.read(1000).strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f'cannot read a token from {path}: {error}') from None
+    return check_token(token, f'what {path} holds')
+
+
+def check_token(token: str, what: str = 'this') -> str:
+    """The token itself; SettingsError when it is too short to be safe, or no word."""
+    if not _TOKEN.fullmatch(token):
+        raise SettingsError(f'{what} is no token: expected 16 to 512 letters, digits and '
+                            '._~+/=-, as `openssl rand -hex 16 > FILE` makes one')
+    return token

@@ -7,26 +7,28 @@ from datetime import datetime, timedelta, timezone
 from types import TracebackType
 
 from pmcl_ros.camera.client import CameraStatus, Picture
-from pmcl_ros.camera.lytro import frames
-from pmcl_ros.camera.lytro.arrivals import Arrivals, Shot
-from pmcl_ros.camera.lytro.callbacks import (
+from pmcl_ros.camera.lytro import protocol
+from pmcl_ros.camera.lytro.address import Address, LinkSettings
+from pmcl_ros.camera.lytro.events import (
     NEW_PICTURE,
     SHUTTER_PRESSED,
+    Arrivals,
     CallbackListener,
     Event,
+    Shot,
 )
-from pmcl_ros.camera.lytro.frames import Command, Request
 from pmcl_ros.camera.lytro.link import Link, Progress
-from pmcl_ros.camera.lytro.payloads import (
+from pmcl_ros.camera.lytro.protocol import (
+    Command,
     HardwareInfo,
     PictureRecord,
+    Request,
     decode_battery,
     decode_files,
     decode_picture_list,
     decode_time,
     encode_time,
 )
-from pmcl_ros.camera.lytro.settings import Address, LinkSettings
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError
 
@@ -105,7 +107,7 @@ class LytroClient:
         except CameraError as error:
             raise CameraError(f'{path} of the camera: {error}') from None
         path = record.path('RAW')
-        raw = self._link.load(frames.load_file(path), path, image.width * image.height * 3 // 2,
+        raw = self._link.load(protocol.load_file(path), path, image.width * image.height * 3 // 2,
                               progress)
         return raw, text
 
@@ -128,15 +130,15 @@ class LytroClient:
 
     def hardware_info(self) -> HardwareInfo:
         """Who the camera is."""
-        return HardwareInfo.decode(self._link.load(frames.LOAD_HARDWARE_INFO, 'hardware info'))
+        return HardwareInfo.decode(self._link.load(protocol.LOAD_HARDWARE_INFO, 'hardware info'))
 
     def battery(self) -> float:
         """Percent."""
-        return decode_battery(self._link.ask(frames.BATTERY))
+        return decode_battery(self._link.ask(protocol.BATTERY))
 
     def camera_time(self) -> datetime:
         """The camera's clock, UTC; a real camera tells whole seconds."""
-        return decode_time(self._link.ask(frames.CAMERA_TIME))
+        return decode_time(self._link.ask(protocol.CAMERA_TIME))
 
     def set_time(self, moment: datetime | None = None) -> None:
         """Set the camera's clock to `moment`, by default now."""
@@ -146,7 +148,7 @@ class LytroClient:
 
     def records(self) -> list[PictureRecord]:
         """The picture list, newest first; LinkError when another camera answers by now."""
-        listed = self._link.load(frames.LOAD_PICTURE_LIST, 'the picture list', grows=True)
+        listed = self._link.load(protocol.LOAD_PICTURE_LIST, 'the picture list', grows=True)
         if (made := self._link.made) != self._known:
             self._recognize()
             self._known = made
@@ -154,11 +156,11 @@ class LytroClient:
 
     def calibration(self) -> dict[str, bytes]:
         """The calibration files that the camera hands out, path -> content."""
-        return decode_files(self._link.load(frames.LOAD_CALIBRATION, 'the calibration'))
+        return decode_files(self._link.load(protocol.LOAD_CALIBRATION, 'the calibration'))
 
     def download(self, path: str, progress: Progress | None = None) -> bytes:
         r"""A file by its path on the camera (I:\DCIM\100PHOTO\IMG_0001.RAW)."""
-        return self._link.load(frames.load_file(path), path, progress=progress)
+        return self._link.load(protocol.load_file(path), path, progress=progress)
 
     def take_picture(self) -> Shot:
         """Press the shutter; does not wait for the picture.
@@ -169,7 +171,7 @@ class LytroClient:
         self.battery()  # a connection that had died is found and made again here
         shot = self._arrivals.commanded(time.time_ns())
         try:
-            self._link.ask_once(frames.TAKE_PICTURE)
+            self._link.ask_once(protocol.TAKE_PICTURE)
         except LinkError as error:
             _log.warning('a picture may have been taken: %s', error)
             shot.confirmed = False

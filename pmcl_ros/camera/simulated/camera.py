@@ -8,11 +8,12 @@ import time
 from collections.abc import Callable
 from datetime import datetime, timedelta, timezone
 
-from pmcl_ros.camera.lytro import callbacks
-from pmcl_ros.camera.lytro.callbacks import Event
-from pmcl_ros.camera.lytro.frames import Command, Header
-from pmcl_ros.camera.lytro.payloads import (
+from pmcl_ros.camera.lytro import events
+from pmcl_ros.camera.lytro.events import Event
+from pmcl_ros.camera.lytro.protocol import (
+    Command,
     HardwareInfo,
+    Header,
     decode_time,
     encode_picture_list,
     encode_time,
@@ -98,12 +99,12 @@ class SimulatedCamera:
             _log.info('command to take a picture ignored: busy or full')
             return
         record, capture = self.card.expose(self._now())
-        self._tell(callbacks.SHUTTER_PRESSED, 'CLICK')
+        self._tell(events.SHUTTER_PRESSED, 'CLICK')
 
         def complete() -> None:
             self._pending.discard(timer)
             self.card.store(record, capture)
-            self._tell(callbacks.NEW_PICTURE, record.id)
+            self._tell(events.NEW_PICTURE, record.id)
             _log.info('%s is %s', record.name, capture.path)
 
         timer = asyncio.get_running_loop().call_later(self._delay, complete)
@@ -167,7 +168,7 @@ class SimulatedCamera:
         record = self.card.delete(payload)
         if record is not None:
             self.faults.deleted()
-            self._tell(callbacks.PICTURE_DELETED, record.id)
+            self._tell(events.PICTURE_DELETED, record.id)
         return payload
 
     def _monitor(self, payload: bytes) -> bytes:

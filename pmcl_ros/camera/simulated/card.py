@@ -1,4 +1,4 @@
-"""What the simulated camera has stored: pictures, kept by reference to files on this disk."""
+"""The memory of the simulated camera: it serves pictures from disk, and makes their previews."""
 
 import hashlib
 import json
@@ -10,13 +10,47 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_picture
-from pmcl_ros.camera.lytro.payloads import PictureRecord, encode_files
+from pmcl_ros.camera.lytro.protocol import PictureRecord, encode_files
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.camera.simulated.previews import jpeg, thumbnail
+from pmcl_ros.camera.packing import unpack12
+
+_BLACK, _WHITE = 168, 4095  # counts
+
+
+def jpeg(raw: bytes, width: int, height: int, side: int = 328) -> bytes:
+    """A JPEG of `side` x `side` pixels; raw: packed counts, BGGR."""
+    _, data = cv2.imencode('.jpg', _bgr(raw, width, height, side))
+    return data.tobytes()
+
+
+def thumbnail(raw: bytes, width: int, height: int, side: int = 128) -> bytes:
+    """`side` x `side` pixels, two in four bytes: Y0 U Y1 V (YUY2)."""
+    luma, red, blue = np.moveaxis(
+        cv2.cvtColor(_bgr(raw, width, height, side), cv2.COLOR_BGR2YCrCb), 2, 0)
+    packed = np.empty((side, side // 2, 4), np.uint8)
+    packed[..., 0], packed[..., 2] = luma[:, ::2], luma[:, 1::2]
+    packed[..., 1], packed[..., 3] = blue[:, ::2], red[:, ::2]
+    return packed.tobytes()
+
+
+def _bgr(raw: bytes, width: int, height: int, side: int) -> NDArray[np.uint8]:
+    """(side, side, 3) uint8; a pixel of each 2x2 tile, averaged, with a gamma of 1/2.2."""
+    counts = unpack12(raw, width, height)
+    blue, green, red = counts[0::2, 0::2], counts[0::2, 1::2], counts[1::2, 1::2]
+    linear = np.stack([cv2.resize(each.astype(np.float32), (side, side),
+                                  interpolation=cv2.INTER_AREA) for each in (blue, green, red)],
+                      axis=2)
+    light = np.clip((linear - _BLACK) / (_WHITE - _BLACK), 0, 1)
+    return np.round(255 * light ** (1 / 2.2)).astype(np.uint8)
+
 
 _CALIBRATION = 'C:\\T1CALIB\\'
-_PER_FOLDER = 9999  # files; the number in a name has four digits
+FILES_PER_FOLDER = 9999  # files; the number in a name has four digits
 _DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
 
 _log = logging.getLogger(__name__)
@@ -97,7 +131,7 @@ class Card:
         capture = self._captures[self._next]
         self._next = (self._next + 1) % len(self._captures)
         self._number += 1
-        folder, number = divmod(self._number - 1, _PER_FOLDER)
+        folder, number = divmod(self._number - 1, FILES_PER_FOLDER)
         date = moment.isoformat(timespec='milliseconds').replace('+00:00', 'Z')
         digest = hashlib.sha1(f'{self.serial} {self._number} {capture.path.name} {date}'.encode())
         return PictureRecord(100 + folder, number + 1, f'sha1-{digest.hexdigest()}', date), capture

@@ -1,18 +1,51 @@
-"""The simulated camera on the network: the ports of commands and of callbacks."""
+"""The simulated camera on the network: its ports, mDNS announcement and process."""
 
 import asyncio
 import contextlib
 import logging
 import socket
 import struct
+import subprocess
+import sys
 import threading
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from pmcl_ros.camera.lytro.callbacks import HEARTBEAT, Event
-from pmcl_ros.camera.lytro.frames import HEADER_LENGTH, Header
-from pmcl_ros.camera.lytro.settings import Address
+from zeroconf import Error, ServiceInfo, Zeroconf
+
+from pmcl_ros.camera.lytro.address import CALLBACK_PORT, SERVICE, Address
+from pmcl_ros.camera.lytro.events import HEARTBEAT, Event
+from pmcl_ros.camera.lytro.protocol import HEADER_LENGTH, Header
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.runtime.errors import CameraError, ProtocolError
+
+_USUAL = Address()
+
+
+@contextmanager
+def announced(address: Address, serial: str) -> Iterator[None]:
+    """Announce a camera; CameraError when this machine cannot, or `address` names no interface."""
+    name = f'lytro-{serial}'
+    properties = ({} if address.callback_port == _USUAL.callback_port
+                  else {CALLBACK_PORT: str(address.callback_port).encode()})
+    try:
+        host = socket.inet_aton(address.host)
+        if not any(host):
+            raise OSError('no single address; give --host the one to announce')
+        info = ServiceInfo(SERVICE, f'{name}.{SERVICE}', address.port, properties=properties,
+                           server=f'{name}.local.', addresses=[host])
+        network = Zeroconf(interfaces=[address.host])
+    except (OSError, Error) as error:
+        raise CameraError(f'cannot announce {address} by mDNS: {error}') from None
+    try:
+        network.register_service(info)
+        yield
+    except Error as error:
+        raise CameraError(f'cannot announce {name} by mDNS: {error!r}') from None
+    finally:
+        network.close()
+
 
 _TICK = 0.1  # seconds between heartbeats when nothing else is said
 _LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 100
@@ -209,3 +242,26 @@ def _bind(host: str, port: int) -> socket.socket:
             'served there? --port and --callback-port choose others') from None
     listening.setblocking(False)
     return listening
+
+
+READY = 'camera at '  # what the process prints before its address
+
+
+@contextmanager
+def served(pictures: Path | str, *options: str
+           ) -> Iterator[tuple[Address, 'subprocess.Popen[str]']]:
+    """Serve on any free ports of this machine; its address and the process.
+
+    options: of `pmcl camera serve`. Raises CameraError when the process does not come up.
+    """
+    command = [sys.executable, '-m', 'pmcl_ros.cli', 'camera', 'serve', '--pictures',
+               str(pictures), '--port', '0', '--callback-port', '0', *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            if not line.startswith(READY):
+                raise CameraError(f'{" ".join(command)} did not start; it printed {line!r}')
+            yield Address.parse(line.removeprefix(READY).split()[0]), process
+        finally:
+            process.terminate()

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.runtime.errors import CameraError
 
 _SOURCES = 3  # captures that are served in turn

@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from pmcl_ros.camera.simulated.process import served
+from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain
 from pmcl_ros.evaluation.bench.usage import Usage, files_shared_without, shared_files
 from pmcl_ros.evaluation.truth import Truth

@@ -17,11 +17,9 @@ from hypothesis import strategies as st
 from simulated_cameras import QUICK, serving, write_captures
 
 from pmcl_ros.camera.client import Picture
-from pmcl_ros.camera.gateway.client import GatewayClient
-from pmcl_ros.camera.gateway.clocks import ClockDifference
+from pmcl_ros.camera.gateway.client import ClockDifference, GatewayClient
 from pmcl_ros.camera.gateway.download import LostError
-from pmcl_ros.camera.gateway.settings import GatewaySettings
-from pmcl_ros.camera.gateway.token import read_token
+from pmcl_ros.camera.gateway.settings import GatewaySettings, read_token
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
@@ -140,12 +138,12 @@ def test_a_gateway_that_is_away_and_comes_back(captures):
     with serving(folder) as address, ExitStack() as first:
         gateway = first.enter_context(gateway_to(address))
         with CuttingProxy(0) as proxy:
-            proxy._target = gateway.server_address[1]
+            proxy.target = gateway.server_address[1]
             client = GatewayClient(f'http://127.0.0.1:{proxy.port}', settings=PATIENT)
             picture = client.pictures()[2]
             first.close()
             with gateway_to(address) as second:
-                proxy._target = second.server_address[1]
+                proxy.target = second.server_address[1]
                 assert client.fetch(picture)[0] == raws[2]
 
 

@@ -19,9 +19,8 @@ from hypothesis import strategies as st
 from simulated_cameras import QUICK, SIDE, serving, write_captures
 
 from pmcl_ros.camera.gateway import server as server_module
-from pmcl_ros.camera.gateway.cache import Cache
 from pmcl_ros.camera.gateway.server import GatewayServer
-from pmcl_ros.camera.gateway.service import Service
+from pmcl_ros.camera.gateway.service import Cache, Service
 from pmcl_ros.runtime.errors import SettingsError
 
 TOKEN = 'a-long-enough-token'

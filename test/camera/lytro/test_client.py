@@ -22,8 +22,8 @@ from simulated_cameras import (
 
 from pmcl_ros.camera.client import CameraClient, Picture
 from pmcl_ros.camera.files import read_picture
+from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
-from pmcl_ros.camera.lytro.settings import Address
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.server import CameraServer

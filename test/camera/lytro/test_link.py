@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pmcl_ros.camera.lytro import frames
-from pmcl_ros.camera.lytro.frames import load_file
+from pmcl_ros.camera.lytro import protocol
+from pmcl_ros.camera.lytro.address import Address, LinkSettings
 from pmcl_ros.camera.lytro.link import Link
-from pmcl_ros.camera.lytro.settings import Address, LinkSettings
+from pmcl_ros.camera.lytro.protocol import load_file
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 BATTERY = bytes.fromhex('AF55AAFA 04000000 03000000 C600 06' + '00' * 13 + '0000AF42')
@@ -63,7 +63,7 @@ def test_a_reply_in_single_bytes():
             time.sleep(0.001)
 
     with camera(answer) as address:
-        assert Link(address, SURE).ask(frames.BATTERY) == bytes.fromhex('0000AF42')
+        assert Link(address, SURE).ask(protocol.BATTERY) == bytes.fromhex('0000AF42')
 
 
 @settings(deadline=None, max_examples=30)
@@ -81,7 +81,7 @@ def test_damaged_replies_end_in_the_packages_own_errors(flips, cut):
     with camera(answer) as address:
         link = Link(address, LinkSettings(timeout=0.2, patience=0.01))
         with contextlib.suppress(CameraError):
-            assert len(link.ask(frames.BATTERY)) <= 4
+            assert len(link.ask(protocol.BATTERY)) <= 4
         link.close()
 
 
@@ -98,7 +98,7 @@ def test_gigabytes_that_are_announced_are_not_allocated():
     with camera(answer) as address:
         tracemalloc.start()
         with pytest.raises(CameraError, match='has 4294967295 bytes, more than any file'):
-            Link(address, QUICK).load(frames.LOAD_PICTURE_LIST, 'the picture list')
+            Link(address, QUICK).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
         tracemalloc.stop()
 
@@ -109,7 +109,7 @@ def test_a_header_that_announces_gigabytes_is_refused():
 
     with camera(answer) as address, pytest.raises(
             ProtocolError, match='announces 4294967295 bytes, at most 4'):
-        Link(address, QUICK).ask(frames.BATTERY)
+        Link(address, QUICK).ask(protocol.BATTERY)
 
 
 def test_a_camera_that_sends_a_byte_now_and_then_is_given_up():
@@ -119,7 +119,7 @@ def test_a_camera_that_sends_a_byte_now_and_then_is_given_up():
             time.sleep(0.1)
 
     with camera(answer) as address, pytest.raises(LinkError, match='lost the camera'):
-        Link(address, QUICK).ask_once(frames.BATTERY)  # without a deadline it would succeed
+        Link(address, QUICK).ask_once(protocol.BATTERY)  # without a deadline it would succeed
 
 
 def test_nothing_of_the_buffer_is_told():
@@ -128,7 +128,7 @@ def test_nothing_of_the_buffer_is_told():
 
     with camera(answer) as address, pytest.raises(
             ProtocolError, match='sends no byte 0 of 100 of the picture list'):
-        Link(address, QUICK).load(frames.LOAD_PICTURE_LIST, 'the picture list')
+        Link(address, QUICK).load(protocol.LOAD_PICTURE_LIST, 'the picture list')
 
 
 def test_a_file_that_changes_its_length_is_refused():
@@ -172,7 +172,7 @@ def test_a_list_that_grows_while_the_connection_is_lost_is_read_again():
 
     with camera(answer) as address:
         link = Link(address, SURE)
-        assert link.load(frames.LOAD_PICTURE_LIST, 'list', grows=True) == b'b' * 150
+        assert link.load(protocol.LOAD_PICTURE_LIST, 'list', grows=True) == b'b' * 150
 
 
 def test_one_request_is_in_flight_at_a_time():
@@ -187,7 +187,7 @@ def test_one_request_is_in_flight_at_a_time():
 
     with camera(answer) as address:
         link = Link(address, SURE)
-        threads = [threading.Thread(target=link.ask, args=[frames.BATTERY]) for _ in range(10)]
+        threads = [threading.Thread(target=link.ask, args=[protocol.BATTERY]) for _ in range(10)]
         for each in threads:
             each.start()
         for each in threads:
@@ -202,7 +202,7 @@ def test_closing_ends_what_waits():
 
         def wait():
             try:
-                link.ask(frames.BATTERY)
+                link.ask(protocol.BATTERY)
             except LinkError as error:
                 errors.append(error)
 
@@ -214,7 +214,7 @@ def test_closing_ends_what_waits():
         assert not thread.is_alive()
         assert len(errors) == 1
         with pytest.raises(LinkError, match='is closed'):
-            link.ask_once(frames.BATTERY)
+            link.ask_once(protocol.BATTERY)
 
 
 @pytest.mark.parametrize('host', ['127.0.0.1', 'no.such.host.invalid', 'x' * 100])
@@ -222,4 +222,4 @@ def test_nobody_there_says_what_to_look_at(host):
     with socket.create_server(('127.0.0.1', 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(LinkError, match=r'no camera answers .*network lytro\.camera\.NNN'):
-        Link(Address(host=host, port=port), QUICK).ask(frames.BATTERY)
+        Link(Address(host=host, port=port), QUICK).ask(protocol.BATTERY)

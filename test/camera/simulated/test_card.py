@@ -54,7 +54,7 @@ def test_pictures_taken_have_their_own_ids_and_numbers(tmp_path, camera_text):
 
 
 def test_many_pictures_go_into_the_next_folder(tmp_path, camera_text, monkeypatch):
-    monkeypatch.setattr(card_module, '_PER_FOLDER', 2)
+    monkeypatch.setattr(card_module, 'FILES_PER_FOLDER', 2)
     write_captures(tmp_path, camera_text(SIDE, SIDE), 3)
     assert [(each.folder, each.number) for each in Card.of(tmp_path).records] == [
         (101, 1), (100, 2), (100, 1)]

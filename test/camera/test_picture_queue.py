@@ -3,10 +3,8 @@
 import pytest
 from simulated_cameras import SIDE, write_captures
 
-from pmcl_ros.camera.file_camera import FileCamera
-from pmcl_ros.camera.roll import Roll
-from pmcl_ros.camera.settings import CameraSettings
-from pmcl_ros.camera.sources import open_camera
+from pmcl_ros.camera.client import Roll
+from pmcl_ros.camera.sources import CameraSettings, FileCamera, open_camera
 from pmcl_ros.runtime.errors import SettingsError
 
 

@@ -7,9 +7,8 @@ import sys
 
 import pytest
 
-from pmcl_ros.camera.lytro.discovery import discover
-from pmcl_ros.camera.lytro.settings import Address
-from pmcl_ros.camera.simulated.announce import announced
+from pmcl_ros.camera.lytro.address import Address, discover
+from pmcl_ros.camera.simulated.server import announced
 from pmcl_ros.runtime.errors import CameraError, LinkError
 
 
@@ -42,7 +41,7 @@ def test_no_camera_is_told():
 def test_a_machine_without_a_network_is_told():
     done = subprocess.run(
         ['unshare', '-rn', sys.executable, '-c',
-         'from pmcl_ros.camera.lytro.discovery import discover; discover(0.1)'],
+         'from pmcl_ros.camera.lytro.address import discover; discover(0.1)'],
         capture_output=True, text=True, check=False)
     assert 'LinkError: cannot look for a camera by mDNS' in done.stderr
     assert '10.100.1.1' in done.stderr
