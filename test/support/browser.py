@@ -19,7 +19,7 @@ const drawn = new Map();
 function draw(frame) {
   drawn.set(frame, [...frame.contentDocument.querySelectorAll('image')].map(each => {
     const picture = document.body.appendChild(new Image());
-    picture.src = each.getAttribute('href');
+    picture.src = each.href.baseVal;
     return picture;
   }));
 }

@@ -1,40 +1,165 @@
-"""The page: one file, nothing outside it."""
+"""The report of a localisation as one HTML page that loads nothing from outside."""
 
-from importlib.resources import files
-from string import Template
-from xml.etree.ElementTree import Element
+import base64
+from datetime import datetime, timezone
+from itertools import groupby
+from typing import NamedTuple
 
-from pmcl_ros.evaluation.report.epipolar import epipolar_section
-from pmcl_ros.evaluation.report.evidence import evidence_section
-from pmcl_ros.evaluation.report.localization import Localization
-from pmcl_ros.evaluation.report.markup import element, html
-from pmcl_ros.evaluation.report.posterior import posterior_section
-from pmcl_ros.evaluation.report.search import search_section
-from pmcl_ros.evaluation.report.slices import slices_section
-from pmcl_ros.evaluation.report.summary import (
-    about,
-    settings_section,
-    times_section,
-    verdict,
-)
-from pmcl_ros.evaluation.report.views import views_section
+import cv2
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
 
-_SECTIONS = (views_section, posterior_section, evidence_section, epipolar_section,
-             slices_section, search_section, times_section, settings_section)
+from pmcl_ros.drawing.pictures import layers_picture
+from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.report import drawings
+from pmcl_ros.evaluation.report.localization import Localization, versions
+from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.pmcl.history import Stage
+from pmcl_ros.pmcl.summary import credible_level, rotation_distance
+from pmcl_ros.runtime.settings import Settings
+
+_UNKNOWN = 'unknown'
+_STAGES = {
+    'views': 'views, from the picture', 'volume': 'volume and edges',
+    'estimate': 'summary of the posterior',
+    'proposals': 'proposals', 'coarse': 'refined, by coarse contours',
+    'fine': 'the best, by fine contours', 'rivals': 'with ambiguous poses',
+    'scattered': 'begun again around them', 'modes': 'modes, refined',
+    'approximate': 'posterior, approximated', 'posterior': 'posterior',
+    'filter': 'particle filter'}
+_MAPPED: tuple[Stage, ...] = ('proposals', 'coarse', 'posterior', 'filter')
+
+
+class Fact(NamedTuple):
+    """A line of the verdict. name: the element's id, for programs that read the page."""
+
+    name: str
+    title: str
+    value: str
+    note: str = ''
 
 
 def page(run: Localization) -> str:
-    """The report of a localisation, an HTML file's text."""
-    folder = files('pmcl_ros.evaluation.report')
-    template = Template((folder / 'page.html').read_text(encoding='utf-8'))
-    style = (folder / 'page.css').read_text(encoding='utf-8')
-    sections = [make(run) for make in _SECTIONS]
-    body = element('main', element('header', element('h1', 'Localisation report'), about(run)),
-                   verdict(run), _contents(sections), *sections)
-    title = html(element('title', f'{run.model.name}: localisation report'))
-    return template.substitute(title=title, style=style, body=html(body))
+    """The text of the HTML file."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader('pmcl_ros.evaluation.report', ''), autoescape=True,
+        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+    found = coordinates(run)
+    outside = (np.abs(found.particles) > drawings.REACH * found.sigma).any(axis=1)
+    near, far = run.volume_settings.near, run.volume_settings.far
+    return environment.get_template('page.html').render(
+        run=run, drawings=drawings, stages=_STAGES, image=image,
+        known=run.truth is not None and not run.truth.empty, about=about(run),
+        facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
+        posterior=drawings.posterior_figures(run, found), outside=int(outside.sum()),
+        layers=layers_picture(run.volume.layers(), near, far),
+        maps=[each for stage in _MAPPED
+              if (each := drawings.stage_map(run, stage, _STAGES[stage])) is not None],
+        modes=_modes(run), search=_search(run),
+        settings={'Search': _rows(run.settings), 'Volume': _rows(run.volume_settings)},
+        versions=versions())
 
 
-def _contents(sections: list[Element]) -> Element:
-    return element('nav', *(element('a', each[0].text, href=f'#{each.get("id")}')
-                            for each in sections))
+def image(picture: NDArray[np.uint8], alternative: str) -> Markup:
+    """A picture (height, width, 3) RGB as an element. alternative: what it shows, in words."""
+    _, data = cv2.imencode('.png', picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
+        base64.b64encode(data.tobytes()).decode('ascii'), alternative, *picture.shape[1::-1])
+
+
+def about(run: Localization) -> dict[str, str]:
+    """Names and values that say which picture it is."""
+    header, grid = run.estimate.header, run.light_field.grid
+    rows, columns = grid.shape
+    taken = _UNKNOWN
+    if header.stamp_ns:
+        # To the microsecond: no float holds more, and no shutter.
+        moment = datetime.fromtimestamp(header.stamp_ns // 10**9, timezone.utc)
+        taken = f'{moment:%Y-%m-%d %H:%M:%S}.{header.stamp_ns % 10**9 // 1000:06d} UTC'
+    return {'picture': run.source or _UNKNOWN, 'taken': taken, 'camera': run.serial or _UNKNOWN,
+            'frame': header.frame_id,
+            'views': f'{rows} x {columns} of {grid.pinhole.width} x {grid.pinhole.height} px, '
+                     f'{1e3 * grid.baseline:.3f} mm apart'}
+
+
+def _pose(run: Localization, found: Coordinates) -> list[Fact]:
+    estimate = run.estimate
+    facts = [Fact(name, name, f'{1e3 * value:.1f} mm', f'±\u00a0{_short(sigma)}\u00a0mm')
+             for name, value, sigma in zip('xyz', estimate.pose[:3, 3], found.sigma[:3],
+                                           strict=True)]
+    if run.model.axis is not None:
+        along = estimate.pose[:3, :3] @ run.model.axis
+        facts.append(Fact('axis', 'axis', ', '.join(f'{each:+.3f}' for each in along),
+                          f'±\u00a0{_short(np.sqrt((found.sigma[3:] ** 2).mean()))}°'))
+    else:
+        facts.append(Fact('orientation', 'orientation', ', '.join(
+            f'{each:+.4f}' for each in estimate.quaternion), 'x, y, z, w; ± '
+            + ', '.join(_short(each) for each in found.sigma[3:]) + '° about x, y, z'))
+    return facts
+
+
+def _sureness(run: Localization) -> list[Fact]:
+    estimate = run.estimate
+    if not estimate.modes:
+        return [Fact('score', 'mean likelihood', f'{estimate.score:.4g}')]
+    facts = [Fact('weight', 'weight of this mode', f'{100 * estimate.modes[0].weight:.0f} %',
+                  f'of {len(estimate.modes)} compared')]
+    if run.contour is not None and len(run.contour.lengths):
+        length = float(run.contour.lengths.sum())
+        facts.append(Fact('score', 'evidence', f'{estimate.score:.0f} nat',
+                          f'over {length:.0f} px of contour'))
+    facts.append(Fact('whole', 'whole contour', f'{estimate.evidence:+.2f} nat/px',
+                      f'lost below {ContourProfile.learned().least:+.2f}'))
+    facts.append(Fact('support', 'weakest fifth', f'{estimate.support:+.2f} nat/px',
+                      f'lost below {run.settings.least_support:+.2f}'))
+    return facts
+
+
+def _truth(run: Localization) -> list[Fact]:
+    if run.truth is None:
+        return []
+    if run.truth.empty:
+        return [Fact('error', 'truth', 'the object is not there')]
+    error = pose_error(run.estimate.pose, run.truth.pose, run.model.axis)
+    level = credible_level(run.truth.pose, run.estimate.pose, run.estimate.covariance,
+                           run.model.axis)
+    return [Fact('error', 'off the truth by', f'{1e3 * error.translation:.1f} mm, '
+                 f'{np.rad2deg(error.rotation):.1f}°',
+                 f'{1e3 * error.ray:+.1f} mm along the line of sight'),
+            Fact('level', 'credible region with the truth', f'{100 * level:.0f} %')]
+
+
+def _short(sigma: float) -> str:
+    return f'{sigma:.2f}' if sigma < 1 else f'{sigma:.1f}'
+
+
+def _modes(run: Localization) -> list[list[str]]:
+    rows = []
+    for each in run.estimate.modes:
+        off = np.linalg.norm(each.pose[:3, 3] - run.estimate.pose[:3, 3])
+        turned = rotation_distance(each.pose[None], run.estimate.pose, run.model.axis)[0]
+        x, y, z = 1e3 * each.pose[:3, 3]
+        rows.append([f'{x:.1f}, {y:.1f}, {z:.1f}', f'{100 * each.weight:.1f} %',
+                     f'{each.score:.1f}', f'{1e3 * off:.1f}', f'{np.rad2deg(turned):.1f}'])
+    return rows
+
+
+def _search(run: Localization) -> list[list[str]]:
+    rows = []
+    for stage, group in groupby(run.history, lambda each: each.stage):
+        generations = list(group)
+        last = generations[-1]
+        apart = spread(last.poses)
+        rows.append([_STAGES[stage], f'{len(generations)}', f'{len(last.poses)}',
+                     f'{1e3 * apart.across:.2f}', f'{1e3 * apart.along:.2f}',
+                     f'{np.max(last.scores):.4g}', f'{1e3 * run.seconds[stage]:.0f}'])
+    return rows
+
+
+def _rows(settings: Settings) -> list[tuple[str, object, object]]:
+    """Name, value and default of each setting."""
+    return [(name, getattr(settings, name), field.default)
+            for name, field in type(settings).model_fields.items()]

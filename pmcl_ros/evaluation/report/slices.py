@@ -1,101 +1,127 @@
-"""Cuts through the depth likelihood volume, and the depths that it says."""
+"""Slices of a surface, a light field and its volume under one row or column of pixels."""
 
-from xml.etree.ElementTree import Element
+from typing import Any, Literal, NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
+import trimesh
+from numpy.typing import ArrayLike, NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.drawing.pictures import depth_picture, layers_picture
-from pmcl_ros.evaluation.report.localization import Localization
-from pmcl_ros.evaluation.report.markup import figure, figures, image, key, section
-from pmcl_ros.evaluation.report.outlines import Along, cut, label_at, middle, outlines
-from pmcl_ros.evaluation.report.plot import Plot, Ticks, round_numbers
-from pmcl_ros.evaluation.report.views import over
+from pmcl_ros.drawing.pictures import silhouette
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.pmcl.object_model import ObjectModel
 
-_MOST_TICKS = 8
-_BRIGHTEST = 99.8  # percentile of the likelihoods that is shown as the brightest
+Along = Literal['x', 'y']  # a row of pixels, or a column
+_ZOOM = 4  # of the mask: outlines to a quarter of a pixel
+_EMPTY = np.zeros((0, 2, 2))
+
+
+def outlines(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating]
+             ) -> list[NDArray[np.float64]]:
+    """Closed polylines (n, 2) [px] about the pixels that a model covers at a pose (4, 4)."""
+    mask = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+    found, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_TC89_L1)
+    return [(each[:, 0] + 0.5) / _ZOOM - 0.5 for each in found]
+
+
+def middle(model: ObjectModel, pose: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(3,) the middle of the mesh's bounding box in the camera's frame [m].
+
+    An object's origin may lie anywhere, on its foot for example.
+    """
+    centre = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
+    return np.asarray(pose[:3, :3] @ centre + pose[:3, 3])
+
+
+def cut(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating], along: Along,
+        pixel: float) -> NDArray[np.float64]:
+    """(k, 2, 2) pieces of the surface under one row or column of pixels.
+
+    Each has two ends: the place along the row or column [px], and the depth [m].
+    """
+    across = 1 if along == 'x' else 0
+    focal, centre = (pinhole.fx, pinhole.cx) if across == 0 else (pinhole.fy, pinhole.cy)
+    normal = np.zeros(3)
+    normal[across], normal[2] = 1, -(pixel - centre) / focal
+    vertices = model.vertices @ pose[:3, :3].T + pose[:3, 3]
+    mesh = trimesh.Trimesh(vertices, model.faces, process=False)
+    intersections: Any = trimesh.intersections
+    pieces = np.asarray(intersections.mesh_plane(mesh, normal, np.zeros(3)))
+    if not len(pieces):
+        return _EMPTY
+    ahead = pieces[(pieces[..., 2] > 0).all(axis=1)]
+    return np.stack([pinhole.project(ahead)[..., 1 - across], ahead[..., 2]], axis=-1)
+
+
+def depths_at(pieces: NDArray[np.float64], pixel: float) -> NDArray[np.float64]:
+    """(n,) depths [m], ascending, at which the ray of a pixel meets pieces (k, 2, 2) of `cut`."""
+    first, last = pieces[:, 0], pieces[:, 1]
+    met = (first[:, 0] <= pixel) != (last[:, 0] <= pixel)
+    first, last = first[met], last[met]
+    part = (pixel - first[:, 0]) / (last[:, 0] - first[:, 0])
+    # Along a straight piece 1/z is linear in the image.
+    return np.sort(1 / ((1 - part) / first[:, 1] + part / last[:, 1]))
+
+
+def label_at(depths: NDArray[np.float64], metres: ArrayLike) -> NDArray[np.float64]:
+    """The labels, with fractions, of depths [m] in a volume of labels `depths` (labels,) [m].
+
+    Counted from 0; labels beyond the volume continue its scale.
+    """
+    inverse = 1 / np.asarray(depths, float)
+    step = (inverse[-1] - inverse[0]) / (len(inverse) - 1)
+    return np.asarray((1 / np.asarray(metres, float) - inverse[0]) / step)
 
 
 def volume_slice(volume: DepthLikelihoodVolume, along: Along, pixel: int) -> NDArray[np.float32]:
-    """The likelihood along a row of pixels, or a column, over depth.
+    """The likelihood along a row or column of pixels, over depth.
 
-    (labels, width) seen from above, far above near; of 'y' (height, labels) seen from the side,
-    near left of far.
+    'x': (labels, width), from above, far above near. 'y': (height, labels), from the side, near
+    left of far.
     """
     if along == 'x':
         return volume.likelihood[pixel].T
     return volume.likelihood[:, pixel, ::-1]
 
 
-def slices_section(run: Localization) -> Element:
-    """Two slices through the middle of the object, the depth picture and the two layers."""
-    near, far = run.volume_settings.near, run.volume_settings.far
-    layers = layers_picture(run.volume.layers(), near, far)
-    return section(
-        'Depth likelihood', 'volume',
-        'How likely the light on a line of pixels came from each depth: bright is likely. Glass '
-        'shows faintly, and what is behind it too.',
-        key(('on estimate', 'the estimate: its surface under the same rays, or its outline')),
-        figures(
-            figure(slice_plot(run, 'x').svg, 'From above, the camera below: across and depth.'),
-            figure(slice_plot(run, 'y').svg, 'From the side, the camera at the left: depth and '
-                   'down.'),
-            figure(_depths(run), 'The most likely depth of each pixel; chance where '
-                   'nothing tells.'),
-            figure(image(layers, 'two layers'), 'The front surface of each ray, and what lies '
-                   'behind it.', wide=True)))
+class EpipolarSlice(NamedTuple):
+    """pixels: (views, length, 3) uint8, as shown. positions: (views,) of the views [view steps].
+
+    along: the axis of the image and of the aperture.
+    """
+
+    pixels: NDArray[np.uint8]
+    positions: NDArray[np.float64]
+    along: Along
 
 
-def _depths(run: Localization) -> Element:
-    picture = depth_picture(run.volume.depth_map(), run.volume_settings.near,
-                            run.volume_settings.far)
-    plot = over(picture, title='most likely depth')
-    plot.path(outlines(run.volume.pinhole, run.model, run.estimate.pose), 'estimate', closed=True)
-    return plot.svg
+def epipolar_slice(light_field: LightField, along: Along, pixel: int) -> EpipolarSlice:
+    """The row of pixels `pixel` in the centre's row of views; for 'y' columns of both.
 
-
-def slice_plot(run: Localization, along: Along) -> Plot:
-    """A slice through the middle of the object, with the object's own cut."""
-    volume, pinhole = run.volume, run.volume.pinhole
-    window = run.region.window(pinhole, run.model.radius)
-    point = np.nan_to_num(pinhole.project(middle(run.model, run.estimate.pose)))
-    line, sides = (1, pinhole.height) if along == 'x' else (0, pinhole.width)
-    pixel = int(np.clip(round(float(point[line])), 0, sides - 1))
-    last = len(volume.depths) - 1
-    low, length = ((window.left, window.size[0]) if along == 'x'
-                   else (window.top, window.size[1]))
-    reach = low - 0.5, low + length - 0.5
-    values = volume_slice(volume, along, pixel)
-    part = np.s_[:, low:low + length] if along == 'x' else np.s_[low:low + length]
-    brightest = max(float(np.percentile(volume.likelihood, _BRIGHTEST)), 1e-9)
-    picture = _shown(values[part] / brightest)
-    # A label is as wide as one: the first is from -1/2 to 1/2.
+    Views without light are left out.
+    """
+    row, column = light_field.grid.centre
     if along == 'x':
-        plot = Plot(reach, (last + 0.5, -0.5), 'x [px]', 'depth [m]', size=(340.0, 300.0),
-                    picture=picture, y_ticks=_ticks(volume), title='likelihood from above')
+        views, positions, weights = (light_field.views[row, :, pixel],
+                                     light_field.grid.positions[row, :, 0],
+                                     light_field.grid.weights[row])
     else:
-        plot = Plot((last + 0.5, -0.5), reach[::-1], 'depth [m]', 'y [px]', size=(340.0, 300.0),
-                    picture=picture, x_ticks=_ticks(volume), title='likelihood from the side')
-    pieces = cut(pinhole, run.model, run.estimate.pose, along, pixel)
-    labels = label_at(volume.depths, pieces[..., 1])
-    ends = (pieces[..., 0], labels) if along == 'x' else (labels, pieces[..., 0])
-    plot.path(list(np.stack(ends, axis=-1)), 'estimate')
-    return plot
+        views, positions, weights = (light_field.views[:, column, :, pixel],
+                                     light_field.grid.positions[:, column, 1],
+                                     light_field.grid.weights[:, column])
+    lit = weights > 0
+    shown = light_field.colour.displayed(views[lit], light_field.gamma)
+    return EpipolarSlice(shown, positions[lit], along)
 
 
-def _ticks(volume: DepthLikelihoodVolume) -> Ticks:
-    far, near = float(volume.depths[0]), float(volume.depths[-1])
-    found: list[tuple[float, str]] = []
-    for each in round_numbers(near, far):
-        label = float(label_at(volume.depths, each))
-        # Far away they crowd.
-        if not found or found[-1][0] - label > len(volume.depths) / _MOST_TICKS:
-            found.append((label, f'{each:g}'))
-    return found
+def track(grid: ViewGrid, along: Along, pixel: float, depth: float,
+          positions: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n,) where views at `positions` (n,) see the point that the centre view has at `pixel` [px].
 
-
-def _shown(values: NDArray[np.float32]) -> NDArray[np.uint8]:
-    levels = np.rint(255 * np.clip(values, 0, 1)).astype(np.uint8)
-    return np.asarray(cv2.applyColorMap(levels, cv2.COLORMAP_VIRIDIS)[..., ::-1], np.uint8)
+    depth: of the point [m]. A view step moves it by focal length x baseline / depth (`ViewGrid`).
+    """
+    focal = grid.pinhole.fx if along == 'x' else grid.pinhole.fy
+    return pixel - focal * grid.baseline / depth * np.asarray(positions, float)

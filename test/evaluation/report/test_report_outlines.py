@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pmcl_scenes import model_of
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evaluation.report.outlines import cut, depths_at, label_at, middle, outlines
+from pmcl_ros.evaluation.report.slices import cut, depths_at, label_at, middle, outlines
 from pmcl_ros.geometry.pinhole import Pinhole
 
 PINHOLE = Pinhole(120, 90, 200.0, 180.0, 58.2, 46.1)

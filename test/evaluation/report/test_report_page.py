@@ -12,11 +12,10 @@ from runs import MODEL, field, run, settings, truth_of
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.report.evidence import classes
-from pmcl_ros.evaluation.report.outlines import outlines
+from pmcl_ros.evaluation.report.drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
-from pmcl_ros.evaluation.report.posterior import coordinates, tilts
-from pmcl_ros.evaluation.report.search import spread
+from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
+from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.pmcl.localizer import Localizer
 
 
@@ -77,14 +76,21 @@ def test_a_page_stands_alone_and_says_what_the_estimate_says(found):
     assert len([each for each in reader.sources if each.startswith('data:image/png')]) > 8
     for each in reader.sources:
         assert each.startswith(('data:', '#'))
-    assert 'url(' not in text
+    assert not re.search(r'url\((?!#)', text)
     assert '@import' not in text
     assert 'script' not in reader.tags
     assert not found.estimate.lost
     check_texts(reader.texts, found)
-    # Links lead to the sections that are there.
-    assert {each[1:] for each in reader.sources if each.startswith('#')} <= set(reader.texts) | {
-        *re.findall('<section id="(.*?)"', text)}
+    # Links lead to what is there, and each name is that of one element.
+    names = re.findall(' id="(.*?)"', text)
+    assert len(names) == len(set(names))
+    links = {*re.findall(r'url\(#(.*?)\)', text),
+             *(each[1:] for each in reader.sources if each.startswith('#'))}
+    assert links <= set(names)
+    # The drawings' colours are all of the style sheet, which has a dark scheme.
+    style, _, body = text.partition('</style>')
+    assert not re.search('(stroke|fill): #[0-9a-f]{6}', body)
+    assert set(re.findall(r'var\(--([a-z-]+)\)', text)) <= set(re.findall(r'--([a-z-]+):', style))
 
 
 def test_a_lost_object_is_told_and_names_are_only_names(lost):
@@ -158,7 +164,7 @@ def test_the_outline_at_the_truth_lies_on_the_pictures_silhouette(found):
 def test_the_contours_evidence_adds_up_to_the_estimates(found):
     points = found.contour
     assert points.lengths @ points.evidence == pytest.approx(found.estimate.score, rel=0.02)
-    kinds = classes(points)
+    kinds = evidence_classes(points)
     for kind, evidence in zip(kinds, points.evidence, strict=True):
         assert kind.endswith('for') == (evidence >= 0)
         assert kind.startswith('rather') == (-1 <= evidence < 1)

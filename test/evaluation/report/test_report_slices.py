@@ -8,9 +8,7 @@ from hypothesis import strategies as st
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evaluation.report.epipolar import epipolar_slice, track
-from pmcl_ros.evaluation.report.outlines import label_at
-from pmcl_ros.evaluation.report.slices import volume_slice
+from pmcl_ros.evaluation.report.slices import epipolar_slice, label_at, track, volume_slice
 
 FAR, NEAR, SPLIT = 0.8, 0.5, 34
 GRID = make_grid(views=(7, 7), size=(70, 60), baseline=0.005, jitter=0.1)
