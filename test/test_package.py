@@ -106,6 +106,7 @@ def test_colcon_installs_every_node_and_file(workspace):
     share = install / 'share'
     assert (share / 'ament_index' / 'resource_index' / 'packages' / 'pmcl_ros').exists()
     for each in ('package.xml', 'config/pmcl.yaml', 'config/fastdds_shm.xml',
+                 'config/learned/contour.yaml', 'config/learned/creases.yaml',
                  'launch/pmcl.launch.py', 'config/cameras/demo.yaml', 'models/wine_glass.obj'):
         assert (share / 'pmcl_ros' / each).is_file(), each
     for each in ('page.html', 'page.css'):  # beside the modules that read them

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.cli.coverage import examples_of
+from pmcl_ros.cli.learn import examples_of
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.errors import pose_error

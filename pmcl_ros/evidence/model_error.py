@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.evidence.learned import learned_contour
+
 # Cosine of normals: points of one side of a contour. The other side looks at other things.
 FACING = 0.5
 
@@ -24,6 +26,12 @@ class ModelError:
     local: float
     length: float
 
+    @classmethod
+    def learned(cls) -> 'ModelError':
+        """The error that was learned from generated scenes."""
+        numbers = learned_contour()
+        return cls(numbers.common_error, numbers.local_error, numbers.error_length)
+
     def covariance(self, distance: NDArray[np.float64], same_side: NDArray[np.bool_]
                    ) -> NDArray[np.float64]:
         """(n, n) [px^2] between points of a contour.
@@ -33,7 +41,3 @@ class ModelError:
         """
         near = np.where(same_side, np.exp(-distance / self.length), 0)
         return self.common ** 2 + self.local ** 2 * near
-
-
-# As `pmcl learn` prints it (`evaluation/contour_errors.py`; docs/method.md, "What is learned").
-CONTOUR_ERROR = ModelError(common=0.21, local=0.38, length=40.0)

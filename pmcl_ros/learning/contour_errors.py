@@ -9,7 +9,7 @@ from scipy.optimize import brentq, minimize
 from scipy.special import chdtr
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.model_error import CONTOUR_ERROR, ModelError
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -42,10 +42,10 @@ class Deviation:
         pose, axis = estimate.pose, example.model.axis
         with renderer.contour_score(example.scene, example.edges, profile) as score:
             points = score.points(pose)
+        learned = ModelError.learned()
         of_model, common, local = (
             LocalModel.of(pose, axis, points, example.edges, profile, error) for error in (
-                CONTOUR_ERROR, ModelError(1, 0, CONTOUR_ERROR.length),
-                ModelError(0, 1, CONTOUR_ERROR.length)))
+                learned, ModelError(1, 0, learned.length), ModelError(0, 1, learned.length)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis - of_model.model_error
         return cls(basis.T @ tangent(example.pose[None], pose, axis)[0], noise,
@@ -89,4 +89,4 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
         raise LocalizationError(f'{len(given)} poses do not tell how far contours lie off; '
                                 'learn from more scenes')
     scale = brentq(excess, _LEAST, _MOST)
-    return ModelError(scale * common, scale * local, CONTOUR_ERROR.length)
+    return ModelError(scale * common, scale * local, ModelError.learned().length)

@@ -18,6 +18,7 @@ from pmcl_ros.nodes.runtime.live import is_live
 from pmcl_ros.nodes.runtime.parameters import ros_type
 from pmcl_ros.nodes.table import ALL, GRASPS, SWEEP, Entry
 from pmcl_ros.nodes.topics import SERVICES, TOPICS
+from pmcl_ros.runtime.settings import default_of
 
 _WIDTH = 99
 _HARD = '\xa0'  # a space that ends no line
@@ -115,7 +116,7 @@ def _parameters(entry: Entry) -> Iterator[str]:
     yield (f'\n### {entry.name}\n| name | type | default | range | unit | description | live |\n'
            '|---|---|---|---|---|---|---|\n')
     for name, field in entry.load().settings_class.model_fields.items():
-        yield _row(f'`{name}`', ros_type(field).name.lower(), f'`{_text(field.default)}`',
+        yield _row(f'`{name}`', ros_type(field).name.lower(), f'`{_text(default_of(field))}`',
                    _range(field), _unit(field), field.description or '',
                    'yes' if is_live(field) else '')
 
@@ -135,7 +136,7 @@ def _section(entry: Entry) -> str:
         comment = (field.description or '') + (f' ({whole})' if notes else '')
         lines += [fill(comment, _WIDTH, initial_indent='    # ', subsequent_indent='    # ',
                        break_long_words=False, break_on_hyphens=False).replace(_HARD, ' ')]
-        value = _SHIPPED.get(entry.name, {}).get(name, field.default)
+        value = _SHIPPED.get(entry.name, {}).get(name, default_of(field))
         lines += [f'    {name}: {_text(value)}']
     return '\n'.join(lines) + '\n'
 

@@ -11,7 +11,7 @@ from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import edges_from_likelihood
-from pmcl_ros.evidence.model_error import CONTOUR_ERROR
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimator import Contour, Volume
@@ -118,7 +118,7 @@ class ContourEvidence:
 
         def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
             return LocalModel.of(pose, self.model.axis, contour(pose), edges, profile,
-                                 CONTOUR_ERROR if sure else None, creases(pose))
+                                 ModelError.learned() if sure else None, creases(pose))
 
         def near(pose: NDArray[np.float64]) -> LinearizedContour:
             return LinearizedContour.of(pose, contour(pose), edges, profile, creases(pose))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.model_error import CONTOUR_ERROR
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene, where
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -204,7 +204,7 @@ class Localizer:
             points = [exact.points(each) for each in poses]
         return [Observation(pose, seen, depth,
                             LocalModel.of(pose, self._model.axis, seen, evidence.edges,
-                                                      evidence.profile, CONTOUR_ERROR),
+                                                      evidence.profile, ModelError.learned()),
                      share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 

@@ -4,8 +4,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from pmcl_ros.evidence.learned import learned_contour
 from pmcl_ros.pmcl.render.back_end import BackEnd
-from pmcl_ros.pmcl.support import LEAST_SUPPORT
 from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
@@ -37,9 +37,10 @@ class PmclSettings(Settings):
         3, ge=1, le=1000,
         description='default mode: moves of the particles in each round of sampling the posterior')
     least_support: float = Field(
-        LEAST_SUPPORT, ge=-5, le=5, description='default mode: mean evidence along the weakest '
-        'fifth of the contour, less a nat for each pixel out of view [nat / px], below which the '
-        'object counts as lost')
+        default_factory=lambda: learned_contour().least_support, ge=-5, le=5,
+        description='default mode: mean evidence along the weakest fifth of the contour, less a '
+        'nat for each pixel out of view [nat / px], below which the object counts as '
+        'lost')
     faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
     faithful_iterations: int = Field(
         500, ge=1, le=100_000, description='faithful mode: iterations at most')

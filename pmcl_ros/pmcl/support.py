@@ -10,9 +10,6 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 # px of a contour that are judged together. Contributions farther apart share no noise.
 _ARC = 20.0
 _PART = 0.2  # of a contour: its weakest part
-# One in twenty objects has more that are looked for in generated scenes where they are not
-# (`evaluation.searches.Supports`, `pmcl learn`; docs/method.md).
-LEAST_SUPPORT = -1.06
 
 
 def contour_support(points: ContourPoints, seen: float) -> float:

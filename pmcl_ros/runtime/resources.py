@@ -13,7 +13,8 @@ _SCHEME = 'package://pmcl_ros/'
 def resolve(path: str, parameter: str) -> Path:
     """The file or folder that a parameter names; SettingsError when it is empty or does not exist.
 
-    `package://pmcl_ros/X` is X in the package's share folder, or in the source tree.
+    `package://pmcl_ros/X` is X in the source tree, or in the package's share folder: of the prefix
+    that the package is installed in, of those in AMENT_PREFIX_PATH, or of Python's.
     """
     if not path:
         raise SettingsError(f'parameter {parameter!r} is empty; set it to a path')
@@ -31,6 +32,8 @@ def resolve(path: str, parameter: str) -> Path:
 
 
 def _folders() -> list[Path]:
-    prefixes = [*os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep), sys.prefix]
-    shares = [Path(prefix) / 'share' / 'pmcl_ros' for prefix in prefixes if prefix]
-    return [Path(pmcl_ros.__file__).parent.parent, *shares]
+    root = Path(pmcl_ros.__file__).parent.parent
+    ament = [each for each in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if each]
+    # pip installs into other prefixes too: --user, --target, /usr/local of Debian's Python.
+    own = [each for each in root.parents if (each / 'share' / 'pmcl_ros').is_dir()]
+    return [root, *(Path(prefix) / 'share' / 'pmcl_ros' for prefix in (*own, *ament, sys.prefix))]

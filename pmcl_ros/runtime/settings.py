@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from pmcl_ros.runtime.errors import SettingsError
@@ -32,6 +33,11 @@ def _line(error: ErrorDetails) -> str:
     if error['type'] == 'missing':  # the value would be all the others
         return line
     return f'{line.removeprefix(": ")} (got {_SHORT.repr(error["input"])})'
+
+
+def default_of(field: FieldInfo) -> Any:
+    """The default of a field; None where it has none."""
+    return None if field.is_required() else field.get_default(call_default_factory=True)
 
 
 class Settings(BaseModel):

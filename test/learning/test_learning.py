@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
 from pmcl_ros.evaluation.studies.coverage import _drawn
-from pmcl_ros.evaluation.studies.crease_study import Result, crease_profile, table
-from pmcl_ros.evaluation.studies.searches import Supports, searches
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.header import Header
@@ -19,10 +17,12 @@ from pmcl_ros.learning.contour_tables import (
     SHIFTS,
     Example,
     Samples,
+    crease_profile,
     fitted,
     profiles,
     samples,
 )
+from pmcl_ros.learning.searches import Supports, searches
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -138,11 +138,3 @@ def test_what_creases_say_has_no_side():
     said = profile.evidence(unseen.energies)
     assert said[unseen.there].mean() > 0 > said[~unseen.there].mean()
     assert profiles(example(0), renderer, rng, of_creases=True) == []  # a surface of revolution
-
-
-def test_the_table_counts_only_what_both_find_for_the_errors():
-    right, off, lost = Result(0.001, 0.01, False), Result(0.003, 0.02, False), \
-        Result(0.1, 1.0, True)
-    lines = list(table([(right, off), (lost, right), (off, right)]))
-    assert 'right 2 of 3, wrong and not lost 0; of 2 that both find: median 2.00 mm' in lines[0]
-    assert 'right 3 of 3' in lines[1]

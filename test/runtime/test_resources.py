@@ -28,6 +28,17 @@ def test_a_package_path_is_found_where_it_is_installed(tmp_path, monkeypatch):
     assert resolve('package://pmcl_ros/models/cup.obj', 'object') == mesh
 
 
+def test_a_package_path_is_found_in_the_prefix_that_the_package_is_installed_in(
+        tmp_path, monkeypatch):  # as `pip install --prefix` or `--user` lays it out
+    file = tmp_path / 'share' / 'pmcl_ros' / 'config' / 'learned' / 'contour.yaml'
+    file.parent.mkdir(parents=True)
+    file.touch()
+    package = tmp_path / 'lib' / 'python3.12' / 'site-packages' / 'pmcl_ros'
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    monkeypatch.setattr(pmcl_ros, '__file__', str(package / '__init__.py'))
+    assert resolve('package://pmcl_ros/config/learned/contour.yaml', 'learned') == file
+
+
 @pytest.mark.parametrize(('path', 'reason'), [
     ('', "parameter 'object' is empty"),
     ('/nowhere/cup.obj', "parameter 'object': there is no /nowhere/cup.obj"),

@@ -19,7 +19,7 @@ from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, sprea
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.history import Stage
 from pmcl_ros.pmcl.summary import credible_level, rotation_distance
-from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.settings import Settings, default_of
 
 _UNKNOWN = 'unknown'
 _STAGES = {
@@ -161,5 +161,5 @@ def _search(run: Localization) -> list[list[str]]:
 
 def _rows(settings: Settings) -> list[tuple[str, object, object]]:
     """Name, value and default of each setting."""
-    return [(name, getattr(settings, name), field.default)
+    return [(name, getattr(settings, name), default_of(field))
             for name, field in type(settings).model_fields.items()]

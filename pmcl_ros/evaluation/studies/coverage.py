@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evidence.model_error import CONTOUR_ERROR
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.motion import perturb
@@ -44,7 +44,7 @@ def run_coverage(count: int, seed: int = 0, whole: bool = True) -> Iterator[Cove
     """
     for number in range(seed, seed + count):
         rng = np.random.default_rng([11, number])
-        scene = random_edge_scene(rng, _drawn, CONTOUR_ERROR)
+        scene = random_edge_scene(rng, _drawn, ModelError.learned())
         settings = PmclSettings(roi_center=scene.roi_center, roi_size=scene.roi_size,
                                 renderer='numba', particles=192 if whole else 96)
         start = perturb(np.tile(scene.pose, (_STARTS, 1, 1)), *_NEAR, rng)

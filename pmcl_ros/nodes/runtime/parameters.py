@@ -19,7 +19,7 @@ from rclpy.parameter import Parameter
 from pmcl_ros.nodes.runtime.live import is_live
 from pmcl_ros.nodes.table import ALL
 from pmcl_ros.runtime.errors import SettingsError
-from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.settings import Settings, default_of
 
 OVERRIDES = 'qos_overrides.'  # rclpy's own prefix
 _TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
@@ -63,7 +63,7 @@ class Parameters:
                                                      -sys.float_info.max, sys.float_info.max)
         elif kind == Parameter.Type.INTEGER:
             descriptor.integer_range = _range(field, IntegerRange, int, -2**63, 2**63 - 1)
-        default = kind if field.is_required() or field.default is None else ros_value(field)
+        default = kind if default_of(field) is None else ros_value(field)
         try:
             self._node.declare_parameter(name, default, descriptor)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
@@ -122,9 +122,10 @@ def ros_type(field: FieldInfo) -> Parameter.Type:
 
 def ros_value(field: FieldInfo) -> Any:
     """The default of a settings field as ROS takes it."""
+    default = default_of(field)
     if ros_type(field) == Parameter.Type.DOUBLE:
-        return float(field.default)
-    return list(field.default) if isinstance(field.default, tuple) else field.default
+        return float(default)
+    return list(default) if isinstance(default, tuple) else default
 
 
 def _range(field: FieldInfo, kind: type, number: type, low: float, high: float) -> list[Any]:

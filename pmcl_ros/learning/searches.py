@@ -11,7 +11,6 @@ from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.learning.contour_errors import Deviation
 from pmcl_ros.learning.contour_tables import Example
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -92,8 +91,8 @@ class Supports:
         return float((self.there < least).mean())
 
 
-def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int,
-          creases: Creases | None = None) -> PoseEstimate:
+def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
+          ) -> PoseEstimate:
     """What the search makes of a model in an example's edge volume."""
     edges = example.edges
     nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
@@ -101,5 +100,5 @@ def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: i
                                    edges)
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba')
-    with Localizer(model, settings, profile, creases) as localizer:
+    with Localizer(model, settings, profile) as localizer:
         return localizer.localize(volume, np.random.default_rng(seed))

@@ -1,0 +1,115 @@
+"""`pmcl learn`: learn the numbers of the contour evidence from generated scenes."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from rich.progress import track
+
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.evidence.learned import LearnedContour, LearnedProfile
+from pmcl_ros.learning.contour_errors import LEVEL, fitted_error
+from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
+from pmcl_ros.learning.searches import Search, Supports, searches
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+
+_LARGEST = 0.14  # m: radius of any generated object
+_FALSE_ALARMS = 0.05
+_DIGITS = 2  # of the numbers that are printed and written
+
+
+@click.command()
+@click.argument('folder', type=FOLDER)
+@click.option('--views', type=click.IntRange(3), default=7, show_default=True,
+              help='Side of the square of views that are used.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--creases', is_flag=True, help='Learn the profile across creases of objects '
+              'without an axis instead.')
+@click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
+              help='Write what is learned to this file, as config/learned/contour.yaml (with '
+              '--creases: creases.yaml), which is read at start.')
+def learn(folder: Path, views: int, seed: int, creases: bool, out: Path | None) -> None:
+    """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
+
+    Prints the profile across contours, the support and evidence below which an object is lost, and
+    the model's error. The support and the errors come from searches in each half of the scenes
+    with the profile of the other half.
+    """
+    captures = find_captures(folder)
+    halves: list[list[Samples]] = [[], []]
+    for number, each in enumerate(examples_of(captures, views, 'profiles')):
+        rng = np.random.default_rng([seed, number])
+        halves[number % 2] += profiles(each, NumbaRenderer(), rng, of_creases=creases)
+    both = halves[0] + halves[1]
+    profile = crease_profile(both) if creases else fitted(Samples.joined(both))
+    click.echo('rows: offsets; columns: knots')
+    for row in _rounded(profile.tables):
+        click.echo(f'    ({", ".join(f"{each:.2f}" for each in row)}),')
+    click.echo(f'bias {profile.bias:.2f}')
+    numbers: LearnedProfile = LearnedProfile.make(_fields(profile), 'the profile')
+    if not creases:
+        looked: list[Search] = []
+        for half in range(2):
+            chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
+            looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
+        numbers = _learn_thresholds(profile, looked)
+    if out is not None:
+        numbers.save(out, f'pmcl learn {folder} --views {views} --seed {seed}'
+                          f'{" --creases" * creases} --out {out}')
+
+
+def _learn_thresholds(profile: ContourProfile, looked: Sequence[Search]) -> LearnedContour:
+    """Print the least support, the least evidence and the model's error."""
+    supports = Supports.of(looked)
+    least = supports.threshold(_FALSE_ALARMS)
+    click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
+    click.echo('support of objects that are elsewhere: '
+               f'{np.sort(supports.elsewhere).round(2).tolist()}')
+    click.echo(f'least support {least:.2f}, at {100 * _FALSE_ALARMS:.0f} % false alarms; '
+               f'{100 * supports.missed(least):.0f} % of what is there has less')
+    evidence = supports.least_evidence(_FALSE_ALARMS)
+    click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
+    click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
+    deviations = [each.deviation for each in looked if each.deviation is not None
+                  and each.support >= least and each.evidence >= evidence]
+    error = fitted_error(deviations)
+    levels = np.array([each.level(error.common, error.local) for each in deviations])
+    click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')
+    for level in (0.5, LEVEL):
+        click.echo(f'truths in the {100 * level:.0f} % region: '
+                   f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
+    return LearnedContour.make(_fields(profile) | {
+        'least_evidence': round(evidence, _DIGITS), 'least_support': round(least, _DIGITS),
+        'common_error': round(error.common, _DIGITS), 'local_error': round(error.local, _DIGITS),
+        'error_length': error.length}, 'the profile')
+
+
+def _fields(profile: ContourProfile) -> dict[str, object]:
+    return {'offsets': profile.offsets.tolist(),
+            'knots': profile.knots.astype(float).round(6).tolist(),  # of float32
+            'tables': _rounded(profile.tables),
+            'bias': round(profile.bias, _DIGITS)}
+
+
+def _rounded(tables: NDArray[np.float32]) -> list[list[float]]:
+    """Without negative zeros."""
+    return [[float(f'{each + 0:.{_DIGITS}f}') for each in row] for row in tables.round(_DIGITS)]
+
+
+def examples_of(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:
+    """Of each capture, as it is read. views: side of the square that is used. told: what for."""
+    for each in track(captures, console=STDERR, description=told, transient=True):
+        truth = each.truth
+        region = Region(truth.roi_center, truth.roi_size)
+        labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)
+        yield Example(edge_volume(each.light_field(None), labels, views),
+                      ObjectModel.load(each.model), truth.pose, region, not truth.empty)

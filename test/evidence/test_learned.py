@@ -1,0 +1,58 @@
+"""Learned numbers are read from data files; what is wrong in one is named."""
+
+import numpy as np
+import pytest
+
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.learned import (
+    LearnedContour,
+    LearnedProfile,
+    learned_contour,
+    learned_creases,
+)
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
+
+GOOD = {'offsets': [-1, 0, 1], 'knots': [0, 0.5], 'tables': [[0, 1], [2, 3], [4, 5]], 'bias': 0.1}
+
+
+def test_the_files_are_what_the_search_uses():
+    numbers = learned_contour()
+    profile = ContourProfile.learned()
+    np.testing.assert_array_equal(profile.tables, np.array(numbers.tables, np.float32))
+    assert (profile.bias, profile.least) == (numbers.bias, numbers.least_evidence)
+    assert PmclSettings().least_support == numbers.least_support
+    assert ModelError.learned() == ModelError(numbers.common_error, numbers.local_error,
+                                              numbers.error_length)
+
+
+def test_creases_have_no_side():
+    tables = np.array(learned_creases().tables)
+    np.testing.assert_array_equal(tables, tables[::-1])
+    np.testing.assert_array_equal(ContourProfile.of_creases().tables, tables.astype(np.float32))
+
+
+def test_what_is_saved_is_read_to_the_last_digit(tmp_path):
+    file = tmp_path / 'contour.yaml'
+    numbers = learned_contour().model_copy(update={'bias': 1 / 3, 'least_evidence': 1e-7})
+    numbers.save(file, 'pmcl learn out')
+    assert LearnedContour.load(file) == numbers
+    assert file.read_text().startswith('# pmcl learn out\n')
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    ({'knots': [0.1, 0.5]}, 'knots must begin at 0'),
+    ({'knots': [0, 0]}, r'knots must ascend, they are \[0.0, 0.0\]'),
+    ({'offsets': [0, -1, 1]}, 'offsets must ascend'),
+    ({'tables': [[0, 1], [2, 3]]}, 'tables must have 3 rows'),
+    ({'tables': [[0, 1], [2, 3], [4]]}, r'of 2 numbers \(knots\), they have 3 rows of \[1, 2\]'),
+    ({'bias': float('nan')}, 'bias: Input should be a finite number'),
+    ({'tables': [[0, 1], [2, 3], [4, float('inf')]]}, 'tables.2.1: Input should be a finite'),
+    ({'bia': 1}, 'bia: Extra inputs'),
+])
+def test_the_file_and_the_field_are_named(tmp_path, change, reason):
+    file = tmp_path / 'creases.yaml'
+    file.write_text(str(GOOD | change).replace('nan', '.nan').replace('inf', '.inf'))
+    with pytest.raises(SettingsError, match=f'{file}: .*{reason}'):
+        LearnedProfile.load(file)
