@@ -10,7 +10,8 @@ from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'bag', 'bench', 'calibrate', 'camera', 'coverage', 'decode', 'doctor', 'evaluate', 'figures',
-    'grasps', 'lattice', 'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep', 'together', 'track')}
+    'grasps', 'lattice', 'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep', 'together',
+    'track')}
 _MODULES['calibration-from-truth'] = 'pmcl_ros.cli.calibrate'
 
 

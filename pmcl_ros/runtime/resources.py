@@ -36,4 +36,5 @@ def _folders() -> list[Path]:
     ament = [each for each in os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep) if each]
     # pip installs into other prefixes too: --user, --target, /usr/local of Debian's Python.
     own = [each for each in root.parents if (each / 'share' / 'pmcl_ros').is_dir()]
-    return [root, *(Path(prefix) / 'share' / 'pmcl_ros' for prefix in (*own, *ament, sys.prefix))]
+    prefixes = [*own, *map(Path, ament), Path(sys.prefix)]
+    return [root, *(each / 'share' / 'pmcl_ros' for each in prefixes)]
