@@ -21,6 +21,7 @@ test: $(TEST) lint
 lint: $(TEST)
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 venv: $(TEST)
 

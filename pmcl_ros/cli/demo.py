@@ -21,12 +21,13 @@ from rich.console import Console
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions
 from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.drawing.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.messages.image import depth_from, picture_from
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -161,7 +162,7 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
 
 def _report(watcher: Watcher, bag: Path, truth: NDArray[np.float64], out: Path) -> None:
     model = ObjectModel.load(_mesh(bag))
-    _, pose = conversions.pose_from(watcher.pose)
+    _, pose = pose_from(watcher.pose)
     error = pose_error(pose, truth, model.axis, model.discrete)
     _CONSOLE.rule(f'{bag.name} in {watcher.pose.header.frame_id}')
     for name, each in (('estimate', pose), ('truth', truth)):
@@ -172,11 +173,11 @@ def _report(watcher: Watcher, bag: Path, truth: NDArray[np.float64], out: Path) 
                    f'[bold]{np.rad2deg(error.rotation):.1f} degrees[/] (of the symmetry axis)',
                    highlight=False)
     out.mkdir(parents=True, exist_ok=True)
-    depth = conversions.depth_from(watcher.pictures['dlv/depth'])
+    depth = depth_from(watcher.pictures['dlv/depth'])
     near, far = np.nanpercentile(depth, [1, 99])
-    write_png(out / 'centre.png', conversions.picture_from(watcher.pictures['center/image']))
+    write_png(out / 'centre.png', picture_from(watcher.pictures['center/image']))
     write_png(out / 'depth.png', depth_picture(depth, near, far))
-    write_png(out / 'overlay.png', conversions.picture_from(watcher.pictures['overlay']))
+    write_png(out / 'overlay.png', picture_from(watcher.pictures['overlay']))
     _CONSOLE.print(f' pictures: {out}/centre.png, {out}/depth.png (most likely depth), '
                    f'{out}/overlay.png (estimate on the centre view)', highlight=False)
     _CONSOLE.rule()

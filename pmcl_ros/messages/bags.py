@@ -229,7 +229,7 @@ def _image(header: Header, encoding: str, pixels: NDArray[Any]) -> Any:
 
 
 def _camera_info(header: Header, pinhole: Pinhole, baseline: float) -> Any:
-    """As `conversions.pinhole_to_message`."""
+    """As `camera_info.pinhole_to_message`."""
     types = _TYPES.types
     p = np.zeros((3, 4))
     p[:, :3] = pinhole.matrix

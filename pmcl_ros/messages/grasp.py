@@ -1,7 +1,4 @@
-"""How grasps lie in ROS messages: the part of conversions.py that belongs to grasp_node.
-
-It stands here because only nodes and conversions.py may import ROS.
-"""
+"""Grasps: `grasps`, `pre_grasps`, `grasps/details`, `grasps/markers`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,10 +10,10 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import ColorRGBA, Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros.conversions import header_to_message
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.ranking import Candidate
+from pmcl_ros.messages.header import header_to_message
 
 # The columns of `grasps/details`.
 DETAILS = ('score', 'probability', 'width', 'opening')

@@ -6,13 +6,18 @@ from functools import partial
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros import conversions
 from pmcl_ros.dlv.back_end import choose
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.camera_info import pinhole_from
+from pmcl_ros.messages.header import Part, part_from
+from pmcl_ros.messages.image import depth_to_message, picture_to_message
+from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_from
+from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
@@ -21,9 +26,9 @@ from pmcl_ros.nodes.transport.values import ValuePublisher, subscribe_value
 
 # topic: type, what reads (and so checks) a message as it comes, quality of service
 _INPUTS = {
-    'views/camera_info': (CameraInfo, conversions.pinhole_from, SMALL),
-    'views/pupil': (Image, conversions.pupil_from, SMALL),
-    'views': (Image, conversions.mosaic_from, BIG),
+    'views/camera_info': (CameraInfo, pinhole_from, SMALL),
+    'views/pupil': (Image, pupil_from, SMALL),
+    'views': (Image, mosaic_from, BIG),
 }
 
 
@@ -39,11 +44,11 @@ class DlvNode(StageNode):
         warm_up(settings.back_end, settings.layers)
         self.health.back_end = ('numpy' if settings.interpolation == 'phase'
                                 else choose(settings.back_end))
-        volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, conversions.volume_to_message,
+        volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, volume_to_message,
                                 each_a_capture=True)
         edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
-                               conversions.edges_to_message)
-        depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, conversions.depth_to_message)
+                               edges_to_message)
+        depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, depth_to_message)
         layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
         self._outputs = [Output(volume.wanted, volume.publish),
                          Output(edges.wanted, lambda made: edges.publish(made.edges)),
@@ -56,11 +61,11 @@ class DlvNode(StageNode):
         self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
         self._audience = DeferredPublisher(self, self._outputs, 'views: nobody listens to dlv')
         for topic, (kind, check, qos) in _INPUTS.items():
-            subscribe_value(self, kind, topic, conversions.part_from(check),
+            subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
                             announced=True)
 
-    def _on_part(self, topic: str, part: LightField | conversions.Part) -> None:
+    def _on_part(self, topic: str, part: LightField | Part) -> None:
         self.health.frames_in += topic == 'views'
         if isinstance(part, LightField):  # handed over: the whole, on each of the three
             if topic == 'views':
@@ -72,13 +77,13 @@ class DlvNode(StageNode):
             self._audience.tell(partial(self._build, *complete), f'capture {part.header.stamp_ns}')
 
     def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> DepthLikelihoodVolume:
-        return build_volume(conversions.light_field_from(camera_info, pupil, views),
+        return build_volume(light_field_from(camera_info, pupil, views),
                             self._settings)
 
     def _layers_to_message(self, volume: DepthLikelihoodVolume,
-                           buffer: conversions.Buffer) -> Image:
+                           buffer: Buffer) -> Image:
         picture = layers_picture(volume.layers(), self._settings.near, self._settings.far)
-        return conversions.picture_to_message(volume.header, picture, buffer)
+        return picture_to_message(volume.header, picture, buffer)
 
 
 def main() -> int:

@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import rotate_covariance, transform
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker, Ranking
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_markers
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.marker import no_markers
+from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
 from pmcl_ros.nodes.runtime.arms import arm_of
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
@@ -67,12 +69,12 @@ class GraspNode(StageNode):
     # in
 
     def _on_both(self, message: PoseWithCovarianceStamped) -> None:
-        header, pose, covariance = conversions.pose_with_covariance_from(message)
+        header, pose, covariance = pose_with_covariance_from(message)
         self._done = header.stamp_ns
         self._take(header, pose, covariance)
 
     def _on_pose(self, message: PoseStamped) -> None:
-        header, pose = conversions.pose_from(message)
+        header, pose = pose_from(message)
         if header.stamp_ns != self._done:  # else its covariance came first
             self._held = time.monotonic(), header, pose
 
@@ -92,7 +94,7 @@ class GraspNode(StageNode):
                     and status.level == DiagnosticStatus.WARN
                     and status.message.startswith('lost') and status.message != self._told_lost):
                 self._told_lost = status.message
-                self._none(Header(conversions.header_from(message.header).stamp_ns,
+                self._none(Header(header_from(message.header).stamp_ns,
                                   self._settings.base_frame), status.message)
 
     # out
@@ -146,7 +148,7 @@ class GraspNode(StageNode):
 
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
-            self._markers.publish(conversions.no_markers())
+            self._markers.publish(no_markers())
 
 
 def main() -> int:

@@ -2,7 +2,7 @@
 
 from pydantic import Field, model_validator
 
-from pmcl_ros import conversions
+from pmcl_ros.messages.pose import estimate_to_transform
 from pmcl_ros.nodes.runtime.arms import tf2
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -58,4 +58,4 @@ class ObjectFrame:
 
     def tell(self, estimate: PoseEstimate) -> None:
         """The object is here, at the capture's time; nothing is told of a lost one."""
-        self._send(conversions.estimate_to_transform(estimate, self._name))
+        self._send(estimate_to_transform(estimate, self._name))

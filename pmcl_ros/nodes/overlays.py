@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.camera_info import pinhole_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import picture_from, picture_to_message
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 
 _PICTURES = 4  # kept
@@ -36,11 +38,11 @@ class Overlays:
 
     def on_camera(self, message: CameraInfo) -> None:
         """A centre/camera_info came."""
-        _keep(self._cameras, message, conversions.pinhole_from(message))
+        _keep(self._cameras, message, pinhole_from(message))
 
     def on_picture(self, message: Image) -> None:
         """A centre/image came."""
-        conversions.picture_from(message)
+        picture_from(message)
         _keep(self._pictures, message, message)
 
     def publish(self, header: Header, pinhole: Pinhole, draw: Draw) -> None:
@@ -53,17 +55,17 @@ class Overlays:
             return
         # The volume may be of a part of the picture, or coarser.
         pinhole = self._cameras.get(header.stamp_ns, pinhole)
-        picture = conversions.picture_from(message)
+        picture = picture_from(message)
         if picture.shape[:2] != (pinhole.height, pinhole.width):
             self._node.get_logger().warning(
                 'no overlay: center/image is not of the size of the volume, and no '
                 'center/camera_info came with it', once=True)
             return
-        self._publisher.publish(conversions.picture_to_message(header, draw(picture, pinhole)))
+        self._publisher.publish(picture_to_message(header, draw(picture, pinhole)))
 
 
 def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:
     """Of the last captures."""
-    kept[conversions.header_from(message.header).stamp_ns] = value
+    kept[header_from(message.header).stamp_ns] = value
     while len(kept) > _PICTURES:
         del kept[next(iter(kept))]

@@ -14,9 +14,12 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
 from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
+from pmcl_ros.messages.pose import estimate_to_messages
+from pmcl_ros.messages.volume import edges_from, volume_from, with_edges
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
@@ -79,7 +82,7 @@ class PmclNode(StageNode):
                        self.publisher(PoseArray, 'particles', SMALL)]
         self._list = ObjectList(self, [path])
         self._marker: Marker | None = None  # made when somebody wants it
-        self._box = conversions.region_to_marker(Region(settings.roi_center, settings.roi_size))
+        self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
 
     def _work(self, make: Callable[[], Any], sought: str) -> Any:
         """A thread for what searches, which is made on it."""
@@ -101,10 +104,10 @@ class PmclNode(StageNode):
         self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
         if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
             self._edges = subscribe_value(self, Float32MultiArray, 'dlv/edges',
-                                          conversions.edges_from, self._on_edges, BIG,
+                                          edges_from, self._on_edges, BIG,
                                           each_a_capture=False)
             self.every(0.25, self._wait_no_longer)
-        subscribe_value(self, Float32MultiArray, 'dlv', conversions.volume_from, self._on_volume,
+        subscribe_value(self, Float32MultiArray, 'dlv', volume_from, self._on_volume,
                         BIG)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
@@ -126,7 +129,7 @@ class PmclNode(StageNode):
 
     def _on_camera(self, message: CameraInfo) -> None:
         self._overlays.on_camera(message)
-        self._awaited.announced(conversions.header_from(message.header).stamp_ns)
+        self._awaited.announced(header_from(message.header).stamp_ns)
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
         self.health.frames_in += 1
@@ -147,7 +150,7 @@ class PmclNode(StageNode):
         complete = self._matching.add(topic, part.header.stamp_ns, part)
         if complete:
             self._held = None
-            self._search(conversions.with_edges(*complete))
+            self._search(with_edges(*complete))
 
     def _wait_no_longer(self) -> None:
         if self._held is None:
@@ -241,7 +244,7 @@ class PmclNode(StageNode):
             self.health.warn(f'lost: no {name} in capture {stamp}{predicted}')
             self.get_logger().warning(self.health.message)
         else:
-            messages = conversions.estimate_to_messages(estimate)
+            messages = estimate_to_messages(estimate)
             for publisher, message in zip(self._poses, messages, strict=True):
                 publisher.publish(message)
             if self._frame is not None:
@@ -251,13 +254,13 @@ class PmclNode(StageNode):
             self.done(latency, f'found {name} in capture {stamp}')
         self._list.tell([name], [estimate])
         if self._markers.get_subscription_count():
-            self._marker = self._marker or conversions.mesh_to_marker(self._model)
-            self._markers.publish(conversions.place_markers(self._marker, self._box, estimate))
+            self._marker = self._marker or mesh_to_marker(self._model)
+            self._markers.publish(place_markers(self._marker, self._box, estimate))
         self.tell_health()
 
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
-            self._markers.publish(conversions.no_markers())
+            self._markers.publish(no_markers())
 
 
 def main() -> int:

@@ -8,9 +8,15 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.lifecycle import LifecyclePublisher
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros import conversions
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import outlines
+from pmcl_ros.messages.marker import (
+    mesh_to_marker,
+    objects_to_markers,
+    place_markers,
+    region_to_marker,
+)
+from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
@@ -35,7 +41,7 @@ class ObjectList:
 
     def tell(self, names: Sequence[str], estimates: Sequence[PoseEstimate]) -> None:
         """Of one capture, in the order of the paths."""
-        self._publisher.publish(conversions.objects_to_markers(names, self._meshes, estimates))
+        self._publisher.publish(objects_to_markers(names, self._meshes, estimates))
 
 
 class SeveralObjects:
@@ -61,7 +67,7 @@ class SeveralObjects:
         self._frames = [ObjectFrame(node, name) for name in self.names
                         ] if settings.broadcast_tf else []
         self._meshes: list[Marker] = []  # made when somebody wants them
-        self._box = conversions.region_to_marker(Region(settings.roi_center, settings.roi_size))
+        self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
 
     def localizer(self) -> SceneLocalizer:
         """Finds them; for the thread that uses it."""
@@ -76,7 +82,7 @@ class SeveralObjects:
             health.extra[name] = 'lost' if each.lost else f'score {each.score:.0f}'
             if each.lost:
                 continue
-            for publisher, message in zip(self._poses[k], conversions.estimate_to_messages(each),
+            for publisher, message in zip(self._poses[k], estimate_to_messages(each),
                                           strict=False):
                 publisher.publish(message)
             if self._frames:
@@ -88,10 +94,10 @@ class SeveralObjects:
                                lambda picture, pinhole: outlines(picture, pinhole, there))
         if self._markers.get_subscription_count():
             self._meshes = self._meshes or [
-                conversions.mesh_to_marker(replace(model, name=name))
+                mesh_to_marker(replace(model, name=name))
                 for model, name in zip(self._models, self.names, strict=True)]
             both = zip(self._meshes, scene.estimates, strict=True)
-            placed = [conversions.place_markers(mesh, self._box, each) for mesh, each in both]
+            placed = [place_markers(mesh, self._box, each) for mesh, each in both]
             self._markers.publish(MarkerArray(markers=[
                 self._box, *(marker for each in placed for marker in each.markers[1:])]))
         self._tell_health(scene, stamp, latency)

@@ -7,13 +7,14 @@ from functools import partial
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from pmcl_ros import conversions
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.settings import DecodeSettings
+from pmcl_ros.messages.header import Part, header_from, part_from
+from pmcl_ros.messages.raw_frame import counts_from, metadata_from, raw_frame_from
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.runtime.live import live_parameters
 from pmcl_ros.nodes.runtime.running import run
@@ -40,11 +41,11 @@ class SubapertureNode(StageNode):
     def start(self) -> None:
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata: CameraMetadata | None = None
-        self._waiting: conversions.Part | None = None
+        self._waiting: Part | None = None
         self._audience = DeferredPublisher(self, self._outputs,
                                   'an image: nobody listens to views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
-        subscribe_value(self, Image, 'image_raw', conversions.part_from(conversions.counts_from),
+        subscribe_value(self, Image, 'image_raw', part_from(counts_from),
                         self._on_image, BIG)
 
     def _renew(self, settings: DecodeSettings) -> Callable[[], None]:
@@ -64,12 +65,12 @@ class SubapertureNode(StageNode):
         return use
 
     def _on_metadata(self, message: String) -> None:
-        self._metadata = conversions.metadata_from(message)
+        self._metadata = metadata_from(message)
         image, self._waiting = self._waiting, None
         if image is not None:
             self._tell(image, self._metadata)
 
-    def _on_image(self, image: RawFrame | conversions.Part) -> None:
+    def _on_image(self, image: RawFrame | Part) -> None:
         self.health.frames_in += 1
         if isinstance(image, RawFrame):  # handed over, with its own
             self._metadata = image.metadata
@@ -84,12 +85,12 @@ class SubapertureNode(StageNode):
         self._waiting = image
         self.health.warn('an image waits for metadata')
 
-    def _tell(self, image: conversions.Part, metadata: CameraMetadata) -> None:
-        stamp = conversions.header_from(image.message.header).stamp_ns
+    def _tell(self, image: Part, metadata: CameraMetadata) -> None:
+        stamp = header_from(image.message.header).stamp_ns
         self._audience.tell(partial(self._decode, image, metadata), f'capture {stamp}')
 
-    def _decode(self, image: conversions.Part, metadata: CameraMetadata) -> LightField:
-        return self._decoders.decode(conversions.raw_frame_from(image.message, metadata))
+    def _decode(self, image: Part, metadata: CameraMetadata) -> LightField:
+        return self._decoders.decode(raw_frame_from(image.message, metadata))
 
 
 def _load(settings: DecodeSettings) -> Decoders:

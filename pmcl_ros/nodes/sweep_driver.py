@@ -8,7 +8,6 @@ from typing import NamedTuple
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
@@ -16,6 +15,7 @@ from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.lens import Lens
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.messages.camera_image import colours_from, lens_from
+from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.camera_poses import camera_poses
 from pmcl_ros.nodes.runtime.running import run
@@ -113,7 +113,7 @@ class SweepDriver(StageNode):
             return
         self._number += 1
         name = f'frame {self._number}'
-        header = conversions.header_from(message.header)
+        header = header_from(message.header)
         self._frame_id = self._frame_id or header.frame_id
         if header.frame_id != self._frame_id:
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '

@@ -5,8 +5,11 @@ from collections.abc import Callable
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
-from pmcl_ros import conversions
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.light_field import pupil_to_message, views_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.transport.deferred_publisher import Output
 from pmcl_ros.nodes.transport.values import ValuePublisher
@@ -15,7 +18,7 @@ from pmcl_ros.nodes.transport.values import ValuePublisher
 def view_outputs(node: StageNode) -> list[Output[LightField]]:
     """Publishers of light fields, for `set_up` of a node."""
     def output(kind: type, topic: str,
-               write: Callable[[LightField, conversions.Buffer], Image | CameraInfo],
+               write: Callable[[LightField, Buffer], Image | CameraInfo],
                qos: QoSProfile = SMALL) -> Output[LightField]:
         publisher = ValuePublisher(node, kind, topic, qos, write)
         return Output(publisher.wanted, publisher.publish)
@@ -24,18 +27,18 @@ def view_outputs(node: StageNode) -> list[Output[LightField]]:
     return [output(CameraInfo, 'center/camera_info', _centre_info),
             output(Image, 'center/image', _centre_image),
             output(CameraInfo, 'views/camera_info', _views_info),
-            output(Image, 'views/pupil', conversions.pupil_to_message),
-            output(Image, 'views', conversions.views_to_message, BIG)]
+            output(Image, 'views/pupil', pupil_to_message),
+            output(Image, 'views', views_to_message, BIG)]
 
 
-def _centre_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
-    return conversions.pinhole_to_message(light_field.header, light_field.grid.pinhole)
+def _centre_info(light_field: LightField, _: Buffer) -> CameraInfo:
+    return pinhole_to_message(light_field.header, light_field.grid.pinhole)
 
 
-def _views_info(light_field: LightField, _: conversions.Buffer) -> CameraInfo:
+def _views_info(light_field: LightField, _: Buffer) -> CameraInfo:
     grid = light_field.grid
-    return conversions.pinhole_to_message(light_field.header, grid.pinhole, grid.baseline)
+    return pinhole_to_message(light_field.header, grid.pinhole, grid.baseline)
 
 
-def _centre_image(light_field: LightField, buffer: conversions.Buffer) -> Image:
-    return conversions.picture_to_message(light_field.header, light_field.picture(), buffer)
+def _centre_image(light_field: LightField, buffer: Buffer) -> Image:
+    return picture_to_message(light_field.header, light_field.picture(), buffer)

@@ -58,7 +58,7 @@ def test_the_views_are_those_that_a_node_would_read(tmp_path, light_field):
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import CameraInfo, Image
 
-    from pmcl_ros.conversions import light_field_from
+    from pmcl_ros.messages.light_field import light_field_from
     record(tmp_path / 'bag', light_field_messages(light_field))
     cdr = {each.topic: each.cdr for each in read(tmp_path / 'bag')}
     theirs = light_field_from(*(deserialize_message(cdr[topic], kind) for topic, kind in (

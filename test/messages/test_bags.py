@@ -52,7 +52,7 @@ def test_recorded_messages_are_those_of_the_driver(raw_frame):
     from sensor_msgs.msg import Image
     from std_msgs.msg import String
 
-    from pmcl_ros.conversions import metadata_from, raw_frame_from, raw_frame_to_messages
+    from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from, raw_frame_to_messages
     text, image = (deserialize_message(each.cdr, kind) for each, kind in
                    zip(capture_messages(raw_frame), (String, Image), strict=True))
     assert (text, image) == raw_frame_to_messages(raw_frame)
@@ -78,7 +78,9 @@ def test_recorded_views_are_those_of_the_node(light_field, tmp_path):
     from rclpy.serialization import deserialize_message
     from sensor_msgs.msg import CameraInfo, Image
 
-    from pmcl_ros.conversions import light_field_to_messages, picture_from, pinhole_to_message
+    from pmcl_ros.messages.camera_info import pinhole_to_message
+    from pmcl_ros.messages.image import picture_from
+    from pmcl_ros.messages.light_field import light_field_to_messages
     record_light_field(light_field, tmp_path / 'bag')
     recorded = list(read(tmp_path / 'bag'))
     assert recorded == light_field_messages(light_field)

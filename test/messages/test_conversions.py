@@ -18,7 +18,6 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension, String
 from visualization_msgs.msg import Marker
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
@@ -28,6 +27,27 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.camera_info import pinhole_from, pinhole_to_message
+from pmcl_ros.messages.cdr import multi_array_from
+from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.messages.image import depth_from, depth_to_message, picture_from, picture_to_message
+from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
+from pmcl_ros.messages.marker import mesh_to_marker, place_markers, region_to_marker
+from pmcl_ros.messages.pose import (
+    estimate_to_messages,
+    particles_from,
+    pose_from,
+    pose_with_covariance_from,
+)
+from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from, raw_frame_to_messages
+from pmcl_ros.messages.volume import (
+    edges_from,
+    edges_to_message,
+    volume_from,
+    volume_to_message,
+    with_edges,
+)
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -86,25 +106,25 @@ def wired(message):
 def test_header_round_trip():
     for stamp in (0, 1, 10**9 - 1, HEADER.stamp_ns, 2**31 * 10**9 - 1):
         header = Header(stamp, 'frame;with=signs')
-        assert cv.header_from(wired(cv.header_to_message(header))) == header
+        assert header_from(wired(header_to_message(header))) == header
 
 
 def test_a_stamp_beyond_ros_time_is_refused():
     with pytest.raises(MessageError, match='32 bits of seconds'):
-        cv.header_to_message(Header(2**31 * 10**9))
+        header_to_message(Header(2**31 * 10**9))
 
 
 def test_raw_frame_round_trip(raw_frame):
-    metadata, image = map(wired, cv.raw_frame_to_messages(raw_frame))
+    metadata, image = map(wired, raw_frame_to_messages(raw_frame))
     assert (image.encoding, image.step, image.is_bigendian) == ('bayer_bggr16', 16, 0)
-    found = cv.raw_frame_from(image, cv.metadata_from(metadata))
+    found = raw_frame_from(image, metadata_from(metadata))
     assert found.header == HEADER
     assert found.metadata == raw_frame.metadata
     np.testing.assert_array_equal(found.counts, raw_frame.counts)
 
 
 def test_light_field_round_trip(light_field):
-    messages = cv.light_field_to_messages(light_field)
+    messages = light_field_to_messages(light_field)
     info, pupil, views = map(wired, messages)
     assert (views.encoding, views.width, views.height) == ('rgb16', 5 * 7, 3 * 5)
     assert (pupil.encoding, pupil.width, pupil.height) == ('32FC3', 5, 3)
@@ -112,7 +132,7 @@ def test_light_field_round_trip(light_field):
     grid = light_field.grid
     assert info.p[3] == -PINHOLE.fx * grid.baseline
     assert info.p[7] == -PINHOLE.fy * grid.baseline
-    found = cv.light_field_from(info, pupil, views)
+    found = light_field_from(info, pupil, views)
     assert found.header == HEADER
     assert found.grid.pinhole == PINHOLE
     assert found.grid.baseline == pytest.approx(grid.baseline, rel=1e-15)
@@ -125,12 +145,12 @@ def test_light_field_round_trip(light_field):
 def test_light_beyond_the_range_is_clipped_not_wrapped(light_field):
     views = light_field.views.copy()
     views[0, 0, 0, 0] = -0.1, 1, 7
-    found = cv.light_field_from(*cv.light_field_to_messages(replace(light_field, views=views)))
+    found = light_field_from(*light_field_to_messages(replace(light_field, views=views)))
     np.testing.assert_array_equal(found.views[0, 0, 0, 0], np.float32([0, 1, 65535 / 32768]))
 
 
 def test_mosaic_holds_view_r_c_in_its_tile_r_c(light_field):
-    views = cv.light_field_to_messages(light_field).views
+    views = light_field_to_messages(light_field).views
     mosaic = np.frombuffer(views.data, np.uint16).reshape(15, 35, 3)
     tile = mosaic[2 * 5:3 * 5, 3 * 7:4 * 7]
     np.testing.assert_allclose(tile / VIEW_WHITE, light_field.views[2, 3], atol=1e-4)
@@ -138,15 +158,15 @@ def test_mosaic_holds_view_r_c_in_its_tile_r_c(light_field):
 
 def test_picture_and_its_camera_round_trip(light_field):
     picture = light_field.picture()
-    np.testing.assert_array_equal(cv.picture_from(wired(cv.picture_to_message(HEADER, picture))),
+    np.testing.assert_array_equal(picture_from(wired(picture_to_message(HEADER, picture))),
                                   picture)
-    info = wired(cv.pinhole_to_message(HEADER, PINHOLE))
-    assert cv.pinhole_from(info) == PINHOLE
+    info = wired(pinhole_to_message(HEADER, PINHOLE))
+    assert pinhole_from(info) == PINHOLE
     assert info.p[3] == info.p[7] == 0
 
 
 def test_volume_round_trip(volume):
-    found = cv.volume_from(wired(cv.volume_to_message(volume)))
+    found = volume_from(wired(volume_to_message(volume)))
     assert found.header == HEADER
     assert found.pinhole == PINHOLE
     assert found.edges is None
@@ -155,7 +175,7 @@ def test_volume_round_trip(volume):
 
 
 def test_volume_layout_is_that_of_multi_array_layout(volume):
-    message = cv.volume_to_message(volume)
+    message = volume_to_message(volume)
     layout, data = message.layout, message.data
     assert [(each.label.split(';')[0], each.size, each.stride) for each in layout.dim] == [
         ('height', 5, 210), ('width', 7, 42), ('depth', 6, 6)]
@@ -165,7 +185,7 @@ def test_volume_layout_is_that_of_multi_array_layout(volume):
 
 
 def test_numbers_before_the_data_say_what_the_labels_say(volume):
-    message = cv.volume_to_message(volume)
+    message = volume_to_message(volume)
     numbers = np.array(message.data[:message.layout.data_offset])
     words = [int(each) for each in numbers[:4]]
     assert words[0] << 48 | words[1] << 32 | words[2] << 16 | words[3] == HEADER.stamp_ns
@@ -174,81 +194,81 @@ def test_numbers_before_the_data_say_what_the_labels_say(volume):
 
 
 def test_edges_round_trip_and_join_their_volume(volume, edges):
-    found = cv.edges_from(wired(cv.edges_to_message(edges)))
+    found = edges_from(wired(edges_to_message(edges)))
     assert (found.header, found.pinhole) == (HEADER, PINHOLE)
     np.testing.assert_array_equal(found.depths, edges.depths)
     np.testing.assert_array_equal(found.tensor, edges.tensor)
-    assert cv.with_edges(volume, found).edges is found
+    assert with_edges(volume, found).edges is found
 
 
 def test_a_volume_read_from_its_bytes_is_the_same(volume, edges):
-    message = cv.volume_to_message(volume)
-    found = cv.volume_from(cv.multi_array_from(serialize_message(message)))
-    expected = cv.volume_from(wired(message))
+    message = volume_to_message(volume)
+    found = volume_from(multi_array_from(serialize_message(message)))
+    expected = volume_from(wired(message))
     assert (found.header, found.pinhole) == (expected.header, expected.pinhole)
     np.testing.assert_array_equal(found.depths, expected.depths)
     np.testing.assert_array_equal(found.likelihood, expected.likelihood)
     assert found.likelihood.flags.writeable
-    cdr = serialize_message(cv.edges_to_message(edges))
-    np.testing.assert_array_equal(cv.edges_from(cv.multi_array_from(cdr)).tensor, edges.tensor)
+    cdr = serialize_message(edges_to_message(edges))
+    np.testing.assert_array_equal(edges_from(multi_array_from(cdr)).tensor, edges.tensor)
     with pytest.raises(MessageError, match='0 dimensions'):
-        cv.volume_from(cv.multi_array_from(serialize_message(Float32MultiArray())))
+        volume_from(multi_array_from(serialize_message(Float32MultiArray())))
 
 
 def test_a_volume_that_has_these_edges_is_left_alone(volume, edges):
     both = replace(volume, edges=edges)
-    assert cv.with_edges(both, edges) is both
+    assert with_edges(both, edges) is both
 
 
 def test_edges_of_another_capture_or_camera_are_refused(volume, edges):
     with pytest.raises(MessageError, match='one capture'):
-        cv.with_edges(volume, replace(edges, header=Header(5)))
+        with_edges(volume, replace(edges, header=Header(5)))
     with pytest.raises(MessageError, match=r'Pinhole.*but dlv of that stamp: Pinhole'):
-        cv.with_edges(volume, replace(edges, pinhole=replace(PINHOLE, cx=0.0)))
+        with_edges(volume, replace(edges, pinhole=replace(PINHOLE, cx=0.0)))
 
 
 @pytest.mark.parametrize('frame', ['', 'a;fx=3', 'é/=;'])
 def test_any_frame_name_survives_the_labels(volume, frame):
     header = Header(7, frame)
-    message = wired(cv.volume_to_message(replace(volume, header=header)))
-    assert cv.volume_from(message).header == header
+    message = wired(volume_to_message(replace(volume, header=header)))
+    assert volume_from(message).header == header
 
 
 def test_depth_round_trip(volume):
     likelihood = volume.likelihood.copy()
     likelihood[0, 0] = 0
-    depth = cv.depth_from(wired(cv.depth_to_message(replace(volume, likelihood=likelihood))))
+    depth = depth_from(wired(depth_to_message(replace(volume, likelihood=likelihood))))
     assert np.isnan(depth[0, 0])
     np.testing.assert_allclose(depth[1:], volume.depth_map()[1:])
 
 
 def test_estimate_round_trip(estimate):
-    pose, with_covariance, particles = map(wired, cv.estimate_to_messages(estimate))
-    for header, found in (cv.pose_from(pose), cv.pose_with_covariance_from(with_covariance)[:2]):
+    pose, with_covariance, particles = map(wired, estimate_to_messages(estimate))
+    for header, found in (pose_from(pose), pose_with_covariance_from(with_covariance)[:2]):
         assert header == HEADER
         np.testing.assert_allclose(found, estimate.pose, atol=1e-12)
-    np.testing.assert_array_equal(cv.pose_with_covariance_from(with_covariance)[2],
+    np.testing.assert_array_equal(pose_with_covariance_from(with_covariance)[2],
                                   estimate.covariance)
-    header, found = cv.particles_from(particles)
+    header, found = particles_from(particles)
     assert header == HEADER
     np.testing.assert_allclose(found, estimate.particles, atol=1e-12)
 
 
 def test_no_particles_round_trip(estimate):
     none = replace(estimate, particles=np.zeros((0, 4, 4)), log_weights=np.zeros(0))
-    assert cv.particles_from(cv.estimate_to_messages(none).particles)[1].shape == (0, 4, 4)
+    assert particles_from(estimate_to_messages(none).particles)[1].shape == (0, 4, 4)
 
 
 def test_a_buffer_is_reused_and_grows_with_its_message(volume):
-    buffer = cv.Buffer()
-    first = cv.volume_to_message(volume, buffer).data
+    buffer = Buffer()
+    first = volume_to_message(volume, buffer).data
     doubled = replace(volume, likelihood=2 * volume.likelihood)
-    message = cv.volume_to_message(doubled, buffer)
+    message = volume_to_message(doubled, buffer)
     assert message.data is first
-    np.testing.assert_array_equal(cv.volume_from(message).likelihood, doubled.likelihood)
+    np.testing.assert_array_equal(volume_from(message).likelihood, doubled.likelihood)
     half = DepthLikelihoodVolume(HEADER, volume.likelihood[:, :, :3], volume.depths[:3], PINHOLE)
-    message = cv.volume_to_message(half, buffer)
-    np.testing.assert_array_equal(cv.volume_from(message).likelihood, half.likelihood)
+    message = volume_to_message(half, buffer)
+    np.testing.assert_array_equal(volume_from(message).likelihood, half.likelihood)
 
 
 def test_fields_that_are_not_checked_are_filled_too():
@@ -258,8 +278,8 @@ def test_fields_that_are_not_checked_are_filled_too():
 
 
 def test_reading_copies_no_volume(volume):
-    message = cv.volume_to_message(volume)
-    found = cv.volume_from(message).likelihood
+    message = volume_to_message(volume)
+    found = volume_from(message).likelihood
     message.data[message.layout.data_offset] = 77
     assert found[0, 0, 0] == 77
 
@@ -268,10 +288,10 @@ def test_full_size_volume_is_fast_to_write_and_read(rng):
     pinhole = Pinhole(328, 328, 945.0, 945.0, 163.5, 163.5)
     values = rng.uniform(size=(328, 328, 75)).astype(np.float32)
     volume = DepthLikelihoodVolume(HEADER, values, depth_labels(0.3, 0.9, 75), pinhole)
-    buffer, copied = cv.Buffer(), np.empty_like(values)
-    cv.volume_to_message(volume, buffer)
+    buffer, copied = Buffer(), np.empty_like(values)
+    volume_to_message(volume, buffer)
     ways = {'copied': lambda: np.copyto(copied, values),
-            'converted': lambda: cv.volume_from(cv.volume_to_message(volume, buffer))}
+            'converted': lambda: volume_from(volume_to_message(volume, buffer))}
     ms = {name: best_ms(way, 5) for name, way in ways.items()}
     assert ms['converted'] < 20 * ms['copied']  # element by element it takes 100 times as long
 
@@ -288,29 +308,29 @@ def test_full_size_volume_is_fast_to_write_and_read(rng):
     ({'data': array('B')}, '0 bytes of data'),
 ])
 def test_broken_image_is_refused(raw_frame, change, reason):
-    image = wired(cv.raw_frame_to_messages(raw_frame).image)
+    image = wired(raw_frame_to_messages(raw_frame).image)
     for name, value in change.items():
         setattr(image, name, value)
     with pytest.raises(MessageError, match=reason):
-        cv.raw_frame_from(image, raw_frame.metadata)
+        raw_frame_from(image, raw_frame.metadata)
 
 
 def test_an_image_of_another_size_than_its_metadata_is_refused(raw_frame, camera_text):
     other = CameraMetadata.parse(camera_text(6, 8))
     with pytest.raises(MessageError, match=r'image_raw.*8x6.*6x8'):
-        cv.raw_frame_from(cv.raw_frame_to_messages(raw_frame).image, other)
+        raw_frame_from(raw_frame_to_messages(raw_frame).image, other)
 
 
 def test_counts_shifted_to_16_bits_are_refused(raw_frame):
-    image = cv.raw_frame_to_messages(raw_frame).image
+    image = raw_frame_to_messages(raw_frame).image
     np.frombuffer(image.data, np.uint16)[:] <<= 4
     with pytest.raises(MessageError, match='not shifted'):
-        cv.raw_frame_from(image, raw_frame.metadata)
+        raw_frame_from(image, raw_frame.metadata)
 
 
 def test_metadata_that_is_no_json_is_refused():
     with pytest.raises(MessageError, match=r'metadata.*not JSON'):
-        cv.metadata_from(String(data='hello'))
+        metadata_from(String(data='hello'))
 
 
 # light fields refused
@@ -335,26 +355,26 @@ def _set(messages, name, field, value):
     ('views', 'encoding', 'rgb8', 'rgb16'),
 ])
 def test_broken_light_field_is_refused(light_field, name, field, value, reason):
-    messages = cv.light_field_to_messages(light_field)
+    messages = light_field_to_messages(light_field)
     _set(messages, name, field, value)
     with pytest.raises(MessageError, match=reason):
-        cv.light_field_from(*messages)
+        light_field_from(*messages)
 
 
 @pytest.mark.parametrize('value', [float('nan'), float('inf'), -0.5])
 def test_impossible_pupil_is_refused(light_field, value):
-    messages = cv.light_field_to_messages(light_field)
+    messages = light_field_to_messages(light_field)
     np.frombuffer(messages.pupil.data, np.float32)[3] = value
     with pytest.raises(MessageError, match='negative weight'):
-        cv.light_field_from(*messages)
+        light_field_from(*messages)
 
 
 @pytest.mark.parametrize('name', ['camera_info', 'pupil'])
 def test_views_with_a_companion_of_another_capture_are_refused(light_field, name):
-    messages = cv.light_field_to_messages(light_field)
+    messages = light_field_to_messages(light_field)
     getattr(messages, name).header.stamp.nanosec += 1
     with pytest.raises(MessageError, match=f'views/{name}.*share stamp'):
-        cv.light_field_from(*messages)
+        light_field_from(*messages)
 
 
 # volumes refused
@@ -417,47 +437,47 @@ def _no_offset(message):
     (_number(-1, float('inf')), 'NaN or infinity'),
 ])
 def test_broken_volume_is_refused(volume, change, reason):
-    message = wired(cv.volume_to_message(volume))
+    message = wired(volume_to_message(volume))
     change(message)
     with pytest.raises(MessageError, match=reason):
-        cv.volume_from(message)
+        volume_from(message)
 
 
 def test_empty_volume_is_refused():
     with pytest.raises(MessageError, match='0 dimensions'):
-        cv.volume_from(Float32MultiArray())
+        volume_from(Float32MultiArray())
 
 
 def test_labels_that_are_not_uniform_in_inverse_depth_are_refused(volume):
     wrong = replace(volume)
     object.__setattr__(wrong, 'depths', np.linspace(0.9, 0.3, 6))
     with pytest.raises(MessageError, match=r'dlv: .*uniform in inverse depth'):
-        cv.volume_from(cv.volume_to_message(wrong))
+        volume_from(volume_to_message(wrong))
 
 
 def test_a_volume_is_no_edge_volume(volume, edges):
     with pytest.raises(MessageError, match=r'dlv/edges.*3 dimensions'):
-        cv.edges_from(cv.volume_to_message(volume))
+        edges_from(volume_to_message(volume))
     with pytest.raises(MessageError, match=r'dlv.*4 dimensions'):
-        cv.volume_from(cv.edges_to_message(edges))
+        volume_from(edges_to_message(edges))
 
 
 def test_markers_are_the_mesh_at_the_pose_and_the_region(estimate):
     corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    marker = cv.mesh_to_marker(ObjectModel('thing', corners, faces, axis=None, closed=True))
-    box = cv.region_to_marker(Region((0.1, 0.2, 0.6), (0.2, 0.3, 0.4)))
-    region, placed = wired(cv.place_markers(marker, box, estimate)).markers
+    marker = mesh_to_marker(ObjectModel('thing', corners, faces, axis=None, closed=True))
+    box = region_to_marker(Region((0.1, 0.2, 0.6), (0.2, 0.3, 0.4)))
+    region, placed = wired(place_markers(marker, box, estimate)).markers
     assert (placed.ns, placed.type, placed.action) == ('thing', Marker.TRIANGLE_LIST, Marker.ADD)
-    assert cv.header_from(placed.header) == HEADER
+    assert header_from(placed.header) == HEADER
     points = np.array([[p.x, p.y, p.z] for p in placed.points])
     np.testing.assert_array_equal(points, corners[faces.ravel()])
-    assert placed.pose == cv.estimate_to_messages(estimate).pose.pose
-    kept, gone = cv.place_markers(marker, box, replace(estimate, lost=True)).markers
+    assert placed.pose == estimate_to_messages(estimate).pose.pose
+    kept, gone = place_markers(marker, box, replace(estimate, lost=True)).markers
     assert (gone.ns, gone.action) == ('thing', Marker.DELETE)
     assert kept.action == Marker.ADD
     assert (region.ns, region.type) == ('region', Marker.CUBE)
-    assert cv.header_from(region.header) == HEADER
+    assert header_from(region.header) == HEADER
     place, size = region.pose.position, region.scale
     assert [place.x, place.y, place.z, size.x, size.y, size.z] == [0.1, 0.2, 0.6, 0.2, 0.3, 0.4]
     assert region.pose.orientation.w == 1
@@ -466,21 +486,21 @@ def test_markers_are_the_mesh_at_the_pose_and_the_region(estimate):
 # poses and cameras refused
 
 def test_broken_poses_are_refused(estimate):
-    messages = cv.estimate_to_messages(estimate)
+    messages = estimate_to_messages(estimate)
     messages.pose.pose.orientation.w += 0.5
     with pytest.raises(MessageError, match='length 1'):
-        cv.pose_from(messages.pose)
+        pose_from(messages.pose)
     messages.particles.poses[3].position.x = float('nan')
     with pytest.raises(MessageError, match='not finite'):
-        cv.particles_from(messages.particles)
+        particles_from(messages.particles)
     messages.with_covariance.pose.covariance[1] = 1e9
     with pytest.raises(MessageError, match='symmetric'):
-        cv.pose_with_covariance_from(messages.with_covariance)
+        pose_with_covariance_from(messages.with_covariance)
 
 
 def test_empty_messages_are_refused():
-    for read, message in ((cv.pinhole_from, CameraInfo()), (cv.picture_from, Image()),
-                          (cv.depth_from, Image())):
+    for read, message in ((pinhole_from, CameraInfo()), (picture_from, Image()),
+                          (depth_from, Image())):
         with pytest.raises(MessageError):
             read(message)
-    assert cv.particles_from(PoseArray())[1].shape == (0, 4, 4)
+    assert particles_from(PoseArray())[1].shape == (0, 4, 4)

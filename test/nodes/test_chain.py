@@ -10,7 +10,6 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
@@ -20,6 +19,19 @@ from pmcl_ros.drawing.pictures import layers_picture, overlay
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.camera_info import pinhole_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import depth_from, picture_from
+from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
+from pmcl_ros.messages.pose import particles_from, pose_from, pose_with_covariance_from
+from pmcl_ros.messages.raw_frame import counts_from
+from pmcl_ros.messages.volume import (
+    edges_from,
+    edges_to_message,
+    volume_from,
+    volume_to_message,
+    with_edges,
+)
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -39,7 +51,7 @@ def light_field():
     text, image = bags.read(WINE_GLASS)
     image = deserialize_message(image.cdr, Image)
     metadata = CameraMetadata.parse(deserialize_message(text.cdr, String).data)
-    frame = RawFrame(cv.header_from(image.header), cv.counts_from(image), metadata)
+    frame = RawFrame(header_from(image.header), counts_from(image), metadata)
     decoder = Decoder(Calibration.load(CAMERA / 'demo.yaml'),
                       read_raw_frame(CAMERA / 'demo_white.RAW.xz'))
     return decoder.decode(frame)
@@ -85,20 +97,20 @@ def test_subaperture_node_decodes_a_bag_as_the_core_does(tmp_path, user, paramet
         infos = user.listen(CameraInfo, 'center/camera_info', SMALL)
         with play(tmp_path, WINE_GLASS):
             user.wait(lambda: all((*parts, pictures, infos)), 'a light field')
-        found = cv.light_field_from(*(messages[0] for messages in parts))
+        found = light_field_from(*(messages[0] for messages in parts))
     assert found.header == light_field.header
     assert found.header.stamp_ns == stamp_of(WINE_GLASS)
     assert found.grid.shape == (9, 9)
-    assert found.grid.pinhole == light_field.grid.pinhole == cv.pinhole_from(infos[0])
+    assert found.grid.pinhole == light_field.grid.pinhole == pinhole_from(infos[0])
     assert found.grid.baseline == light_field.grid.baseline
     np.testing.assert_array_equal(found.grid.positions, light_field.grid.positions)
     np.testing.assert_array_equal(found.grid.weights, light_field.grid.weights)
     np.testing.assert_array_equal(found.views, light_field.views)
-    np.testing.assert_array_equal(cv.picture_from(pictures[0]), light_field.picture())
+    np.testing.assert_array_equal(picture_from(pictures[0]), light_field.picture())
 
 
 def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field, volume, bag):
-    info, pupil, views = cv.light_field_to_messages(light_field)
+    info, pupil, views = light_field_to_messages(light_field)
     recorded = bag({'/views/camera_info': info, '/views/pupil': pupil, '/views': views})
     with Process(tmp_path, 'pmcl_ros.nodes.dlv_node'):
         assert all(user.change('dlv_node', CONFIGURE, ACTIVATE))
@@ -108,16 +120,16 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
         layers = user.listen(Image, 'dlv/layers', SMALL)
         with play(tmp_path, recorded):
             user.wait(lambda: volumes and edges and depths and layers, 'a volume')
-        found = cv.with_edges(cv.volume_from(volumes[0]), cv.edges_from(edges[0]))
+        found = with_edges(volume_from(volumes[0]), edges_from(edges[0]))
     assert found.header == volume.header
     assert found.pinhole == volume.pinhole
     np.testing.assert_array_equal(found.depths, volume.depths)
     np.testing.assert_array_equal(found.edges.tensor, volume.edges.tensor)
     np.testing.assert_array_equal(found.likelihood, volume.likelihood)
-    np.testing.assert_allclose(cv.depth_from(depths[0]), found.depth_map())
+    np.testing.assert_allclose(depth_from(depths[0]), found.depth_map())
     settings = DlvSettings()
     np.testing.assert_array_equal(
-        cv.picture_from(layers[0]),
+        picture_from(layers[0]),
         layers_picture(found.layers(), settings.near, settings.far))
 
 
@@ -125,8 +137,8 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
 def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, volume, bag, alone):
     # The edges first, as the player goes on when they have arrived: the node waits for them for
     # seconds only, which may be too few for so many bytes where much else is at work.
-    messages = {} if alone else {'/dlv/edges': cv.edges_to_message(volume.edges)}
-    recorded = bag(messages | {'/dlv': cv.volume_to_message(volume)})
+    messages = {} if alone else {'/dlv/edges': edges_to_message(volume.edges)}
+    recorded = bag(messages | {'/dlv': volume_to_message(volume)})
     with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=parameters['pmcl_node']) as node:
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE))
         poses = user.listen(PoseStamped, 'pose', SMALL)
@@ -135,15 +147,15 @@ def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, volum
         with play(tmp_path, recorded):
             user.wait(lambda: poses and spreads and particles, 'a pose')
         assert ('localizes from dlv alone' in node.log) == alone
-        header, pose = cv.pose_from(poses[0])
+        header, pose = pose_from(poses[0])
     assert header == volume.header
     distance, angle = error_of(pose, truth('wine_glass'))
     assert distance < 0.02
     assert angle < 10 or alone
-    _, again, covariance = cv.pose_with_covariance_from(spreads[0])
+    _, again, covariance = pose_with_covariance_from(spreads[0])
     np.testing.assert_array_equal(again, pose)
     assert (np.diag(covariance) > 0).all()
-    assert len(cv.particles_from(particles[0])[1]) > 10
+    assert len(particles_from(particles[0])[1]) > 10
 
 
 @pytest.mark.parametrize(('name', 'arguments'), [('wine_glass', []), ('shaker', ['--processes'])])
@@ -167,22 +179,22 @@ def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, parameters, t
             user.wait(lambda: (poses and overlays and markers and len(markers[-1].markers) == 2)
                       or not chain.alive(), 'a pose, and what is drawn of it')
         assert chain.alive(), chain.log
-        header, pose = cv.pose_from(poses[0])
+        header, pose = pose_from(poses[0])
     assert header.stamp_ns == stamp_of(ROOT / 'bags' / name)
     assert header.frame_id == 'lytro_optical_frame'
     distance, _ = error_of(pose, truth(name))
     assert distance < 0.02
-    assert cv.header_from(overlays[0].header) == header
+    assert header_from(overlays[0].header) == header
     assert len(poses) == len(overlays) == 1
 
     # What viewers show lies where the pose says, which is near the truth.
     model = ObjectModel.load(ROOT / 'models' / f'{name}.obj')
-    expected = overlay(cv.picture_from(pictures[0]), cv.pinhole_from(infos[0]), model, pose)
-    differs = (cv.picture_from(overlays[0]) != expected).any(axis=2)
+    expected = overlay(picture_from(pictures[0]), pinhole_from(infos[0]), model, pose)
+    differs = (picture_from(overlays[0]) != expected).any(axis=2)
     assert differs.mean() < 1e-4  # a pixel, where the pose's last digit moves it
     box, mesh = markers[-1].markers
-    assert cv.header_from(mesh.header) == cv.header_from(box.header) == header
-    placed = cv.pose_from(PoseStamped(header=mesh.header, pose=mesh.pose))[1]
+    assert header_from(mesh.header) == header_from(box.header) == header
+    placed = pose_from(PoseStamped(header=mesh.header, pose=mesh.pose))[1]
     np.testing.assert_allclose(placed, pose, atol=1e-9)
     corners = np.array([[each.x, each.y, each.z] for each in mesh.points])
     np.testing.assert_array_equal(corners, model.vertices[model.faces.ravel()])

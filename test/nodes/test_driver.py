@@ -13,10 +13,11 @@ from simulated_cameras import SIDE, serving, write_captures
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.simulated.server import served
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.raw_frame import counts_from
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL
 
 DRIVER = 'pmcl_ros.nodes.lytro_driver'
@@ -50,11 +51,11 @@ def capture(user):
 
 
 def raw_of(image):
-    return pack12(cv.counts_from(image))
+    return pack12(counts_from(image))
 
 
 def stamp_of(message):
-    return cv.header_from(message.header).stamp_ns
+    return header_from(message.header).stamp_ns
 
 
 def told(user, states, key, value=''):

@@ -18,8 +18,8 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from synthetic_camera import SIDE, SyntheticCamera, waves
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
+from pmcl_ros.messages.header import header_from, time_to_message
 from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
 from pmcl_ros.nodes.transport.sequence_gaps import SequenceGaps
 
@@ -51,7 +51,7 @@ def parameter_file(tmp_path_factory, parameters, camera_text):
 
 
 def stamps(poses):
-    return [cv.header_from(each.header).stamp_ns for each in poses]
+    return [header_from(each.header).stamp_ns for each in poses]
 
 
 def told(states, node, key):
@@ -156,7 +156,7 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
     states = user.listen(DiagnosticArray, '/diagnostics', MANY)
     clock = user.publisher(Clock, '/clock', QoSProfile(depth=10))
     for now in (1_000, 5, 1_000_000, 0):  # seconds: there, back, far ahead, back
-        message = Clock(clock=cv.time_to_message(now * 10**9))
+        message = Clock(clock=time_to_message(now * 10**9))
         since, began = time.time_ns(), time.monotonic()
         states.clear()
 

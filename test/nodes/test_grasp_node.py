@@ -14,13 +14,14 @@ from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, ROOT, UNCONFIGURED
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import inverse, rotate_covariance, transform
 from pmcl_ros.grasps.grasp_file import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.grasp import pose_to_message
+from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.messages.pose import particles_from, pose_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
@@ -34,13 +35,13 @@ SPREAD = np.diag([4e-6, 4e-6, 2.5e-5, 1e-4, 1e-4, 1e-4])
 
 
 def stamped(pose, stamp=STAMP, frame='base_link'):
-    return PoseStamped(header=cv.header_to_message(Header(stamp, frame)),
+    return PoseStamped(header=header_to_message(Header(stamp, frame)),
                        pose=pose_to_message(pose))
 
 
 def with_covariance(pose, covariance=SPREAD, stamp=STAMP, frame='lytro_optical_frame'):
     return PoseWithCovarianceStamped(
-        header=cv.header_to_message(Header(stamp, frame)),
+        header=header_to_message(Header(stamp, frame)),
         pose=PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance.ravel()))
 
 
@@ -65,7 +66,7 @@ class Planner:
         wanted = ['grasps', 'pre_grasps', 'grasps/details', 'grasp_markers']
         self.user.wait(lambda: all(self.heard[each] for each in wanted), 'grasps')
         grasps = self.heard['grasps'][-1]
-        assert cv.header_from(grasps.header) == Header(stamp, 'base_link')
+        assert header_from(grasps.header) == Header(stamp, 'base_link')
         if grasps.poses:
             self.user.wait(lambda: self.heard['grasp'] and self.heard['pre_grasp'], 'the best')
         found = {topic: messages.pop() for topic, messages in self.heard.items() if messages}
@@ -110,7 +111,7 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     model, gripper, grasps = GraspFile.read(FILE)
     expected = Ranker(model, gripper, grasps, SETTINGS).rank(
         GLASS, rotate_covariance(SPREAD, CAMERA[:3, :3])).candidates
-    poses = cv.particles_from(found['grasps'])[1]
+    poses = particles_from(found['grasps'])[1]
     assert len(poses) == len(expected) > 10
     parent = np.stack([each.pose for each in expected]) @ gripper.parent_pose
     details = np.reshape(found['grasps/details'].data, (-1, 4))
@@ -128,14 +129,14 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     fingers = poses[0] @ transform(gripper.parent_to_grasp)
     seen = inverse(fingers) @ GLASS
     assert abs(seen[1, 3]) < 1e-6
-    before = cv.particles_from(found['pre_grasps'])[1]
+    before = particles_from(found['pre_grasps'])[1]
     np.testing.assert_allclose(poses[:, :3, 3] - before[:, :3, 3], 0.1 * poses[:, :3, 0],
                                atol=1e-9)
     assert found['pre_grasp'].pose == found['pre_grasps'].poses[0]
     clear, first, *_, arrow = found['grasp_markers'].markers
     assert (clear.action, first.type, arrow.type) == (Marker.DELETEALL, Marker.LINE_LIST,
                                                       Marker.ARROW)
-    drawn = cv.pose_from(PoseStamped(header=first.header, pose=first.pose))[1]
+    drawn = pose_from(PoseStamped(header=first.header, pose=first.pose))[1]
     np.testing.assert_allclose(drawn, fingers, atol=1e-6)
     assert len(first.points) == 3 * 24
     user.wait(lambda: any(each.status[0].name == 'grasp_node'
@@ -145,7 +146,7 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     # lost: none, and it says so
     now, lost = Header(STAMP + SECOND, 'base_link'), DiagnosticStatus(
         level=DiagnosticStatus.WARN, name='pmcl_node', message='lost: no glass in capture 8')
-    told.publish(DiagnosticArray(header=cv.header_to_message(now), status=[lost]))
+    told.publish(DiagnosticArray(header=header_to_message(now), status=[lost]))
     gone = planner.grasps(now.stamp_ns)
     assert not gone['grasps'].poses
     assert 'grasp' not in gone

@@ -13,7 +13,6 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray, String
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
@@ -24,6 +23,10 @@ from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
+from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from
+from pmcl_ros.messages.volume import edges_from, volume_from, with_edges
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 CAMERA = ROOT / 'config' / 'cameras'
@@ -49,12 +52,12 @@ def test_dlv_node_takes_views_of_any_number_and_size(tmp_path, user):
                       user.publisher(Image, 'views', BIG)]
         for stamp, (shape, size) in enumerate(GRIDS.items(), 1):
             sent = light_field_of(shape, size, stamp)
-            messages = cv.light_field_to_messages(sent)
+            messages = light_field_to_messages(sent)
             for publisher, message in zip(publishers, messages, strict=True):
                 publisher.publish(message)
             user.wait(lambda count=stamp: len(volumes) == len(edges) == count, f'{shape} views')
-            found = cv.with_edges(cv.volume_from(volumes[-1]), cv.edges_from(edges[-1]))
-            expected = build_volume(cv.light_field_from(*messages), DlvSettings(**settings))
+            found = with_edges(volume_from(volumes[-1]), edges_from(edges[-1]))
+            expected = build_volume(light_field_from(*messages), DlvSettings(**settings))
             assert found.header == expected.header
             np.testing.assert_allclose(found.likelihood, expected.likelihood, atol=1e-4)
             np.testing.assert_allclose(found.edges.tensor, expected.edges.tensor, rtol=1e-3,
@@ -66,8 +69,8 @@ def test_dlv_node_takes_views_of_any_number_and_size(tmp_path, user):
 def folder(tmp_path_factory):
     """5x7 of the views of bags/wine_glass as pictures, with a light_field.yaml."""
     text, image = bags.read(ROOT / 'bags' / 'wine_glass')
-    frame = cv.raw_frame_from(deserialize_message(image.cdr, Image),
-                              cv.metadata_from(deserialize_message(text.cdr, String)))
+    frame = raw_frame_from(deserialize_message(image.cdr, Image),
+                              metadata_from(deserialize_message(text.cdr, String)))
     light_field = Decoder(Calibration.load(CAMERA / 'demo.yaml'),
                           read_raw_frame(CAMERA / 'demo_white.RAW.xz')).decode(frame)
     folder = tmp_path_factory.mktemp('views')
@@ -103,7 +106,7 @@ def test_a_bag_of_a_folder_of_pictures_is_localised_in(tmp_path, user, truth, fo
         with Process(tmp_path, 'pmcl_ros.nodes.replay', bag):
             user.wait(lambda: (poses and overlays) or not chain.alive(), 'a pose')
         assert chain.alive(), chain.log
-    header, pose = cv.pose_from(poses[0])
+    header, pose = pose_from(poses[0])
     assert header.stamp_ns == next(bags.read(bag)).time_ns
     expected = np.array(truth('wine_glass')['object_to_camera'])
     assert np.linalg.norm(pose[:3, 3] - expected[:3, 3]) < 0.02

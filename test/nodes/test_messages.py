@@ -10,9 +10,12 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray, String
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.light_field import light_field_to_messages
+from pmcl_ros.messages.raw_frame import counts_from, raw_frame_to_messages
+from pmcl_ros.messages.volume import volume_from, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 
 
@@ -99,8 +102,8 @@ def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path):
     assert second.success, second.message
     user.wait(lambda: images and texts, 'image and metadata')
     assert texts[0].data == text
-    assert cv.counts_from(images[0]).shape == (3280, 3280)
-    assert str(cv.header_from(images[0].header).stamp_ns) in second.message
+    assert counts_from(images[0]).shape == (3280, 3280)
+    assert str(header_from(images[0].header).stamp_ns) in second.message
     assert 'are published; set loop' in capture().message
     assert process.alive()
 
@@ -120,7 +123,7 @@ def test_driver_publishes_by_itself(start, user, loop):
 def test_subaperture_node_survives_broken_images(start, user):
     process = start('subaperture_node')
     frame = read_raw_frame(ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz', Header(77))
-    metadata, good = cv.raw_frame_to_messages(frame)
+    metadata, good = raw_frame_to_messages(frame)
     images = user.publisher(Image, 'image_raw', BIG)
     texts = user.publisher(String, 'metadata', LATCHED)
     send(user, process, texts, String(data='{'), 'metadata is not JSON')
@@ -133,13 +136,13 @@ def test_subaperture_node_survives_broken_images(start, user):
               'the image to wait')
     texts.publish(metadata)
     user.wait(lambda: pictures, 'a centre picture')
-    assert cv.header_from(pictures[0].header).stamp_ns == 77
+    assert header_from(pictures[0].header).stamp_ns == 77
     assert pictures[0].width == pictures[0].height == 328
 
 
 def test_dlv_node_survives_broken_views(start, user, small_light_field):
     process = start('dlv_node', views=3)
-    info, pupil, views = cv.light_field_to_messages(small_light_field)
+    info, pupil, views = light_field_to_messages(small_light_field)
     publishers = [user.publisher(CameraInfo, 'views/camera_info', SMALL),
                   user.publisher(Image, 'views/pupil', SMALL),
                   user.publisher(Image, 'views', BIG)]
@@ -153,7 +156,7 @@ def test_dlv_node_survives_broken_views(start, user, small_light_field):
     for publisher, message in zip(publishers, (info, pupil, views), strict=True):
         publisher.publish(message)
     user.wait(lambda: volumes, 'a volume')
-    volume = cv.volume_from(volumes[0])
+    volume = volume_from(volumes[0])
     assert volume.header == small_light_field.header
     assert volume.likelihood.shape == (40, 48, 16)
     assert len(volumes) == 1
@@ -166,7 +169,7 @@ def test_dlv_node_pairs_captures_that_come_mixed(start, user, small_light_field)
                   user.publisher(Image, 'views/pupil', SMALL),
                   user.publisher(Image, 'views', BIG)]
     volumes = user.listen(Float32MultiArray, 'dlv', BIG)
-    one, two = (cv.light_field_to_messages(replace(small_light_field, header=Header(stamp)))
+    one, two = (light_field_to_messages(replace(small_light_field, header=Header(stamp)))
                 for stamp in (10, 20))
     publishers[0].publish(one.camera_info)
     publishers[0].publish(two.camera_info)
@@ -174,7 +177,7 @@ def test_dlv_node_pairs_captures_that_come_mixed(start, user, small_light_field)
     publishers[1].publish(two.pupil)
     publishers[2].publish(two.views)
     user.wait(lambda: volumes, 'a volume')
-    assert cv.volume_from(volumes[0]).header.stamp_ns == 20
+    assert volume_from(volumes[0]).header.stamp_ns == 20
     assert 'dropped capture 10: no views/pupil or views came with it' in process.log
 
 
@@ -182,7 +185,7 @@ def test_pmcl_node_survives_broken_volumes(start, user, small_volume):
     process = start('pmcl_node', mode='faithful', faithful_iterations=1)
     publisher = user.publisher(Float32MultiArray, 'dlv', BIG)
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
-    good = cv.volume_to_message(small_volume)
+    good = volume_to_message(small_volume)
     for message, reason in broken_volumes(good):
         send(user, process, publisher, message, reason)
 

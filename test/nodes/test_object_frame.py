@@ -9,8 +9,8 @@ from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.pose import estimate_to_messages, estimate_to_transform
 from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
 
@@ -44,9 +44,9 @@ def estimate():
 
 
 def test_a_transform_is_the_pose(estimate):
-    transform = cv.estimate_to_transform(estimate, 'glass')
+    transform = estimate_to_transform(estimate, 'glass')
     assert transform.child_frame_id == 'glass'
-    pose = cv.estimate_to_messages(estimate).pose
+    pose = estimate_to_messages(estimate).pose
     assert transform.header == pose.header
     assert transform.transform.rotation == pose.pose.orientation
     for axis in 'xyz':
@@ -82,4 +82,4 @@ def test_the_frame_of_the_object_is_broadcast(make, user, estimate, changes, chi
         return heard
 
     user.wait(told, 'the transform')
-    assert heard[0].transforms == [cv.estimate_to_transform(estimate, child)]
+    assert heard[0].transforms == [estimate_to_transform(estimate, child)]

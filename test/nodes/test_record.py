@@ -15,8 +15,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.nodes.topics import PRESETS
 
@@ -60,7 +60,7 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, paramet
             user.call(Trigger, '/pmcl_node/reset', Trigger.Request())  # its random numbers too
             with Process(tmp_path, REPLAY, bag, '--preset', stage):
                 user.wait(lambda count=number: len(poses) == count, f'a pose from {stage}')
-        stamp = cv.pose_from(poses[0])[0].stamp_ns
+        stamp = pose_from(poses[0])[0].stamp_ns
         line = f'[pmcl_node]: found wine_glass in capture {stamp}, in '
         # The last pose may be here before its line is.
         user.wait(lambda: chain.log.count(line) == 4, 'a line for each pose')
@@ -77,7 +77,7 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, paramet
         assert len(found.cdr) - len(each.cdr) < 4  # DDS fills up to words
     told = {f'/{topic}' for topic in (*PRESETS['views'], *PRESETS['dlv'])}
     assert told - {'/camera_pose'} <= {*recorded}  # which no arm tells here
-    first, *others = map(cv.pose_from, poses)
+    first, *others = map(pose_from, poses)
     for header, pose in others:
         assert header == first[0]
         np.testing.assert_array_equal(pose, first[1])

@@ -14,9 +14,10 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED
 from pmcl_ros.nodes.runtime.message_types import message_type
 
@@ -145,8 +146,8 @@ def captures(stage, light_field, volume):
             yield from (others[0], views, *others[1:])
         else:
             whole = replace(volume, header=header, edges=replace(volume.edges, header=header))
-            for topic, message in (('/dlv', cv.volume_to_message(whole)),
-                                   ('/dlv/edges', cv.edges_to_message(whole.edges))):
+            for topic, message in (('/dlv', volume_to_message(whole)),
+                                   ('/dlv/edges', edges_to_message(whole.edges))):
                 yield bags.Recorded(topic, 'std_msgs/msg/Float32MultiArray', stamp,
                                     serialize_message(message))
 
@@ -165,7 +166,7 @@ def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
     answers = user.node.create_publisher(MarkerArray, 'objects', LATCHED)
 
     def answer(stamp):
-        header = cv.header_to_message(Header(stamp))
+        header = header_to_message(Header(stamp))
         answers.publish(MarkerArray(markers=[Marker(header=header, text='lost')]))
 
     def look(seconds=0.3):

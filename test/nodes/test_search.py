@@ -17,8 +17,8 @@ from harness import (
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 LONG = {'mode': 'faithful', 'faithful_iterations': 100_000, 'faithful_particles': 2,
@@ -40,7 +40,7 @@ def search(tmp_path, user, parameters, small_volume):
 
         def publish(stamp):
             volume = replace(small_volume, header=Header(stamp))
-            publisher.publish(cv.volume_to_message(volume))
+            publisher.publish(volume_to_message(volume))
         return process, publish
 
     yield search
@@ -151,11 +151,11 @@ def test_edges_are_taken_with_the_volume_of_their_capture(search, user, small_vo
     process, publish = search({'particles': 16, 'proposals': 4})
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
     publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
-    broken = cv.edges_to_message(small_volume.edges)
+    broken = edges_to_message(small_volume.edges)
     broken.data[-1] = float('nan')
     publisher.publish(broken)
     user.wait(lambda: 'dlv/edges: the data hold NaN' in process.log, 'the error')
-    publisher.publish(cv.edges_to_message(replace(small_volume.edges, header=Header(3))))
+    publisher.publish(edges_to_message(replace(small_volume.edges, header=Header(3))))
     user.delivered(publisher)  # the node gives up waiting after seconds
     publish(3)
     user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')

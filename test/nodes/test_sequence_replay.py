@@ -13,9 +13,9 @@ from geometry_msgs.msg import PoseStamped
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, PATIENCE, Process
 from rclpy.qos import QoSProfile
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.messages.pose import pose_from
 
 ALL = QoSProfile(depth=100)
 FRAMES, HIDDEN = 6, (2, 3)
@@ -81,7 +81,7 @@ class Chain:
         state = self._user.wait(told, f'what is said of {stamp}')[0]
         if state.level == DiagnosticStatus.OK:
             self._user.wait(lambda: stamp in self._stamps(), f'the pose of {stamp}')
-        poses = [pose for header, pose in map(cv.pose_from, self._poses)
+        poses = [pose for header, pose in map(pose_from, self._poses)
                  if header.stamp_ns == stamp]
         assert len(poses) <= 1  # of a capture one pose is published, once
         values = {each.key: each.value for each in state.values}
@@ -89,7 +89,7 @@ class Chain:
                     float(values.get('standard deviation [mm]', 'nan')), *(poses or [None]))
 
     def _stamps(self):
-        return [cv.pose_from(each)[0].stamp_ns for each in self._poses]
+        return [pose_from(each)[0].stamp_ns for each in self._poses]
 
 
 def check(chain, said):

@@ -17,9 +17,10 @@ from scipy.spatial.transform import Rotation
 from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import MarkerArray
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -73,8 +74,8 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
         assert '/pose' not in user.publishers_of(NODE)
         first = user.publisher(Float32MultiArray, 'dlv', BIG)
         second = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
-        second.publish(cv.edges_to_message(volume.edges))
-        first.publish(cv.volume_to_message(volume))
+        second.publish(edges_to_message(volume.edges))
+        first.publish(volume_to_message(volume))
         user.wait(lambda: poses['tea_cup_2'] and spreads[2], 'poses')
         late = user.listen(MarkerArray, 'objects', LATCHED)
         user.wait(lambda: late, 'the list')
@@ -82,7 +83,7 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
                                            'the log')
     assert poses['carton'] == []
     for name, truth in (('tea_cup', LEFT), ('tea_cup_2', RIGHT)):
-        header, pose = cv.pose_from(poses[name][0])
+        header, pose = pose_from(poses[name][0])
         assert header == volume.header
         assert np.linalg.norm(pose[:3, 3] - truth[:3, 3]) < 0.01
     told = late[0].markers

@@ -13,11 +13,13 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
 from synthetic_camera import SIDE, SyntheticCamera, waves
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.light_field import light_field_from
+from pmcl_ros.messages.raw_frame import raw_frame_to_messages
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 
 NAME = 'subaperture_node'
@@ -75,7 +77,7 @@ def node(tmp_path, user):
 
         def send(camera, stamp):
             frame = camera.camera.picture(waves, header=Header(stamp))
-            text, image = cv.raw_frame_to_messages(frame)
+            text, image = raw_frame_to_messages(frame)
             texts.publish(text)
             user.delivered(texts)
             images.publish(image)
@@ -83,10 +85,10 @@ def node(tmp_path, user):
 
         def receive(stamp):
             def complete():
-                found = [[each for each in part if cv.header_from(each.header).stamp_ns == stamp]
+                found = [[each for each in part if header_from(each.header).stamp_ns == stamp]
                          for part in parts]
                 return all(found) and [each[0] for each in found]
-            return cv.light_field_from(*user.wait(complete, f'views of {stamp}'))
+            return light_field_from(*user.wait(complete, f'views of {stamp}'))
         return processes[0], send, receive
 
     yield start

@@ -15,14 +15,18 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.grasp import pose_to_message
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.light_field import light_field_from
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.simulation.scenes.moved import photographs, seen_from
 from pmcl_ros.simulation.scenes.random_scene import random_scene
@@ -59,15 +63,15 @@ def frames(scene):
 
 
 def image_of(frame, frame_id='wrist_camera'):
-    return cv.picture_to_message(Header(frame.stamp_ns, frame_id), frame.image)
+    return picture_to_message(Header(frame.stamp_ns, frame_id), frame.image)
 
 
 def info_of(frame):
-    return cv.pinhole_to_message(Header(frame.stamp_ns, 'wrist_camera'), frame.lens.pinhole)
+    return pinhole_to_message(Header(frame.stamp_ns, 'wrist_camera'), frame.lens.pinhole)
 
 
 def pose_of(stamp_ns, pose, frame_id='base_link'):
-    return PoseStamped(header=cv.header_to_message(Header(stamp_ns, frame_id)),
+    return PoseStamped(header=header_to_message(Header(stamp_ns, frame_id)),
                        pose=pose_to_message(pose))
 
 
@@ -117,7 +121,7 @@ def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
     assert 'lytro_driver' not in chain.log
     assert 'sweep: 9 of 3x3 views' in chain.log
     assert 'frame 2: moved by' in chain.log
-    header, pose = cv.pose_from(poses[0])
+    header, pose = pose_from(poses[0])
     # of the reference, the picture nearest to the grid's middle, in its camera's frame
     middle = next(each for each in frames if np.allclose(each.pose, BASE))
     assert header == Header(middle.stamp_ns, 'wrist_camera')
@@ -195,7 +199,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert 'frame 11: its pose had not come when the sweep ended' in answer.message
         user.wait(lambda: views and infos and pupils and centres, 'the light field')
 
-        found = cv.light_field_from(infos[0], pupils[0], views[0])
+        found = light_field_from(infos[0], pupils[0], views[0])
         of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
         expected = assemble(frames[:-1], of, 'wrist_camera').light_field
         assert found.header == expected.header

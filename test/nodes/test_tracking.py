@@ -8,11 +8,12 @@ from harness import ACTIVATE, CONFIGURE, DEACTIVATE, Process
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.studies.tracking import edges_of
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.simulation.sequences.files import FIXED_FRAME
 from pmcl_ros.simulation.sequences.sequence import Sequence
@@ -41,9 +42,9 @@ class Session:
         """Publish a frame; what the node then says of it: level, message, values."""
         volume = edges_of(self.sequence, self.sequence.frame(number))
         edges, likelihood = self._publishers
-        edges.publish(cv.edges_to_message(volume.edges))
+        edges.publish(edges_to_message(volume.edges))
         self._user.delivered(edges)
-        likelihood.publish(cv.volume_to_message(volume))
+        likelihood.publish(volume_to_message(volume))
         stamp = volume.header.stamp_ns
 
         def told():
@@ -55,7 +56,7 @@ class Session:
         return status.level, status.message, {each.key: each.value for each in status.values}
 
     def right(self, message, number):
-        header, pose = cv.pose_from(message)
+        header, pose = pose_from(message)
         assert header.stamp_ns == self.sequence.header(number).stamp_ns
         error = pose_error(pose, self.sequence.poses[number], self.sequence.model.axis)
         return error.translation < 0.02 and error.rotation < 0.2

@@ -19,8 +19,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from pmcl_ros import conversions
 from pmcl_ros.evaluation.bench.usage import cpu_seconds
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
 from pmcl_ros.nodes.table import NODES
@@ -116,7 +116,7 @@ class Graph:
 
     def _on_pose(self, message: PoseStamped) -> None:
         now = time.time_ns()
-        header, pose = conversions.pose_from(message)
+        header, pose = pose_from(message)
         self.poses.append((header.stamp_ns, now, pose))
 
     def _on_state(self, message: DiagnosticArray) -> None:

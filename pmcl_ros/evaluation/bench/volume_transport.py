@@ -20,10 +20,12 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros.conversions import Buffer, multi_array_from, volume_from, volume_to_message
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.cdr import multi_array_from
+from pmcl_ros.messages.volume import volume_from, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.runtime.errors import PmclError

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.time import Time
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.pose_buffer import PoseBuffer
 from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.runtime.errors import GraspError, PoseUnavailableError, SettingsError
 
@@ -59,7 +59,7 @@ class TopicArm:
                 'same clock, or set the parameter arm') from None
 
     def _on_pose(self, message: PoseStamped) -> None:
-        header, pose = conversions.pose_from(message)
+        header, pose = pose_from(message)
         if header.frame_id != self._settings.base_frame:
             raise GraspError(f'arm_pose is told in {header.frame_id!r}, expected base_frame '
                              f'{self._settings.base_frame!r}')
@@ -121,4 +121,4 @@ def matrix_of(transform: Transform) -> NDArray[np.float64]:
     for axis in 'xyz':
         setattr(message.pose.position, axis, getattr(transform.translation, axis))
     message.pose.orientation = transform.rotation
-    return conversions.pose_from(message)[1]
+    return pose_from(message)[1]

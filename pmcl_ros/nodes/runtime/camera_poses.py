@@ -6,10 +6,10 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.duration import Duration
 from rclpy.time import Time
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.arms import matrix_of, tf2
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
@@ -52,7 +52,7 @@ class TopicPoses:
         return self._trajectory.interpolated(stamp_ns, self._settings.gap)
 
     def _on_pose(self, message: PoseStamped) -> None:
-        header, pose = conversions.pose_from(message)
+        header, pose = pose_from(message)
         if header.frame_id != self._settings.fixed_frame:
             raise LightFieldError(f'camera_pose is told in {header.frame_id!r}, expected '
                                   f'fixed_frame {self._settings.fixed_frame!r}')

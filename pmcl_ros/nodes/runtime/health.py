@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
-from pmcl_ros.conversions import diagnostics_to_message
+from pmcl_ros.messages.diagnostics import diagnostics_to_message
 
 _WINDOW = 10.0  # s: in which results are counted for their rate
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.time import Time
 
-from pmcl_ros import conversions
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_buffer import PoseBuffer
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.arms import matrix_of, tf2
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
@@ -51,7 +51,7 @@ class TopicCamera:
                 "shutter's time, with the same clock") from None
 
     def _on_pose(self, message: PoseStamped) -> None:
-        header, pose = conversions.pose_from(message)
+        header, pose = pose_from(message)
         if header.frame_id != self._settings.track_frame:
             raise LocalizationError(f'camera_pose is told in {header.frame_id!r}, expected '
                                     f'track_frame {self._settings.track_frame!r}')

@@ -8,8 +8,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from visualization_msgs.msg import MarkerArray
 
-from pmcl_ros import conversions
 from pmcl_ros.messages.bags import Recorded, Topic
+from pmcl_ros.messages.cdr import message_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.volume import volume_from
 from pmcl_ros.nodes.runtime.base import LATCHED
 from pmcl_ros.nodes.runtime.message_types import message_type
 from pmcl_ros.nodes.runtime.running import pause
@@ -84,14 +86,14 @@ class LockstepPlayer:
         self._played = None
 
     def _on_objects(self, message: MarkerArray) -> None:
-        self._answered |= {conversions.header_from(each.header).stamp_ns
+        self._answered |= {header_from(each.header).stamp_ns
                            for each in message.markers}
 
     def _stamp_of(self, message: Recorded) -> int:
-        read = conversions.message_from(message.cdr, message_type(message.type))
+        read = message_from(message.cdr, message_type(message.type))
         if self._kind == 'dlv':
-            return conversions.volume_from(read).header.stamp_ns
-        return conversions.header_from(read.header).stamp_ns
+            return volume_from(read).header.stamp_ns
+        return header_from(read.header).stamp_ns
 
 
 @cache

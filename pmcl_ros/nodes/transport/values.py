@@ -7,8 +7,9 @@ from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
-from pmcl_ros.conversions import Buffer, message_from
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.buffer import Buffer
+from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.nodes.runtime.base import StageNode
 
 # s: after that who has not said that the first message came did not get it; likewise the next.

@@ -21,8 +21,10 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros import conversions as cv
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.light_field import light_field_to_messages
+from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.volume import volume_from, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.values import ValuePublisher, subscribe_value
@@ -36,7 +38,7 @@ class Giver(StageNode):
     name, settings_class = 'giver', Settings
 
     def set_up(self, _):
-        self.dlv = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, cv.volume_to_message,
+        self.dlv = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, volume_to_message,
                                   each_a_capture=True)
 
     def start(self):
@@ -52,7 +54,7 @@ class Taker(StageNode):
         self.volumes = []
 
     def start(self):
-        subscribe_value(self, Float32MultiArray, 'dlv', cv.volume_from, self.keep, BIG)
+        subscribe_value(self, Float32MultiArray, 'dlv', volume_from, self.keep, BIG)
 
     def keep(self, volume):
         self.volumes.append(volume)
@@ -160,7 +162,7 @@ def test_what_is_overwritten_before_it_is_taken_is_told(user, pair, start, stamp
 LISTENER = """
 import sys, rclpy
 from std_msgs.msg import Float32MultiArray
-from pmcl_ros.conversions import volume_from
+from pmcl_ros.messages.volume import volume_from
 rclpy.init()
 node = rclpy.create_node('listener')
 node.create_subscription(Float32MultiArray, 'dlv', lambda message: print(
@@ -203,14 +205,14 @@ def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, 
         giver.dlv.publish(stamped(stamp))
         user.wait(lambda stamp=stamp: len(messages) == stamp and stamp in taker.stamps, stamp)
     assert giver.health.counts == {'dlv handed over': 2, 'dlv sent': 2}
-    np.testing.assert_array_equal(cv.volume_from(messages[1]).likelihood,
+    np.testing.assert_array_equal(volume_from(messages[1]).likelihood,
                                   taker.volumes[1].likelihood)
     # What others publish, comes: also after all that the giver has sent.
     publisher = user.node.create_publisher(Float32MultiArray, 'dlv', BIG)
     user.wait(lambda: publisher.get_subscription_count() == 2, 'the subscribers')
     user.wait(lambda: taker.count_publishers('dlv') == 2, 'the publisher to be found')
     for stamp in (8, 9):
-        user.wait(lambda stamp=stamp: publisher.publish(cv.volume_to_message(stamped(stamp)))
+        user.wait(lambda stamp=stamp: publisher.publish(volume_to_message(stamped(stamp)))
                   or stamp in taker.stamps, 'what another publishes')
     assert list(dict.fromkeys(taker.stamps)) == [1, 2, 8, 9]
     assert taker.stamps[:3] == [1, 2, 8]
@@ -293,7 +295,7 @@ def chain(tmp_path, user, parameters, small_light_field):
 
         def publish(stamp):
             light_field = replace(small_light_field, header=Header(stamp))
-            messages = cv.light_field_to_messages(light_field)
+            messages = light_field_to_messages(light_field)
             for publisher, message in zip(publishers, messages, strict=True):
                 publisher.publish(message)
         return process, publish
@@ -312,7 +314,7 @@ def test_both_ways_lead_to_the_same_pose(user, chain):
                 user.wait(lambda: came or time.monotonic() > again, 'a pose')  # noqa: B023
             told.append([way for way in ('dlv comes by reference', 'dlv comes as messages')
                          if way in process.log])
-            poses.append(cv.pose_from(came[0]))
+            poses.append(pose_from(came[0]))
         user.wait(lambda: not user.node.count_publishers('pose'), 'the nodes to go')
     assert told == [['dlv comes by reference'], ['dlv comes as messages']]
     (header, pose), (other_header, other) = poses
@@ -339,7 +341,7 @@ def test_in_one_process_volumes_are_sent_only_to_others(user, chain):
                   'the pose and the message')
         user.wait(lambda: values(states, 'dlv_node').get('frames out') == '2', 'diagnostics')
         assert counts() == {'dlv handed over': '2', 'dlv sent': '1'}
-        assert cv.volume_from(messages[0]).header.stamp_ns == 2
+        assert volume_from(messages[0]).header.stamp_ns == 2
         assert values(states, 'pmcl_node')['frames in'] == '2'
         assert 'dlv comes as messages' not in process.log
 
