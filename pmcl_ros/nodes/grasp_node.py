@@ -19,12 +19,13 @@ from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_ma
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import no_markers
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
-from pmcl_ros.nodes.runtime.arms import arm_of
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
+from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.runtime.errors import GraspError, PmclError
 from pmcl_ros.runtime.resources import resolve
 
+_ARM = PoseNames('arm', 'arm_pose', 'base_frame', 'max_age')
 _PATIENCE = 0.5  # s: how much later than its pose a covariance may come
 
 
@@ -40,7 +41,7 @@ class GraspNode(StageNode):
         self._model, self._gripper, grasps = GraspFile.read(resolve(settings.grasps, 'grasps'))
         self._ranker = Ranker(self._model, self._gripper, grasps, settings)
         self._mount = transform(settings.mount_position, settings.mount_rpy)
-        self._arm = arm_of(self, settings)
+        self._arm = pose_source(self, _ARM, settings.arm, settings.base_frame, SMALL)
         self.get_logger().info(
             f'{len(grasps)} grasps of {self._model.name}; poses of {self._gripper.parent_link} in '
             f'{settings.base_frame}')
@@ -125,7 +126,8 @@ class GraspNode(StageNode):
         if header.frame_id != self._settings.camera_frame:
             raise GraspError(f'the pose is told in {header.frame_id!r}, expected camera_frame '
                              f'{self._settings.camera_frame!r}')
-        camera = self._arm.at(header.stamp_ns) @ self._mount
+        camera = self._arm.nearest(header.stamp_ns, self._settings.mount_parent,
+                                   self._settings.max_age) @ self._mount
         return self._ranker.rank(camera @ pose, rotate_covariance(covariance, camera[:3, :3]))
 
     def _none(self, header: Header, why: str) -> None:

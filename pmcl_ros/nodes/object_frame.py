@@ -3,8 +3,8 @@
 from pydantic import Field, model_validator
 
 from pmcl_ros.messages.pose import estimate_to_transform
-from pmcl_ros.nodes.runtime.arms import tf2
 from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.nodes.runtime.pose_source import tf2
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.runtime.errors import SettingsError

@@ -22,9 +22,9 @@ from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.messages.volume import edges_from, volume_from, with_edges
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
-from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
+from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL, StageNode
+from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
-from pmcl_ros.nodes.runtime.tracked_camera import tracked_camera
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
 from pmcl_ros.nodes.transport.exact_synchronizer import ExactSynchronizer
@@ -40,6 +40,7 @@ from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
+_CAMERA = PoseNames('track_camera', 'camera_pose', 'track_frame', 'track_max_age')
 _PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
 # s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
 _DISCOVERY = 4.0
@@ -62,7 +63,9 @@ class PmclNode(StageNode):
         self._settings = settings
         self._overlays = Overlays(self)
         self._markers = self.publisher(MarkerArray, 'markers', SMALL)
-        self._camera_poses = tracked_camera(self, settings)
+        self._camera_poses = (
+            pose_source(self, _CAMERA, settings.track_camera, settings.track_frame, MANY)
+            if settings.tracking == 'camera' else None)
         self._several, self._tracker = None, None
         if settings.several:
             self._several = SeveralObjects(self, settings, self._overlays, self._markers)
@@ -196,7 +199,8 @@ class PmclNode(StageNode):
         if self._camera_poses is None:
             return None
         try:
-            return self._camera_poses.at(volume.header)
+            return self._camera_poses.nearest(volume.header.stamp_ns, volume.header.frame_id,
+                                              self._settings.track_max_age)
         except PoseUnavailableError as error:
             self.get_logger().warning(str(error))
             return None

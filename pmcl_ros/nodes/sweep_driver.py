@@ -9,6 +9,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
@@ -16,8 +17,8 @@ from pmcl_ros.lightfield.sweep.lens import Lens
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.messages.camera_image import colours_from, lens_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.nodes.runtime.base import StageNode
-from pmcl_ros.nodes.runtime.camera_poses import camera_poses
+from pmcl_ros.nodes.runtime.base import MANY, StageNode
+from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import view_outputs
@@ -29,6 +30,7 @@ from pmcl_ros.runtime.errors import (
 )
 from pmcl_ros.runtime.resources import resolve
 
+_CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _WAITING = 100  # images that may wait for a pose
 
@@ -60,7 +62,8 @@ class SweepDriver(StageNode):
                                                    'baseline': plan.baseline})
             self._middle = plan.middle
         self._settings = settings
-        self._poses = camera_poses(self, settings)
+        self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
+                                  transform(settings.mount_position, settings.mount_rpy))
         self._outputs = view_outputs(self)
         self.get_logger().info(
             f'a sweep is {settings.rows}x{settings.columns} views, {settings.baseline} m apart, '
@@ -130,7 +133,9 @@ class SweepDriver(StageNode):
             first = self._waiting[0]
             lens = self._lens
             try:
-                moving = self._poses.at(first.header.stamp_ns, first.header.frame_id)
+                moving = self._poses.interpolated(
+                    first.header.stamp_ns, self._settings.camera_frame or first.header.frame_id,
+                    self._settings.gap)
             except PoseUnavailableError as error:
                 self._give_up(self._waiting.popleft(), str(error))
                 continue

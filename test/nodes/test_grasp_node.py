@@ -175,7 +175,7 @@ def test_what_cannot_be_placed_is_refused(node, user):
             (lambda: planner.arm.publish(stamped(ARM, STAMP - 2 * SECOND)),
              '2.000 s older, at most 0.1 s are allowed (max_age)'),
             (lambda: planner.arm.publish(stamped(ARM, STAMP, 'odom')),
-             "arm_pose is told in 'odom', expected base_frame 'base_link'")):
+             "arm_pose is in frame 'odom', expected base_frame 'base_link'")):
         publish()
         user.delivered(planner.arm)
         planner.both.publish(with_covariance(seen))

@@ -115,9 +115,9 @@ def test_the_camera_s_poses_are_taken_from_their_topic(session, user, sequence):
     assert [node.show(number)[2]['mode'] for number in (0, 1)] == ['default', 'followed']
     # Of the next one nothing is known: it is said, and the region is searched.
     assert node.show(4)[2]['mode'] == 'default'
-    assert 'no camera_pose has come' in node.process.log
+    assert 'camera_pose: the pose nearest to the capture' in node.process.log
     publisher.publish(bags.pose_message('/camera_pose', Header(1, 'map'),
                                         sequence.cameras[0]).cdr)
-    user.wait(lambda: "told in 'map', expected track_frame 'odom'" in node.process.log,
-              'the refusal')
+    refusal = "camera_pose is in frame 'map', expected track_frame 'odom'"
+    user.wait(lambda: refusal in node.process.log, 'the refusal')
     assert user.change('pmcl_node', DEACTIVATE)

@@ -1,0 +1,191 @@
+"""The pose of a frame of the robot at the time of a capture: fixed, from a topic or from /tf."""
+
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, Transform
+from numpy.typing import NDArray
+from rclpy.duration import Duration
+from rclpy.qos import QoSProfile
+from rclpy.time import Time
+
+from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
+from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.nodes.runtime.base import StageNode
+from pmcl_ros.runtime.errors import MessageError, PoseUnavailableError, SettingsError
+
+Way = Literal['auto', 'fixed', 'topic', 'tf']
+
+_KEPT = 120.0  # s: how long poses are remembered; a search takes seconds
+_SPEED_INTERVAL = 0.05  # s: the speed on /tf is measured over this time before a capture
+
+
+class PoseNames(NamedTuple):
+    """What a node calls its source of poses.
+
+    source, frame, tolerance: the names of its parameters for the source, the fixed frame and the
+    longest time to a capture; topic: of the PoseStamped messages.
+    """
+
+    source: str
+    topic: str
+    frame: str
+    tolerance: str
+
+
+class PoseSource(Protocol):
+    """Poses (4, 4) of a child frame in a fixed frame [m] over time.
+
+    missing: why `interpolated` returned None.
+    """
+
+    missing: str
+
+    def start(self) -> None:
+        """Subscribe, while the node is active."""
+
+    def nearest(self, stamp_ns: int, child_frame: str, tolerance: float) -> NDArray[np.float64]:
+        """The pose at a stamp; PoseUnavailableError when there is none within `tolerance` [s]."""
+
+    def interpolated(self, stamp_ns: int, child_frame: str, gap: float) -> MovingPose | None:
+        """The pose and its speed at a stamp, from poses that are at most `gap` [s] apart.
+
+        None: it may still come. Raises PoseUnavailableError when it will not.
+        """
+
+
+class FixedPose:
+    """The child frame is the fixed frame."""
+
+    missing = ''
+
+    def start(self) -> None:
+        """Nothing to subscribe to."""
+
+    def nearest(self, stamp_ns: int, child_frame: str,  # noqa: ARG002
+                tolerance: float) -> NDArray[np.float64]:  # noqa: ARG002
+        """The identity."""
+        return np.eye(4)
+
+    def interpolated(self, stamp_ns: int, child_frame: str,  # noqa: ARG002
+                     gap: float) -> MovingPose | None:  # noqa: ARG002
+        """The identity, at rest."""
+        return MovingPose(np.eye(4))
+
+
+class TopicPoses:
+    """Poses of one child frame, from a topic of PoseStamped messages.
+
+    frame: that the messages must be in. offset: (4, 4) pose of the child frame in the frame whose
+    poses the topic carries.
+    """
+
+    def __init__(self, node: StageNode, names: PoseNames, frame: str, qos: QoSProfile,
+                 offset: NDArray[np.float64] | None = None) -> None:
+        self._node, self._names, self._frame = node, names, frame
+        self._qos, self._offset = qos, offset
+        self.missing = f'no pose of its time, or later, has come on {names.topic}'
+
+    def start(self) -> None:
+        """Subscribe."""
+        self._buffer = PoseBuffer(_KEPT)
+        self._node.subscribe(PoseStamped, self._names.topic, self._on_pose, self._qos)
+
+    def nearest(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
+                tolerance: float) -> NDArray[np.float64]:
+        """As `PoseBuffer.nearest`."""
+        try:
+            return self._buffer.nearest(stamp_ns, tolerance)
+        except PoseUnavailableError as error:
+            raise PoseUnavailableError(
+                f"{self._names.topic}: {error} ({self._names.tolerance}): publish it around the "
+                f"shutter's time, with the same clock, or set {self._names.source}") from None
+
+    def interpolated(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
+                     gap: float) -> MovingPose | None:
+        """As `PoseBuffer.interpolated`."""
+        return self._buffer.interpolated(stamp_ns, gap)
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        header, pose = pose_from(message)
+        if header.frame_id != self._frame:
+            raise MessageError(f'{self._names.topic} is in frame {header.frame_id!r}, expected '
+                               f'{self._names.frame} {self._frame!r}')
+        self._buffer.add(header.stamp_ns, pose if self._offset is None else pose @ self._offset)
+
+
+class TfPoses:
+    """Poses from /tf, in `frame`; SettingsError where tf2_ros is not installed."""
+
+    def __init__(self, node: StageNode, names: PoseNames, frame: str) -> None:
+        self._node, self._frame, self._tf = node, frame, tf2()
+        self.missing = ''
+        if self._tf is None:
+            raise SettingsError(f"parameter {names.source!r} is 'tf', but tf2_ros cannot be "
+                                "imported (it is part of a full ROS, not on PyPI): use 'topic'")
+
+    def start(self) -> None:
+        """Subscribe."""
+        self._buffer = self._tf.Buffer(Duration(seconds=_KEPT))
+        listener = self._tf.TransformListener(self._buffer, self._node)
+        self._node.active.callback(listener.unregister)
+
+    def nearest(self, stamp_ns: int, child_frame: str,
+                tolerance: float) -> NDArray[np.float64]:  # noqa: ARG002 -- tf2 interpolates
+        """The transform at a stamp; tf2 itself refuses times that it does not know."""
+        try:
+            found = self._buffer.lookup_transform(self._frame, child_frame,
+                                                  Time(nanoseconds=stamp_ns))
+        except self._tf.TransformException as error:
+            raise PoseUnavailableError(f'/tf has no {self._frame} -> {child_frame} at the capture '
+                                       f'{stamp_ns}: {error}') from error
+        return matrix_of(found.transform)
+
+    def interpolated(self, stamp_ns: int, child_frame: str, gap: float) -> MovingPose | None:
+        """The transform at a stamp, with the mean speed just before it."""
+        try:
+            now = self.nearest(stamp_ns, child_frame, gap)
+            before = self.nearest(stamp_ns - round(_SPEED_INTERVAL * 1e9), child_frame, gap)
+        except PoseUnavailableError as error:
+            self.missing = str(error)
+            return None
+        return MovingPose.between(before, now, _SPEED_INTERVAL, 1)
+
+
+def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: QoSProfile,
+                offset: NDArray[np.float64] | None = None) -> PoseSource:
+    """The source that `way` names, for `set_up` of a node; logged.
+
+    auto: /tf where tf2_ros is installed, else the topic. frame: the fixed frame. qos, offset: as
+    `TopicPoses` takes them.
+    """
+    if way == 'auto':
+        way = 'topic' if tf2() is None else 'tf'
+    source: PoseSource
+    if way == 'fixed':
+        source, words = FixedPose(), 'are fixed'
+    elif way == 'tf':
+        source, words = TfPoses(node, names, frame), 'come from /tf'
+    else:
+        source = TopicPoses(node, names, frame, qos, offset)
+        words = f'come from {names.topic}'
+    node.get_logger().info(f'{names.source} {way}: poses in {frame} {words}')
+    return source
+
+
+def tf2() -> Any:
+    """The module tf2_ros; None where it is not installed."""
+    try:
+        import tf2_ros
+    except ImportError:
+        return None
+    return tf2_ros
+
+
+def matrix_of(transform: Transform) -> NDArray[np.float64]:
+    """(4, 4) of a Transform; MessageError when it is none."""
+    message = PoseStamped()
+    for axis in 'xyz':
+        setattr(message.pose.position, axis, getattr(transform.translation, axis))
+    message.pose.orientation = transform.rotation
+    return pose_from(message)[1]
