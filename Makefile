@@ -6,6 +6,7 @@ CAMERA ?=
 BIN := .venv/bin
 RUN := .venv/.installed-run
 TEST := .venv/.installed-test
+DOCS := .venv/.installed-docs
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .PHONY: demo test lint venv docs eval bench soak clean
@@ -25,10 +26,11 @@ lint: $(TEST)
 
 venv: $(TEST)
 
-# What is written from the code: the lists of topics and parameters.
-docs: $(RUN)
+# The lists of topics and parameters from the code, then the site, in out/site.
+docs: $(DOCS)
 	$(BIN)/python -m pmcl_ros.nodes.reference > docs/reference.md
 	$(BIN)/python -m pmcl_ros.nodes.reference --parameters > config/pmcl.yaml
+	$(BIN)/mkdocs build --strict
 
 # Errors over a folder of captures with truth, as README's table: make eval CAPTURES=DIR
 eval: $(RUN)
@@ -52,8 +54,11 @@ $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg
 	$(PIP) --no-deps --editable . && touch $@ && \
 	echo "installed in $$(( $$(date +%s) - start )) s"
 
-$(TEST): requirements-test.txt $(RUN)
+$(TEST): requirements-test.txt requirements-docs.txt $(RUN)
 	@echo 'installing the test packages ...' && $(PIP) -r requirements-test.txt && touch $@
+
+$(DOCS): requirements-docs.txt $(RUN)
+	@$(PIP) -r requirements-docs.txt && touch $@
 
 clean:
 	rm -rf .venv out build install log

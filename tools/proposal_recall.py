@@ -1,4 +1,4 @@
-"""How often proposals hold the true pose, and the search finds it: docs/method.md.
+"""How often proposals hold the true pose, and the search finds it: docs/results/poses.md.
 
 python tools/proposal_recall.py FOLDER, of scenes that `pmcl scenes` made.
 """

@@ -1,6 +1,6 @@
 """Views of real first-generation Lytro pictures that came as mosaic images, without a white image.
 
-    .venv/bin/python tools/real_gallery.py MOSAIC... --gain 1.5 --out docs/images/real_mosaics.png
+    .venv/bin/python tools/real_gallery.py MOSAIC... --gain 1.5 --out docs/figures/real_mosaics.png
 
 For each mosaic: the centre view; a detail of the leftmost, centre and rightmost view of the middle
 row; one image row through the nine views of that row, from top to bottom. Lattice and light under

@@ -59,7 +59,7 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
         out.parent.mkdir(parents=True, exist_ok=True)
         GraspFile.write(out, object_file, sizes, found,
                         f'Made by: pmcl grasps {object_file.name}. In the frame of the mesh, '
-                        'metres: docs/grasping.md')
+                        'metres: docs/howto/grasping.md')
         click.echo(out, err=True)
     if picture is not None:
         picture.parent.mkdir(parents=True, exist_ok=True)

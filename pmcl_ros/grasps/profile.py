@@ -29,7 +29,7 @@ class Profile:
         """Cut a model's mesh; GraspError when it has no axis of symmetry."""
         if model.axis is None:
             raise GraspError(f'object {model.name!r} is no surface of revolution: write its '
-                             'grasps by hand (docs/grasping.md)')
+                             'grasps by hand (docs/howto/grasping.md)')
         from_axis = model.vertices - np.outer(model.vertices @ model.axis, model.axis)
         farthest = from_axis[int(np.linalg.norm(from_axis, axis=1).argmax())]
         side = farthest / np.linalg.norm(farthest)

@@ -37,8 +37,8 @@ _SHIPPED: dict[str, dict[str, Any]] = {
 }
 
 # What starts the nodes that are no part of the chain.
-_ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/grasping.md',
-              SWEEP.name: 'a plan (--sweep, sweep:=): docs/sweep.md'}
+_ASKED_FOR = {GRASPS.name: 'a grasp file (--grasps, grasps:=): docs/howto/grasping.md',
+              SWEEP.name: 'a plan (--sweep, sweep:=): docs/howto/sweep.md'}
 
 _REFERENCE = """\
 # Reference
@@ -46,14 +46,16 @@ _REFERENCE = """\
 Written by `make docs` from the code (`python -m pmcl_ros.nodes.reference`); do not edit it.
 
 ## Topics
-Names are relative to the namespace of the nodes, but for those with a slash; any may be remapped.
-History, depth and reliability of each end can be overridden by read-only parameters that are given
-when the node is started, as `qos_overrides./dlv.publisher.depth: 2` or
-`qos_overrides./views.subscription.reliability: best_effort`. Durability cannot. Best effort or
-`keep_all` on a topic with *last 1* (big messages) is done with a warning. Not listed: `/tf`, of
-pmcl_node where `broadcast_tf` is true, and to nodes that are told to ask it; `objects/NAME/pose`
-and `objects/NAME/pose_with_covariance` of pmcl_node where `objects` are listed, which stand for
-`pose`, `pose_with_covariance` and `particles` then (docs/several.md).
+Names are relative to the namespace of the nodes, except those with a slash; all may be remapped.
+History, depth and reliability of each end can be overridden by read-only parameters when the node
+is started, as `qos_overrides./dlv.publisher.depth: 2` or
+`qos_overrides./views.subscription.reliability: best_effort`. Durability cannot be overridden. Best
+effort or `keep_all` on a topic with *last 1* (big messages) gives a warning.
+
+Not listed: `/tf`, published by pmcl_node where `broadcast_tf` is true, and read by nodes whose
+parameters say so; `objects/NAME/pose` and `objects/NAME/pose_with_covariance` of pmcl_node, in
+place of `pose`, `pose_with_covariance` and `particles`, where `objects` are listed
+([several objects](howto/several.md)).
 
 | node | direction | topic | type | quality of service | what |
 |---|---|---|---|---|---|
@@ -71,10 +73,9 @@ std_srvs/srv/Trigger; and those of every lifecycle node.
 _PARAMETERS = """\
 
 ## Parameters
-Read when a node is configured, except those marked *live*, which a running node takes over when
-they are set, after it has checked that it can. Ranges are those of `ros2 param describe`; an open
-end itself (`>`) is refused at configure. What a node was started with but does not know, by a slip
-of the pen, keeps it from being configured.
+Read when a node is configured, except those marked *live*: an active node checks and uses them as
+soon as they are set. Ranges are those of `ros2 param describe`; the bound of an open range (`>`)
+is refused at configure. A node that was started with an unknown parameter cannot be configured.
 """
 
 _YAML = """\

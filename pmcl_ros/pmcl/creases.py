@@ -31,7 +31,7 @@ class Creases:
         """Of a mesh as it was given: where it is simplified its facets turn otherwise.
 
         None where there are none, and for objects with an axis of symmetry: what creases say
-        about those does not pay (docs/method.md). profile: by default the learned one.
+        about those does not pay (docs/concepts/evidence.md). profile: by default the learned one.
         """
         if model.axis is not None:
             return None

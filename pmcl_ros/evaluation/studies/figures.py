@@ -1,4 +1,4 @@
-"""The drawings of README and docs/method.md, made from the code they explain."""
+"""The drawings of the documents, made from the code they explain."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -24,7 +24,8 @@ class SceneLocalizer:
     """Finds several objects in volumes; one may be listed several times: copies.
 
     Each is searched for alone; then poses, at most one of each object's, are chosen jointly; what
-    is not found is searched for once more in what the others leave unexplained (docs/several.md).
+    is not found is searched for once more in what the others leave unexplained (see
+    docs/concepts/several.md).
     models: listed. Copies are the same ObjectModel. Use and close it in one thread.
     Raises LocalizationError for no or too many objects, or names that are alike; RenderError when
     there is no GL.

@@ -43,7 +43,7 @@ class LikelihoodScore(Protocol):
 
 
 class ContourScore(Protocol):
-    """How well the contour of a pose lies on edges at its own depth (docs/method.md)."""
+    """How well a pose's contour lies on edges at its own depth (docs/concepts/evidence.md)."""
 
     @property
     def evaluations(self) -> int:

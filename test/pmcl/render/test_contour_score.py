@@ -59,7 +59,7 @@ def drawn(renderer, score, seen, poses):
 
 
 def evidence(depth, window, edges, radius, profile=CONTRAST):
-    """Sum and length of what docs/method.md says, in double precision."""
+    """Sum and length of what docs/concepts/evidence.md says, in double precision."""
     close = np.divide(1, depth, out=np.zeros(depth.shape), where=depth > 0)
     jump = 0.2 * radius * (1 / edges.depths).mean()
     padded = np.pad(close, 3, constant_values=-1)  # outside the tile nothing is known

@@ -1,0 +1,82 @@
+"""The documents: the site builds strictly, links hold, and every command is described."""
+
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+LINK = re.compile(r'\]\(([^)\s]+)\)')
+HEADING = re.compile(r'^#+ (.*)$', re.M)
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory):
+    """The built site; strict: a link, an anchor or a Python object that does not exist fails."""
+    folder = tmp_path_factory.mktemp('site')
+    built = subprocess.run([sys.executable, '-m', 'mkdocs', 'build', '--strict', '--quiet',
+                            '--site-dir', folder], cwd=ROOT, capture_output=True, text=True)
+    assert built.returncode == 0, built.stdout + built.stderr
+    return folder
+
+
+class Loaded(HTMLParser):
+    """Collects the addresses that a browser loads by itself."""
+
+    def __init__(self):
+        super().__init__()
+        self.addresses = []
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        self.addresses += [values['src']] if 'src' in values else []
+        if tag == 'link' and values.get('rel') == 'stylesheet':
+            self.addresses.append(values['href'])
+
+
+def test_the_site_loads_nothing_from_the_network(site):
+    pages = list(site.rglob('*.html'))
+    assert len(pages) > 30
+    for page in pages:
+        loaded = Loaded()
+        loaded.feed(page.read_text())
+        assert loaded.addresses
+        assert not [each for each in loaded.addresses if re.match(r'(https?:)?//', each)], page
+
+
+def test_the_site_shows_the_python_api(site):
+    page = (site / 'reference/api/index.html').read_text()
+    assert 'id="pmcl_ros.pmcl.localizer.Localizer.localize"' in page
+
+
+def anchors(path):
+    """Of the headings of a Markdown file, as GitHub and mkdocs name them."""
+    headings = HEADING.findall(path.read_text())
+    return {re.sub(r'[\s]+', '-', re.sub(r'[^\w\s-]', '', each).strip().lower())
+            for each in headings}
+
+
+@pytest.mark.parametrize('name', ['README.md', 'CHANGES.md'])
+def test_links_outside_the_site_hold(name):
+    for link in LINK.findall((ROOT / name).read_text()):
+        path, _, anchor = link.partition('#')
+        assert (ROOT / path).is_file() or (ROOT / path).is_dir(), link
+        assert not anchor or anchor in anchors(ROOT / path), link
+
+
+def test_every_command_is_described():
+    text = (ROOT / 'docs/reference/commands.md').read_text()
+    entries = [str(each) for each in yaml.safe_load((ROOT / 'test/interface.yaml').read_text())]
+    names = {entry.removeprefix('command ').removeprefix('executable ') for entry in entries
+             if re.fullmatch(r'command pmcl( [a-z][a-z-]*)+|executable \w+|make [a-z-]+', entry)}
+    leaves = {name for name in names if not any(each.startswith(f'{name} ') for each in names)}
+    assert len(leaves) > 40
+    assert not [name for name in leaves if not re.search(f'`{name}[` ]', text)]
+
+
+def test_the_readme_is_short():
+    assert len((ROOT / 'README.md').read_text().splitlines()) <= 150
