@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pmcl_ros.cli.learn import examples_of
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import find_captures
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.errors import RIGHT_ANGLE, RIGHT_DISTANCE, pose_error
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
@@ -21,12 +21,11 @@ from pmcl_ros.pmcl.settings import PmclSettings
 
 _VIEWS = 5
 _PROPOSED = 0.03, np.deg2rad(20)  # m, rad
-_RIGHT = 0.02, np.deg2rad(10)
+_RIGHT = RIGHT_DISTANCE, RIGHT_ANGLE
 
 
 def _near(example: Example, pose: NDArray[np.float64], limits: tuple[float, float]) -> bool:
-    model = example.model
-    error = pose_error(pose, example.pose, model.axis, model.discrete)
+    error = pose_error(pose, example.pose, example.model.symmetry)
     return error.translation < limits[0] and error.rotation < limits[1]
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from rich.progress import track
 
 from pmcl_ros.cli.base import STDERR
+from pmcl_ros.evaluation.errors import is_right
 from pmcl_ros.evaluation.studies.coverage import run_coverage
 
 
@@ -17,8 +18,7 @@ def coverage(trials: int, seed: int, near: bool) -> None:
     found = list(track(run_coverage(trials, seed, not near), total=trials, console=STDERR,
                        description='volumes', transient=True))
     levels = np.array([each.level for each in found])
-    right = np.array([each.translation < 0.02 and each.rotation < np.deg2rad(10)
-                      for each in found])
+    right = np.array([is_right(each.translation, each.rotation) for each in found])
     kept = np.array([not each.lost for each in found])
     for wanted in (0.5, 0.9, 0.97):
         inside = levels <= wanted

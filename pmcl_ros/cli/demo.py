@@ -163,7 +163,7 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
 def _report(watcher: Watcher, bag: Path, truth: NDArray[np.float64], out: Path) -> None:
     model = ObjectModel.load(_mesh(bag))
     _, pose = pose_from(watcher.pose)
-    error = pose_error(pose, truth, model.axis, model.discrete)
+    error = pose_error(pose, truth, model.symmetry)
     _CONSOLE.rule(f'{bag.name} in {watcher.pose.header.frame_id}')
     for name, each in (('estimate', pose), ('truth', truth)):
         direction = each[:3, :3] @ (model.axis if model.axis is not None else [0, 0, 1.0])

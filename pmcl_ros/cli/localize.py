@@ -95,8 +95,7 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
         click.echo(estimate.describe())
         click.echo(', '.join(f'{name} {each:.2f} s' for name, each in times.items()), err=True)
     if truth is not None:
-        error = pose_error(estimate.pose, Truth.load(truth).pose, model.axis,
-                           model.discrete)
+        error = pose_error(estimate.pose, Truth.load(truth).pose, model.symmetry)
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:

@@ -1,4 +1,4 @@
-"""Errors of a pose against the truth, as the paper counts them."""
+"""Errors of a pose against the truth (paper, section VI), and when a pose counts as right."""
 
 from dataclasses import dataclass
 
@@ -6,19 +6,29 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.symmetry import Symmetry
+
+# A pose with smaller errors is right in all studies: a gripper still takes the object there.
+RIGHT_DISTANCE, RIGHT_ANGLE = 0.02, np.deg2rad(10)  # m, rad
+
 
 @dataclass(frozen=True)
 class PoseError:
     """How far a pose is from the truth.
 
     translation: distance of the origins [m].
-    rotation: between the axes of symmetry, or of the whole rotation where there is none [rad].
+    rotation: angle between the axes of symmetry, or of the whole rotation without one [rad].
     ray: signed error along the line of sight to the truth [m], positive: too far.
     """
 
     translation: float
     rotation: float
     ray: float
+
+    @property
+    def right(self) -> bool:
+        """Whether both errors are small (`is_right`)."""
+        return is_right(self.translation, self.rotation)
 
     @property
     def flipped(self) -> bool:
@@ -35,21 +45,23 @@ class PoseError:
         return float(np.cos(self.rotation))
 
 
-def pose_error(pose: NDArray[np.floating], truth: NDArray[np.floating],
-               axis: NDArray[np.floating] | None,
-               discrete: NDArray[np.floating] | None = None) -> PoseError:
-    """The error of a pose (paper, section VI).
+def is_right(translation: float, rotation: float) -> bool:
+    """Whether errors [m], [rad] are below 2 cm and 10 degrees."""
+    return translation < RIGHT_DISTANCE and rotation < RIGHT_ANGLE
 
-    pose, truth: (4, 4), object to camera. axis: (3,) of symmetry, in the object's frame, if any.
-    discrete: (n, 4, 4) what else leaves the object as it is, the identity included; of the truths
-    that are alike, the one of the least rotation error counts.
+
+def pose_error(pose: NDArray[np.float64], truth: NDArray[np.float64], symmetry: Symmetry
+               ) -> PoseError:
+    """The error of a pose (4, 4) against the equivalent of the truth (4, 4) nearest in rotation.
+
+    pose, truth: object to camera [m]. symmetry: of the object.
     """
-    truths = truth[None] if discrete is None else truth @ discrete
-    return min((_error(pose, each, axis) for each in truths), key=lambda each: each.rotation)
+    return min((_error(pose, each, symmetry.axis) for each in symmetry.equivalents(truth)),
+               key=lambda each: each.rotation)
 
 
-def _error(pose: NDArray[np.floating], truth: NDArray[np.floating],
-           axis: NDArray[np.floating] | None) -> PoseError:
+def _error(pose: NDArray[np.float64], truth: NDArray[np.float64],
+           axis: NDArray[np.float64] | None) -> PoseError:
     shift = pose[:3, 3] - truth[:3, 3]
     if axis is None:
         angle = float(Rotation.from_matrix(pose[:3, :3] @ truth[:3, :3].T).magnitude())

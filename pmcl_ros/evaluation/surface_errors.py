@@ -1,4 +1,4 @@
-"""Errors of a pose as BOP counts them: how far the surface is from where it should be.
+"""Errors of the surface of an object at a pose: MSSD, MSPD and ADD-S.
 
 MSSD, MSPD: Hodan et al., "BOP Challenge 2020 on 6D Object Localization", 2020, section 2.2; ADD-S:
 Hinterstoisser et al., ACCV 2012.
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.distance import pdist
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import rotations_about
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.object_model import ObjectModel
 
-# Turns tried about a continuous axis, as BOP does: each moves the surface by 2 % of its radius.
+# Rotations tried about a continuous axis, as in BOP: each moves the surface by 2 % of its radius.
 STEPS = 315
 
 _Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -25,41 +26,37 @@ _Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Surface:
-    """What is measured of an object, and what leaves it as it is.
+    """The points of an object that are measured, and its symmetry.
 
     points: (n, 3) the mesh's vertices [m]. corners: (m, 3) those of its convex hull.
-    axis: (3,) unit vector of a continuous symmetry through the origin, or None.
-    discrete: (k, 4, 4) the discrete symmetries, the identity included.
     """
 
     points: NDArray[np.float64]
     corners: NDArray[np.float64]
-    axis: NDArray[np.float64] | None
-    discrete: NDArray[np.float64]
+    symmetry: Symmetry
 
     @classmethod
-    def of(cls, model: ObjectModel) -> 'Surface':
-        """An object's."""
+    def from_model(cls, model: ObjectModel) -> 'Surface':
+        """The surface of an object."""
         corners = model.vertices[ConvexHull(model.vertices, qhull_options='QJ').vertices]
-        return cls(model.vertices, corners, model.axis, model.discrete)
+        return cls(model.vertices, corners, model.symmetry)
 
     @property
     def diameter(self) -> float:
-        """The largest distance of two of its points [m]."""
+        """The largest distance between two of its points [m]."""
         return float(pdist(self.corners).max())
 
     def symmetries(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n * k, 4, 4) the discrete symmetries, after turns (n,) [rad] about the axis."""
-        if self.axis is None:
-            return self.discrete
-        turned = np.tile(np.eye(4), (len(turns), 1, 1))
-        turned[:, :3, :3] = Rotation.from_rotvec(turns[:, None] * self.axis).as_matrix()
-        return np.asarray((self.discrete[:, None] @ turned).reshape(-1, 4, 4))
+        """(k * n, 4, 4) rotations (n,) [rad] about the axis, then the discrete symmetries (k)."""
+        if self.symmetry.axis is None:
+            return self.symmetry.discrete
+        turned = rotations_about(self.symmetry.axis, turns)
+        return np.asarray((self.symmetry.discrete[:, None] @ turned).reshape(-1, 4, 4))
 
     def mssd(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
-        """Maximum symmetry-aware surface distance [m]: of the farthest point, at best.
+        """Maximum symmetry-aware surface distance [m]: least over the symmetries.
 
-        pose, truth: (4, 4). The farthest point is a corner: the distance is a convex function.
+        pose, truth: (4, 4). The farthest point is a corner of the hull, as distance is convex.
         """
         found = transformed(pose[None], self.corners)
 
@@ -87,13 +84,14 @@ class Surface:
         return float(np.mean(nearest))
 
     def _least(self, distance: _Distance) -> float:
-        """The least distance over all symmetries: over BOP's steps, then between them."""
-        if self.axis is None:
-            return float(distance(self.discrete).min())
+        """The least distance over all symmetries: over BOP's steps, then refined between them."""
+        discrete = self.symmetry.discrete
+        if self.symmetry.axis is None:
+            return float(distance(discrete).min())
         turns = 2 * np.pi * np.arange(STEPS) / STEPS
-        values = distance(self.symmetries(turns)).reshape(len(self.discrete), STEPS)
+        values = distance(self.symmetries(turns)).reshape(len(discrete), STEPS)
         which, best = np.unravel_index(values.argmin(), values.shape)
-        step, count = 2 * np.pi / STEPS, len(self.discrete)
+        step, count = 2 * np.pi / STEPS, len(discrete)
 
         def between(turn: float) -> float:
             return float(distance(self.symmetries(np.array([turn]))).reshape(count)[which])

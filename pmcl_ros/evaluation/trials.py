@@ -20,7 +20,6 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import credible_level
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ class Worker:
 @lru_cache(maxsize=64)
 def _model(path: Path) -> tuple[ObjectModel, Surface]:
     model = ObjectModel.load(path)
-    return model, Surface.of(model)
+    return model, Surface.from_model(model)
 
 
 def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, model: ObjectModel,
@@ -140,14 +139,14 @@ def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, mode
     wrong = job.sought.object != job.capture.object
     empty = job.capture.truth.empty
     pose = estimate.pose
-    truth = model.symmetry.folded(job.capture.truth.pose[None], pose)[0]
+    truth = job.capture.truth.pose
     known = not (wrong or empty)
-    error = pose_error(pose, truth, model.axis)
+    error = pose_error(pose, truth, model.symmetry)
 
     def if_known(value: float) -> float:
         return value if known else math.nan
 
-    level = credible_level(truth, pose, estimate.covariance, model.axis)
+    level = model.symmetry.credible_level(truth, pose, estimate.covariance)
     return Trial(
         job.capture.name, job.variant.name, job.seed, job.sought.name, job.capture.truth.film,
         empty, wrong, if_known(1e3 * error.translation), if_known(1e3 * error.ray),

@@ -1,91 +1,247 @@
-"""What leaves an object as it is: turns about an axis, and a group of rigid motions."""
+"""The symmetry of an object, and poses modulo that symmetry.
 
+Poses T and T S show the object alike, for each motion S of its symmetry group: rotations about an
+axis, a finite group of rigid motions, or both. Means, deviations and distances of poses are here
+those of the quotient space, in which such poses are one.
+"""
+
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import chdtr
 
-from pmcl_ros.pmcl.summary import canonical, rotation_distance
+from pmcl_ros.geometry.se3 import local, rotation_angle
 from pmcl_ros.runtime.errors import ObjectModelError
 
+FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over the full turn
+
 _MOST = 128  # elements of a group: the icosahedron's has 60
-_SAME, _APART = 0.005, 0.04  # rad: what is closer is rounding; elements of a group are farther
-_RIGID = 1e-3  # of a rotation matrix's products
-# Upright and facing the camera, but askew: poses that stand or lie as things do are not half way
-# between two representatives, where noise would decide.
-_ASKEW = Rotation.from_rotvec([0.25, 0.15, 0.35])
-_UP = _ASKEW.apply([0.0, -1.0, 0.0])
-_UPRIGHT = _ASKEW.as_matrix() @ np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
+_SAME, _APART = 0.005, 0.04  # rad: closer rotations differ by rounding; elements are farther apart
+_RIGID = 1e-3  # tolerance of a rotation matrix's orthonormality
+# Upright and facing the camera, but oblique: no common pose (standing, lying) is then half way
+# between two equivalent ones, where noise would decide.
+_OBLIQUE = Rotation.from_rotvec([0.25, 0.15, 0.35])
+_UP = _OBLIQUE.apply([0.0, -1.0, 0.0])
+_UPRIGHT = _OBLIQUE.as_matrix() @ np.array([[0, 1.0, 0], [0, 0, -1], [-1, 0, 0]])
+
+
+def _identity() -> NDArray[np.float64]:
+    return np.eye(4)[None]
 
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """Poses T and T S show an object alike, for each S of its symmetries.
+    """The symmetry group of an object; by default the object has none.
 
-    axis: (3,) unit vector through the origin about which any turn is one, or None.
-    discrete: (k, 4, 4) a group of rigid motions in the object's frame [m], the identity first;
-        with an axis one or two: what else there is can only turn the axis round.
+    axis: (3,) unit vector through the origin; any rotation about it is a symmetry. Or None.
+    discrete: (k, 4, 4) group of rigid motions in the object's frame [m], the identity first; with
+        an axis one or two: beside the rotations only a reversal of the axis is possible.
+
+    Poses are (4, 4), object to camera [m]. Tangent vectors and covariances are of x, y, z [m] and
+    of rotations about the camera's axes [rad].
     """
 
-    axis: NDArray[np.float64] | None
-    discrete: NDArray[np.float64]
-
-    def alike(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k, 4, 4) the poses that the group makes of one (4, 4), itself first."""
-        return pose @ self.discrete
-
-    def folded(self, poses: NDArray[np.float64], reference: NDArray[np.float64]
-               ) -> NDArray[np.float64]:
-        """Of each of poses (n, 4, 4) the one alike that is turned least from `reference` (4, 4).
-
-        Turns about the axis are not undone: what looks at poses by the axis does not see them.
-        """
-        if len(self.discrete) == 1:
-            return poses
-        alike = poses[:, None] @ self.discrete
-        angles = rotation_distance(alike.reshape(-1, 4, 4), reference, self.axis)
-        nearest = angles.reshape(alike.shape[:2]).argmin(axis=1)
-        return np.asarray(alike[np.arange(len(poses)), nearest])
-
-    def canonical(self, alike: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The one of poses (k, 4, 4), all alike, that stands for them, whichever was first.
-
-        The axis points up in the image, or, without an axis, x to the camera and z up, as far as
-        can be (but for the askew); then as `summary.canonical`.
-        """
-        if self.axis is not None:
-            rank = (alike[:, :3, :3] @ self.axis) @ _UP
-        else:
-            rank = np.einsum('nij,ij->n', alike[:, :3, :3], _UPRIGHT)
-        return canonical(alike[int(rank.argmax())], self.axis)
+    axis: NDArray[np.float64] | None = None
+    discrete: NDArray[np.float64] = field(default_factory=_identity)
 
     @property
-    def about_origin(self) -> NDArray[np.float64]:
-        """(m, 3, 3) the rotations of the group that keep the origin in place (1 um)."""
+    def rotations_in_place(self) -> NDArray[np.float64]:
+        """(m, 3, 3) rotations of the discrete group that keep the origin in place (1 um)."""
         fixed = np.linalg.norm(self.discrete[:, :3, 3], axis=1) < 1e-6
         return self.discrete[fixed, :3, :3]
 
+    # equivalent poses
 
-def generated(given: Sequence[Sequence[float]], axis: NDArray[np.float64] | None, scale: float,
-              reach: float, name: str) -> NDArray[np.float64]:
+    def equivalents(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 4, 4) images of a pose (4, 4) under the discrete group, itself first."""
+        return pose @ self.discrete
+
+    def nearest_equivalents(self, poses: NDArray[np.float64], reference: NDArray[np.float64]
+                            ) -> NDArray[np.float64]:
+        """(n, 4, 4) for each pose its discrete equivalent with the rotation nearest `reference`.
+
+        The rotation about the axis is left as it is.
+        """
+        if len(self.discrete) == 1:
+            return poses
+        equivalents = poses[:, None] @ self.discrete
+        angles = self._angle(equivalents.reshape(-1, 4, 4), reference)
+        nearest = angles.reshape(equivalents.shape[:2]).argmin(axis=1)
+        return np.asarray(equivalents[np.arange(len(poses)), nearest])
+
+    def canonical(self, equivalents: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(4, 4) the one of equivalent poses (k, 4, 4) that represents them, in any order.
+
+        Its axis points up in the image most, or, without an axis, its x to the camera and its z
+        up (both directions tilted a little); its spin is that of `canonical_spin`.
+        """
+        if self.axis is not None:
+            rank = (equivalents[:, :3, :3] @ self.axis) @ _UP
+        else:
+            rank = np.einsum('nij,ij->n', equivalents[:, :3, :3], _UPRIGHT)
+        return self.canonical_spin(equivalents[int(rank.argmax())])
+
+    def canonical_spin(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(4, 4) the pose, rotated about the axis so that the object's front faces the camera.
+
+        The front is the mesh's axis after the axis of symmetry (x for z). Without an axis of
+        symmetry the pose is returned as it is.
+        """
+        axis = self.axis
+        if axis is None:
+            return pose
+        along = np.abs(axis)
+        if np.allclose(along, np.eye(3)[along.argmax()]):
+            front = np.roll(axis, 1)
+        else:
+            front = np.cross(axis, [0, 0, 1.0])
+        direction = pose[:3, :3] @ axis
+        towards = -pose[:3, 3] - direction * (direction @ -pose[:3, 3])
+        if np.linalg.norm(towards) < 1e-3 * np.linalg.norm(pose[:3, 3]):
+            # Seen along its axis: any front will do.
+            towards = np.array([0, 1.0, 0]) - direction * direction[1]
+        frame = [direction, towards / np.linalg.norm(towards)]
+        result = pose.copy()
+        result[:3, :3] = Rotation.align_vectors(frame, [axis, front / np.linalg.norm(front)]
+                                                )[0].as_matrix()
+        return result
+
+    # distances
+
+    def rotation_distance(self, poses: NDArray[np.float64], other: NDArray[np.float64]
+                          ) -> NDArray[np.float64]:
+        """(n,) least angle [rad] between the orientations of poses (n, 4, 4) and of one (4, 4).
+
+        With an axis of symmetry: the angle between the axes.
+        """
+        return self._angle(self.nearest_equivalents(poses, other), other)
+
+    def same_mode(self, poses: NDArray[np.float64], other: NDArray[np.float64], distance: float,
+                  angle: float) -> NDArray[np.bool_]:
+        """(n,) which poses (n, 4, 4) lie within `distance` [m] and `angle` [rad] of one (4, 4)."""
+        nearest = self.nearest_equivalents(poses, other)
+        near = np.linalg.norm(nearest[:, :3, 3] - other[:3, 3], axis=1) < distance
+        return near & (self._angle(nearest, other) < angle)
+
+    def _angle(self, poses: NDArray[np.float64], other: NDArray[np.float64]
+               ) -> NDArray[np.float64]:
+        """(n,) angle [rad] modulo rotations about the axis, not modulo the discrete group."""
+        if self.axis is None:
+            return rotation_angle(poses, other)
+        cosine = (poses[:, :3, :3] @ self.axis) @ (other[:3, :3] @ self.axis)
+        return np.arccos(np.clip(cosine, -1, 1))
+
+    # the tangent space
+
+    def local(self, poses: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 6) tangent vectors from `mean`, (4, 4) or (n, 4, 4), to poses (n, 4, 4).
+
+        `se3.retract` goes back. With an axis of symmetry the rotation is the smallest that brings
+        one axis to the other: it has no component about the axis of `mean`.
+        """
+        if self.axis is None:
+            return local(poses, mean)
+        first, last = mean[..., :3, :3] @ self.axis, poses[:, :3, :3] @ self.axis
+        cosine = last @ first if mean.ndim == 2 else (last * first).sum(axis=1)
+        turn = np.cross(first, last)
+        sine = np.linalg.norm(turn, axis=1, keepdims=True)
+        turn = turn / np.maximum(sine, 1e-12) * np.arctan2(sine, cosine[:, None])
+        return np.concatenate([poses[:, :3, 3] - mean[..., :3, 3], turn], axis=1)
+
+    def tangent_basis(self, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(6, d) orthonormal columns that span the tangent vectors at a pose (4, 4).
+
+        d is 6, or 5 with an axis of symmetry: the rotation about it is left out.
+        """
+        if self.axis is None:
+            return np.eye(6)
+        across = np.linalg.svd((mean[:3, :3] @ self.axis)[None])[2][1:]
+        basis = np.zeros((6, 5))
+        basis[:3, :3], basis[3:, 3:] = np.eye(3), across.T
+        return basis
+
+    # statistics
+
+    def mean_pose(self, poses: NDArray[np.float64],
+                  weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """(4, 4) mean of poses (n, 4, 4) of one mode, already the nearest equivalents.
+
+        weights: (n,) of sum 1, by default equal. The mean rotation is the chordal mean; with an
+        axis of symmetry only the axes are averaged (the mean of arbitrary spins would tilt them),
+        and the spin is canonical.
+        """
+        weights = np.full(len(poses), 1 / len(poses)) if weights is None else weights
+        mean = np.eye(4)
+        mean[:3, 3] = weights @ poses[:, :3, 3]
+        if self.axis is None:
+            mean[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean(weights).as_matrix()
+            return mean
+        direction = weights @ (poses[:, :3, :3] @ self.axis)
+        mean[:3, :3] = poses[int(weights.argmax()), :3, :3]
+        swing = Rotation.align_vectors(direction[None], (mean[:3, :3] @ self.axis)[None])[0]
+        mean[:3, :3] = swing.as_matrix() @ mean[:3, :3]
+        return self.canonical_spin(mean)
+
+    def covariance(self, poses: NDArray[np.float64], mean: NDArray[np.float64],
+                   weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+        """(6, 6) covariance of poses (n, 4, 4) about a mean (4, 4) [m^2, rad^2].
+
+        weights: (n,) of sum 1, by default equal. The variance about an axis of symmetry is
+        pi^2 / 3.
+        """
+        weights = np.full(len(poses), 1 / len(poses)) if weights is None else weights
+        deviations = self.local(poses, mean)
+        result = (deviations * weights[:, None]).T @ deviations
+        if self.axis is not None:
+            direction = mean[:3, :3] @ self.axis
+            result[3:, 3:] += FREE_AXIS_VARIANCE * np.outer(direction, direction)
+        return (result + result.T) / 2
+
+    def credible_level(self, pose: NDArray[np.float64], mean: NDArray[np.float64],
+                       covariance: NDArray[np.float64]) -> float:
+        """Level (0 to 1) of the smallest credible region of an estimate that holds `pose` (4, 4).
+
+        mean, covariance: (4, 4) and (6, 6) of the estimate.
+
+        The region is the ellipsoid of the Gaussian with that covariance in the tangent space at
+        the mean. Its level is the chi-squared distribution of the squared Mahalanobis distance,
+        with 5 degrees of freedom with an axis of symmetry, else 6. A pose is in the 90 % region
+        where the level is 0.9 at most. The levels of the truth over trials of a calibrated
+        estimate are uniform.
+        """
+        basis = self.tangent_basis(mean)
+        nearest = self.nearest_equivalents(pose[None], mean)
+        deviation = basis.T @ self.local(nearest, mean)[0]
+        spread = basis.T @ covariance @ basis
+        # Metres and radians differ in size: the variances are scaled to 1 first.
+        scale = 1 / np.sqrt(np.maximum(np.diag(spread), 1e-30))
+        correlation = spread * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+        distance = (deviation * scale) @ np.linalg.solve(correlation, deviation * scale)
+        return float(chdtr(basis.shape[1], distance))
+
+
+def symmetry_group(given: Sequence[Sequence[float]], axis: NDArray[np.float64] | None,
+                   scale: float, reach: float, name: str) -> NDArray[np.float64]:
     """(k, 4, 4) the group [m] that 4x4 matrices generate, the identity first.
 
-    given: each 16 numbers, row by row (BOP, models_info.json); translations in units of the mesh,
-        which are `scale` metres. axis: of a continuous symmetry. reach: no point of the object is
-        farther from the origin [m].
-    Raises ObjectModelError when one is no rigid motion of the object, or they generate no small
-    group.
+    given: 16 numbers of each, row by row (BOP, models_info.json); translations in units of the
+        mesh, which are `scale` metres. axis: of the continuous symmetry, or None. reach: largest
+        distance of a point of the object from its origin [m].
+    Raises ObjectModelError when a matrix is no rigid motion that can map the object to itself, or
+    the group has more than 128 elements.
     """
     motions = [_rigid(each, scale, reach, name) for each in given]
     if axis is not None:
         return _beside_axis(motions, axis, reach, name)
     group = [np.eye(4)]
-    for element in group:  # which grows
+    for element in group:  # the list grows
         for motion in motions:
             product = element @ motion
-            apart = rotation_distance(np.stack(group), product, None)
+            apart = rotation_angle(np.stack(group), product)
             if apart.min() < _SAME:
                 _check_shift(group[int(apart.argmin())], product, reach, name)
                 continue
@@ -100,7 +256,7 @@ def generated(given: Sequence[Sequence[float]], axis: NDArray[np.float64] | None
 
 def _beside_axis(motions: Sequence[NDArray[np.float64]], axis: NDArray[np.float64], reach: float,
                  name: str) -> NDArray[np.float64]:
-    """The identity and, if there is one, what turns an axis of symmetry round."""
+    """(1 or 2, 4, 4) the identity and, if given, a motion that reverses the axis."""
     group = [np.eye(4)]
     for motion in motions:
         turned = motion[:3, :3] @ axis
@@ -108,7 +264,7 @@ def _beside_axis(motions: Sequence[NDArray[np.float64]], axis: NDArray[np.float6
         if np.linalg.norm(np.cross(turned, axis)) > _APART or aside > 0.01 * reach:
             raise ObjectModelError(
                 f'object {name!r}: with the axis of symmetry {axis.tolist()} a discrete symmetry '
-                f'can only turn that axis round, but {motion.tolist()} takes it elsewhere')
+                f'can only reverse that axis, but {motion.tolist()} tilts or shifts it')
         if turned @ axis > 0:
             _check_shift(group[0], motion, reach, name)
         elif len(group) == 1:
@@ -120,7 +276,7 @@ def _beside_axis(motions: Sequence[NDArray[np.float64]], axis: NDArray[np.float6
 
 def _check_shift(known: NDArray[np.float64], motion: NDArray[np.float64], reach: float, name: str
                  ) -> None:
-    """Raise ObjectModelError if motions (4, 4) that turn alike do not shift alike."""
+    """Raise ObjectModelError when motions (4, 4) of one rotation differ in translation."""
     shift = float(np.linalg.norm(known[:3, 3] - motion[:3, 3]))
     if shift > 0.05 * reach:
         raise ObjectModelError(

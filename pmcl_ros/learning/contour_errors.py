@@ -14,7 +14,6 @@ from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.runtime.errors import LocalizationError
 
 LEVEL = 0.9  # of the credible region that is to hold the truth as often
@@ -39,16 +38,17 @@ class Deviation:
     def of(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
            renderer: Renderer) -> 'Deviation':
         """estimate: of the example's object, which is there, by `profile`."""
-        pose, axis = estimate.pose, example.model.axis
+        pose, symmetry = estimate.pose, example.model.symmetry
         with renderer.contour_score(example.scene, example.edges, profile) as score:
             points = score.points(pose)
         learned = ModelError.learned()
         of_model, common, local = (
-            LocalModel.of(pose, axis, points, example.edges, profile, error) for error in (
+            LocalModel.of(pose, symmetry, points, example.edges, profile, error) for error in (
                 learned, ModelError(1, 0, learned.length), ModelError(0, 1, learned.length)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis - of_model.model_error
-        return cls(basis.T @ tangent(example.pose[None], pose, axis)[0], noise,
+        truth = symmetry.nearest_equivalents(example.pose[None], pose)
+        return cls(basis.T @ symmetry.local(truth, pose)[0], noise,
                    common.model_error, local.model_error)
 
     def spread(self, common: float, local: float) -> NDArray[np.float64]:
@@ -56,7 +56,7 @@ class Deviation:
         return self.noise + common ** 2 * self.common + local ** 2 * self.local
 
     def level(self, common: float, local: float) -> float:
-        """Of the smallest credible region that holds the truth (`summary.credible_level`)."""
+        """Of the smallest credible region that holds the truth (`Symmetry.credible_level`)."""
         off = self.deviation @ np.linalg.solve(self.spread(common, local), self.deviation)
         return float(chdtr(len(self.deviation), off))
 

@@ -19,7 +19,6 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
 _OTHERS = 1  # objects looked for in a scene that are in others
-_NEAR = 0.02, np.deg2rad(10)  # m, rad: what is farther off is not the object
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,8 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
         estimate = found(each, each.model, profile, seed)
         deviation = None
         if each.there:
-            error = pose_error(estimate.pose, each.pose, each.model.axis)
-            if error.translation < _NEAR[0] and error.rotation < _NEAR[1]:
+            error = pose_error(estimate.pose, each.pose, each.model.symmetry)
+            if error.right:
                 deviation = Deviation.of(each, estimate, profile, NumbaRenderer())
         yield Search(each.there, estimate.support, estimate.evidence, deviation)
         for other in before:

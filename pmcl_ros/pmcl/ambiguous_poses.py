@@ -5,9 +5,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import ANGLE, DISTANCE
+from pmcl_ros.pmcl.modes import SAME_MODE
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.summary import same_mode
 
 
 def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -39,10 +38,9 @@ def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np
 def _unlike(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.float64]
             ) -> NDArray[np.float64]:
     """Those of poses (n, 4, 4) that no discrete symmetry makes of `pose` or an earlier one."""
-    kept = [pose]
+    kept, spin = [pose], Symmetry(symmetry.axis)
     for each in found:
-        alike = symmetry.alike(each)[1:]
-        if not any(same_mode(alike, other, symmetry.axis, DISTANCE, ANGLE).any()
-                   for other in kept):
+        images = symmetry.equivalents(each)[1:]
+        if not any(spin.same_mode(images, other, *SAME_MODE).any() for other in kept):
             kept.append(each)
     return np.array(kept[1:]).reshape(-1, 4, 4)

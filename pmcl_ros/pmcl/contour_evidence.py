@@ -117,7 +117,7 @@ class ContourEvidence:
         edges, profile = self.edges, self.profile
 
         def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-            return LocalModel.of(pose, self.model.axis, contour(pose), edges, profile,
+            return LocalModel.of(pose, self.model.symmetry, contour(pose), edges, profile,
                                  ModelError.learned() if sure else None, creases(pose))
 
         def near(pose: NDArray[np.float64]) -> LinearizedContour:

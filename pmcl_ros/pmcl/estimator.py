@@ -11,17 +11,15 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import canonical, covariance, mean_pose, same_mode
 from pmcl_ros.pmcl.support import contour_support, share_in_view
 from pmcl_ros.pmcl.weights import Weights
-
-_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: farther from the best is another mode
 
 About = Callable[[NDArray[np.float64], bool], LocalModel]
 Contour = Callable[[NDArray[np.float64]], ContourPoints]
@@ -45,28 +43,27 @@ class Estimator:
         about: local models. contour: what counts of a pose's. least: evidence that nothing has
         [nat / px]. share: of a pose's contour that counts.
         """
-        axis, symmetry, poses = self.model.axis, self.model.symmetry, posterior.poses
+        symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
         ours = poses[posterior.own == order[0]]
-        alike = Weights(np.zeros(len(ours)))
-        pose = self._representative(mean_pose(ours, alike, axis))
-        ours = symmetry.folded(ours, pose)
+        pose = self._representative(symmetry.mean_pose(ours))
+        ours = symmetry.nearest_equivalents(ours, pose)
         local = about(pose, True)
         # What the model gets wrong adds to what the data leave open.
         error = local.basis @ local.model_error @ local.basis.T
-        spread = covariance(ours, alike, pose, axis) + error
+        spread = symmetry.covariance(ours, pose) + error
         off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
-        modes = tuple(PoseMode(self._representative(canonical(posterior.modes[k].pose, axis)),
-                               float(shares[k]), posterior.modes[k].local.evidence)
-                      for k in order)
+        modes = tuple(PoseMode(
+            self._representative(symmetry.canonical_spin(posterior.modes[k].pose)),
+            float(shares[k]), posterior.modes[k].local.evidence) for k in order)
         in_view = share_in_view(self.model, pose, volume.pinhole)
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # No part must be missing, and the whole must rather be there than not.
         partly, absent = support < self.settings.least_support, evidence < least
         return PoseEstimate(volume.header, pose, spread,
-                            symmetry.folded(retract(poses, off), pose),
+                            symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent, self.settings.mode, modes, support, evidence,
                             incomplete=partly and not absent, in_view=in_view)
@@ -76,10 +73,10 @@ class Estimator:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))
         poses = retract(prior.pose, prior.deviations(normal))
-        alike = Weights(np.zeros(count))
-        spread = covariance(poses, alike, prior.pose, self.model.axis)
-        return PoseEstimate(volume.header, prior.pose, spread, poses, alike.log_normalised, 0.0,
-                            True, self.settings.mode, support=-np.inf, evidence=-np.inf)
+        spread = self.model.symmetry.covariance(poses, prior.pose)
+        return PoseEstimate(volume.header, prior.pose, spread, poses,
+                            np.full(count, -np.log(count)), 0.0, True, self.settings.mode,
+                            support=-np.inf, evidence=-np.inf)
 
     def of_particles(self, volume: Volume, poses: NDArray[np.float64], weights: Weights,
                      score: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PoseEstimate:
@@ -87,16 +84,16 @@ class Estimator:
 
         score: the likelihoods (n,) of poses.
         """
-        axis, symmetry = self.model.axis, self.model.symmetry
+        symmetry = self.model.symmetry
         best = poses[int(weights.log.argmax())]
-        near = symmetry.folded(poses, best)
-        mode = same_mode(near, best, axis, _MODE_DISTANCE, _MODE_ANGLE)
-        inside = Weights(weights.log[mode])
-        pose = self._representative(mean_pose(near[mode], inside, axis))
-        spread = covariance(symmetry.folded(near[mode], pose), inside, pose, axis)
+        near = symmetry.nearest_equivalents(poses, best)
+        mode = symmetry.same_mode(near, best, *MODE_EXTENT)
+        inside = Weights(weights.log[mode]).normalised
+        pose = self._representative(symmetry.mean_pose(near[mode], inside))
+        spread = symmetry.covariance(symmetry.nearest_equivalents(near[mode], pose), pose, inside)
         likelihood = float(score(pose[None])[0])
         # The paper knows no lost object; one that no ray supports at all is.
-        return PoseEstimate(volume.header, pose, spread, symmetry.folded(poses, pose),
+        return PoseEstimate(volume.header, pose, spread, symmetry.nearest_equivalents(poses, pose),
                             weights.log_normalised, likelihood, lost=not likelihood > 0,
                             mode=self.settings.mode)
 
@@ -108,6 +105,6 @@ class Estimator:
         symmetry = self.model.symmetry
         if len(symmetry.discrete) == 1:
             return pose
-        alike = symmetry.alike(pose)
+        alike = symmetry.equivalents(pose)
         inside = self.region.contains(alike[:, :3, 3])
         return symmetry.canonical(alike[inside] if inside.any() else alike)

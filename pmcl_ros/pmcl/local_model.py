@@ -16,9 +16,9 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
-from pmcl_ros.pmcl.summary import tangent_basis
 
 _STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
 # px: contributions this far apart on a contour share no noise. Contrast is measured against that
@@ -34,7 +34,7 @@ _FARTHEST = 1.0  # px (rms along the contour) that one step goes: beyond that no
 
 @dataclass(frozen=True)
 class LocalModel:
-    """Evidence about a pose, expanded in the tangent space there (`summary.tangent_basis`).
+    """Evidence about a pose, expanded in the tangent space there (`Symmetry.tangent_basis`).
 
     evidence, length: of the contour, sums over it [nat, px].
     basis: (6, d), columns of the tangent space.
@@ -54,15 +54,15 @@ class LocalModel:
     moments: NDArray[np.float64]
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], axis: NDArray[np.float64] | None,
+    def of(cls, pose: NDArray[np.float64], symmetry: Symmetry,
            points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
            error: ModelError | None, creases: CreasePoints | None = None) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points are `points`.
 
-        axis: (3,) of the object's symmetry. error: of the model; None: noise and error do not
+        symmetry: of the object. error: of the model; None: noise and error do not
         matter, only where to go, which costs a tenth. creases: seen in this pose, if any count.
         """
-        basis = tangent_basis(pose, axis)
+        basis = symmetry.tangent_basis(pose)
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
         said = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                shifts)

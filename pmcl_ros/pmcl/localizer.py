@@ -28,7 +28,6 @@ from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
@@ -203,7 +202,7 @@ class Localizer:
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]
         return [Observation(pose, seen, depth,
-                            LocalModel.of(pose, self._model.axis, seen, evidence.edges,
+                            LocalModel.of(pose, self._model.symmetry, seen, evidence.edges,
                                                       evidence.profile, ModelError.learned()),
                      share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
@@ -230,7 +229,7 @@ class Localizer:
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
                 # What does not count slides along, to first order, and is taken off again.
-                off = tangent(poses, mode.pose, self._model.axis)
+                off = self._model.symmetry.local(poses, mode.pose)
                 return search.exact(poses) - rest.evidence(off)
 
             posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)

@@ -13,7 +13,7 @@ from pydantic import Field
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.symmetry import Symmetry, generated
+from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.settings import Settings, read_yaml
 
@@ -109,7 +109,7 @@ class ObjectModel:
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
         reach = float(np.linalg.norm(vertices, axis=1).max())
-        discrete = np.eye(4)[None] if settings is None else generated(
+        discrete = np.eye(4)[None] if settings is None else symmetry_group(
             settings.symmetries_discrete, axis, settings.scale, reach, name)
         _check_group(mesh, discrete, name)
         return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete)

@@ -14,7 +14,6 @@ from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import tangent
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Ascend = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -74,22 +73,22 @@ class ContourPosterior:
     def sampled(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
                 watch: Watch | None = None) -> Posterior:
         """The posterior about modes, best first."""
-        scale = modes[0].local.scale
-        start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, self.model.axis)
+        scale, symmetry = modes[0].local.scale, self.model.symmetry
+        start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, symmetry)
                     for mode in modes]
         slides = [self.near(mode.pose) for mode in modes]
 
         def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             terms = np.full((len(slides), len(poses)), -np.inf)
             for k, (each, slide) in enumerate(zip(start_of, slides, strict=True)):
-                off = each.square_distance(poses, self.model.axis)
+                off = each.square_distance(poses)
                 near = off < _OTHER ** 2
-                deviations = tangent(poses[near], each.pose, self.model.axis)
+                deviations = symmetry.local(poses[near], each.pose)
                 terms[k, near] = scale * slide.evidence(deviations) - 0.5 * off[near]
             return np.where(self.inside(poses), logsumexp(terms, axis=0), -np.inf)
 
         poses, values, own = sample_posterior(
-            [rough, lambda each: scale * self.exact(each)], start_of, self.model.axis,
+            [rough, lambda each: scale * self.exact(each)], start_of,
             self.settings.particles, self.settings.moves, rng, progress,
             [recorder(watch, 'approximate'), recorder(watch, 'posterior')])
         return Posterior(tuple(modes), poses, values, own)

@@ -18,10 +18,10 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
@@ -37,7 +37,6 @@ _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
-_ALIKE_DISTANCE, _ALIKE_ANGLE = 0.012, 0.2  # m, rad: closer proposals are one
 
 
 @dataclass(frozen=True)
@@ -217,14 +216,13 @@ def _distinct(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> lis
     free = np.ones(len(poses), bool)
     kept: list[int] = []
     # Symmetries may move the origin so far: what is farther off is not alike.
-    reach = _ALIKE_DISTANCE + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
+    reach = SAME_PROPOSAL[0] + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
     tree = cKDTree(poses[:, :3, 3])
     while len(kept) < count and free.any():
         best = int(free.argmax())
         kept.append(best)
         near = np.array(tree.query_ball_point(poses[best, :3, 3], reach))
         near = near[free[near]]
-        folded = symmetry.folded(poses[near], poses[best])
-        free[near] = ~same_mode(folded, poses[best], symmetry.axis, _ALIKE_DISTANCE, _ALIKE_ANGLE)
+        free[near] = ~symmetry.same_mode(poses[near], poses[best], *SAME_PROPOSAL)
         free[best] = False
     return kept

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import qmc
 
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.history import Record
-from pmcl_ros.pmcl.summary import tangent, tangent_basis
 from pmcl_ros.pmcl.weights import Weights
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -24,7 +24,7 @@ _MOST_STEPS = 30  # in temperature; a start that fits needs two to five
 
 @dataclass(frozen=True)
 class Gaussian:
-    """A normal density about a pose, in its tangent space (`summary.tangent_basis`).
+    """A normal density about a pose, in its tangent space (`Symmetry.tangent_basis`).
 
     pose: (4, 4). spread: (d, d), its columns a square root of the covariance.
     """
@@ -32,34 +32,32 @@ class Gaussian:
     pose: NDArray[np.float64]
     basis: NDArray[np.float64]
     spread: NDArray[np.float64]
+    symmetry: Symmetry
 
     @classmethod
     def of(cls, pose: NDArray[np.float64], covariance: NDArray[np.float64],
-           axis: NDArray[np.float64] | None) -> 'Gaussian':
+           symmetry: Symmetry) -> 'Gaussian':
         """covariance: (6, 6), of which the part about the axis of symmetry is left out."""
-        basis = tangent_basis(pose, axis)
-        return cls(pose, basis, np.linalg.cholesky(basis.T @ covariance @ basis))
+        basis = symmetry.tangent_basis(pose)
+        return cls(pose, basis, np.linalg.cholesky(basis.T @ covariance @ basis), symmetry)
 
     def deviations(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 6) tangent vectors of standard normal numbers (n, d)."""
         return normal @ self.spread.T @ self.basis.T
 
-    def log_density(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
-                    ) -> NDArray[np.float64]:
+    def log_density(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4), but for a constant that all Gaussians of d dimensions share."""
-        return (-0.5 * self.square_distance(poses, axis)
+        return (-0.5 * self.square_distance(poses)
                 - np.log(np.abs(np.diag(self.spread))).sum())
 
-    def square_distance(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
-                        ) -> NDArray[np.float64]:
+    def square_distance(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4) from the mean, squared, in standard deviations."""
-        deviations = tangent(poses, self.pose, axis) @ self.basis
+        deviations = self.symmetry.local(poses, self.pose) @ self.basis
         return np.asarray((np.linalg.solve(self.spread, deviations.T) ** 2).sum(axis=0))
 
 
 def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
-                     axis: NDArray[np.float64] | None, count: int, moves: int,
-                     rng: np.random.Generator, progress: Progress,
+                     count: int, moves: int, rng: np.random.Generator, progress: Progress,
                      records: Sequence[Record | None] = ()
                      ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Poses (n, 4, 4), equally weighted, their log posterior (n,), whose they are (n,).
@@ -85,7 +83,7 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     poses = _displaced(start, np.stack([each.pose for each in start])[own], own, normal)
 
     def mixture(each: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _mixture(start, each, axis)
+        return _mixture(start, each)
 
     size = 1.2 / normal.shape[1] ** 0.5
     bridges = list(pairwise([mixture, *densities]))
@@ -139,9 +137,8 @@ def _displaced(start: Sequence[Gaussian], poses: NDArray[np.float64], own: NDArr
     return retract(poses, deviations)
 
 
-def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64],
-             axis: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    return np.asarray(logsumexp([each.log_density(poses, axis) for each in start], axis=0))
+def _mixture(start: Sequence[Gaussian], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(logsumexp([each.log_density(poses) for each in start], axis=0))
 
 
 def _ratio(values: NDArray[np.float64], densities: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -86,7 +86,7 @@ def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
     Of sides that are alike by a symmetry that keeps the origin in place, which is what the region
     holds, one.
     """
-    turns = model.symmetry.about_origin
+    turns = model.symmetry.rotations_in_place
     if model.axis is not None:
         upright = Rotation.align_vectors([[0, 0, 1.0]], model.axis[None])[0]
         tilts = np.linspace(0, np.pi, _TILTS)

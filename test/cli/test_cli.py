@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.messages.bags import Recorded, read, record
@@ -78,7 +79,8 @@ def test_localize_prints_one_json_object_with_the_pose(captures, name, tmp_path)
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat(result['orientation_xyzw']).as_matrix()
     pose[:3, 3] = result['position']
-    error = pose_error(pose, Truth.load(capture / 'truth.json').pose, np.array([0, 0, 1.0]))
+    error = pose_error(pose, Truth.load(capture / 'truth.json').pose,
+                       Symmetry(np.array([0, 0, 1.0])))
     assert error.translation < 0.02
     assert np.rad2deg(error.rotation) < 10
     for picture, size in (('centre', (328, 328)), ('overlay', (984, 984))):

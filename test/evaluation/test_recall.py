@@ -11,7 +11,7 @@ from pmcl_ros.evaluation.curves import pictures
 from pmcl_ros.evaluation.tables import markdown
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.pmcl.summary import credible_level
+from pmcl_ros.geometry.symmetry import Symmetry
 
 NUMBERS = {each.name: 1.0 if each.type is float else 0 for each in fields(Trial)}
 BASE = NUMBERS | {'capture': 'a', 'mode': 'default', 'sought': 'a', 'film': False, 'empty': False,
@@ -76,7 +76,7 @@ def test_coverage_of_samples_of_a_known_gaussian(axis, scale, low, high):
         if axis is not None:
             truth[:3, :3] = truth[:3, :3] @ Rotation.from_rotvec(rng.uniform(0, 6) * axis
                                                                   ).as_matrix()
-        levels.append(credible_level(truth, mean, covariance, axis))
+        levels.append(Symmetry(axis).credible_level(truth, mean, covariance))
     trials = [trial(credible_level=each) for each in levels]
     assert low < recall.coverage(trials, 0.9) < high
     if scale == 1:

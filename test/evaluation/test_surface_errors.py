@@ -10,18 +10,19 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.symmetry import Symmetry
 
 PINHOLE = Pinhole(328, 328, 945.0, 945, 163.5, 163.5)
 SEEDS = st.integers(0, 2 ** 31)
-CUP = Surface.of(model_of(cup(), [0, 0, 1]))
-BRACKET = Surface.of(model_of(bracket()))
+CUP = Surface.from_model(model_of(cup(), [0, 0, 1]))
+BRACKET = Surface.from_model(model_of(bracket()))
 # Half a turn about x, then about z: a box's group but for the identity and their product.
 HALVES = np.stack([np.diag([1.0, 1, 1, 1]), np.diag([1.0, -1, -1, 1]), np.diag([-1.0, -1, 1, 1]),
                    np.diag([-1.0, 1, -1, 1])])
-_BOX = Surface.of(model_of(trimesh.creation.box((0.05, 0.08, 0.12))))
-BOX = Surface(_BOX.points, _BOX.corners, None, HALVES)
-_ROD = Surface.of(model_of(trimesh.creation.cylinder(0.02, 0.1, sections=30)))
-ROD = Surface(_ROD.points, _ROD.corners, np.array([0, 0, 1.0]), HALVES[:2])
+_BOX = Surface.from_model(model_of(trimesh.creation.box((0.05, 0.08, 0.12))))
+BOX = Surface(_BOX.points, _BOX.corners, Symmetry(None, HALVES))
+_ROD = Surface.from_model(model_of(trimesh.creation.cylinder(0.02, 0.1, sections=30)))
+ROD = Surface(_ROD.points, _ROD.corners, Symmetry(np.array([0, 0, 1.0]), HALVES[:2]))
 ALL = {'cup': CUP, 'bracket': BRACKET, 'box': BOX, 'rod': ROD}
 
 
@@ -39,8 +40,8 @@ def two_poses(seed, far=0.02, turn=0.4):
 def turned(surface, angle):
     """(4, 4) a turn about the surface's axis, if it has one."""
     matrix = np.eye(4)
-    if surface.axis is not None:
-        matrix[:3, :3] = Rotation.from_rotvec(angle * surface.axis).as_matrix()
+    if surface.symmetry.axis is not None:
+        matrix[:3, :3] = Rotation.from_rotvec(angle * surface.symmetry.axis).as_matrix()
     return matrix
 
 
@@ -48,8 +49,8 @@ def defined(surface, pose, truth, place):
     """The least over all symmetries (315 steps) of the largest distance of two `place`s."""
     found = place(surface.points @ pose[:3, :3].T + pose[:3, 3])
     best = np.inf
-    for step in range(315 if surface.axis is not None else 1):
-        for discrete in surface.discrete:
+    for step in range(315 if surface.symmetry.axis is not None else 1):
+        for discrete in surface.symmetry.discrete:
             alike = truth @ discrete @ turned(surface, 2 * np.pi * step / 315)
             expected = place(surface.points @ alike[:3, :3].T + alike[:3, 3])
             best = min(best, np.linalg.norm(expected - found, axis=1).max())
@@ -62,10 +63,10 @@ def test_mssd_and_mspd_are_those_of_bops_steps_or_a_little_less(name, seed):
     surface, (truth, pose) = ALL[name], two_poses(seed)
     reach = np.linalg.norm(surface.points, axis=1).max() * np.pi / 315 + 1e-9
     coarse = defined(surface, pose, truth, lambda points: points)
-    assert coarse - reach * (surface.axis is not None) <= surface.mssd(pose, truth)
+    assert coarse - reach * (surface.symmetry.axis is not None) <= surface.mssd(pose, truth)
     assert surface.mssd(pose, truth) <= coarse + 1e-12
     coarse = defined(surface, pose, truth, PINHOLE.project)
-    slack = reach * PINHOLE.fx / 0.3 if surface.axis is not None else 1e-9
+    slack = reach * PINHOLE.fx / 0.3 if surface.symmetry.axis is not None else 1e-9
     assert coarse - slack <= surface.mspd(pose, truth, PINHOLE) <= coarse + 1e-9
 
 
@@ -82,7 +83,8 @@ def test_add_s_is_the_mean_distance_to_the_nearest_point(seed):
 @given(SEEDS, st.floats(0, 7), st.integers(0, 1), st.sampled_from(sorted(ALL)))
 def test_symmetries_of_the_object_change_nothing(seed, angle, which, name):
     surface, (truth, pose) = ALL[name], two_poses(seed)
-    alike = pose @ surface.discrete[which % len(surface.discrete)] @ turned(surface, angle)
+    discrete = surface.symmetry.discrete
+    alike = pose @ discrete[which % len(discrete)] @ turned(surface, angle)
     # The farthest point is another after a turn of a mesh with corners: a cup has 24 of them.
     assert surface.mssd(alike, truth) == pytest.approx(surface.mssd(pose, truth), abs=4e-4)
     assert surface.mssd(truth @ turned(surface, angle), truth) < 1e-6
@@ -96,7 +98,7 @@ def test_at_the_truth_all_is_zero_and_elsewhere_mssd_is_above_add_s(seed, name):
     assert surface.mssd(truth, truth) == pytest.approx(0, abs=1e-12)
     assert surface.mspd(truth, truth, PINHOLE) == pytest.approx(0, abs=1e-9)
     assert surface.add_s(truth, truth) == pytest.approx(0, abs=1e-12)
-    if surface.axis is None:  # otherwise the turned vertices are not those of the mesh
+    if surface.symmetry.axis is None:  # otherwise the turned vertices are not those of the mesh
         assert surface.mssd(pose, truth) >= surface.add_s(pose, truth) - 1e-12
     assert surface.mssd(pose, truth) >= 0.9 * surface.add_s(pose, truth)
 
@@ -108,7 +110,7 @@ def test_a_shift_moves_the_whole_surface_by_as_much(seed, length, name):
     pose = truth.copy()
     pose[:3, 3] += length * np.array([0.6, 0, 0.8])
     assert surface.mssd(pose, truth) <= abs(length) + 1e-9
-    if surface.axis is None and len(surface.discrete) == 1:
+    if surface.symmetry.axis is None and len(surface.symmetry.discrete) == 1:
         assert surface.mssd(pose, truth) == pytest.approx(abs(length), abs=1e-9)
 
 

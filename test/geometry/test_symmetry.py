@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.surface_errors import Surface
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -22,7 +23,6 @@ from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import credible_level, rotation_distance, same_mode
 from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -140,8 +140,8 @@ def test_beside_an_axis_only_turning_it_round_is_left(tmp_path):
     np.testing.assert_array_equal(model.axis, [0, 0, 1])
     assert len(model.discrete) == 2
     np.testing.assert_allclose(model.discrete[1, :3, :3] @ model.axis, [0, 0, -1], atol=1e-12)
-    for wrong, message in ((about([np.pi / 2, 0, 0]), 'can only turn that axis round'),
-                           (about([np.pi, 0, 0], [0, 0.01, 0]), 'can only turn that axis round'),
+    for wrong, message in ((about([np.pi / 2, 0, 0]), 'can only reverse that axis'),
+                           (about([np.pi, 0, 0], [0, 0.01, 0]), 'can only reverse that axis'),
                            (shifted(0.03), 'one after the other')):
         with pytest.raises(ObjectModelError, match=message):
             loaded(tmp_path, rod, symmetries_discrete=numbers(wrong))
@@ -153,42 +153,42 @@ def test_beside_an_axis_only_turning_it_round_is_left(tmp_path):
 def test_errors_and_credible_levels_are_those_of_any_pose_alike(name, seed, which, angle):
     model = MODELS[name]
     truth, pose = random_poses(2, seed)
-    surface = Surface.of(model)
+    surface = Surface.from_model(model)
     spin = about(angle * np.array([0, 0, 1.0])) if model.axis is not None else np.eye(4)
     alike = pose @ model.discrete[which % len(model.discrete)] @ spin
-    errors, others = (pose_error(each, truth, model.axis, model.discrete)
+    errors, others = (pose_error(each, truth, model.symmetry)
                       for each in (pose, alike))
     assert errors.rotation == pytest.approx(others.rotation, abs=1e-6)
     assert errors.rotation <= (np.pi / 2 if model.axis is not None else 2 * np.pi / 3) + 1e-9
     assert surface.mssd(alike, truth) == pytest.approx(surface.mssd(pose, truth), abs=1e-4)
     assert surface.mssd(alike, pose) < 1e-4
     spread = np.diag([1e-4, 2e-4, 3e-4, 0.1, 0.2, 0.3])
-    levels = [credible_level(model.symmetry.folded(each[None], truth)[0], truth, spread,
-                             model.axis) for each in (pose, alike)]
+    levels = [model.symmetry.credible_level(each, truth, spread) for each in (pose, alike)]
     if name != 'standing':  # of poses equally near the origin may be another
         assert levels[0] == pytest.approx(levels[1], abs=1e-6)
-    assert model.symmetry.folded(alike[None], pose)[0] @ [0, 0, 0, 1] == pytest.approx(
-        pose[:, 3], abs=1e-9)
+    nearest = model.symmetry.nearest_equivalents(alike[None], pose)[0]
+    assert nearest[:, 3] == pytest.approx(pose[:, 3], abs=1e-9)
 
 
 @settings(max_examples=30, deadline=None)
 @given(st.sampled_from(sorted(MODELS)), st.integers(0, 2 ** 20))
 def test_folding_turns_least_and_the_canonical_pose_is_one_for_all(name, seed):
     model = MODELS[name]
-    symmetry = model.symmetry
+    symmetry, spins = model.symmetry, Symmetry(model.axis)
     reference, *poses = random_poses(9, seed)
     poses = np.stack(poses)
-    folded = symmetry.folded(poses, reference)
-    angles = rotation_distance(folded, reference, model.axis)
+    folded = symmetry.nearest_equivalents(poses, reference)
+    angles = symmetry.rotation_distance(folded, reference)
     for motion in model.discrete:
-        other = symmetry.folded(poses @ motion, reference)
-        np.testing.assert_allclose(rotation_distance(other, reference, model.axis), angles,
+        other = symmetry.nearest_equivalents(poses @ motion, reference)
+        np.testing.assert_allclose(symmetry.rotation_distance(other, reference), angles,
                                    atol=1e-6)
-        assert (angles <= rotation_distance(poses @ motion, reference, model.axis) + 1e-9).all()
+        assert (angles <= spins.rotation_distance(poses @ motion, reference) + 1e-9).all()
     for pose in poses:
-        found = [symmetry.canonical(symmetry.alike(each)) for each in symmetry.alike(pose)]
+        found = [symmetry.canonical(symmetry.equivalents(each))
+                 for each in symmetry.equivalents(pose)]
         np.testing.assert_allclose(found, np.tile(found[0], (len(found), 1, 1)), atol=1e-7)
-        assert Surface.of(model).mssd(found[0], pose) < 2e-5
+        assert Surface.from_model(model).mssd(found[0], pose) < 2e-5
 
 
 @pytest.mark.parametrize('name', sorted(MODELS))
@@ -199,13 +199,11 @@ def test_a_symmetry_is_no_rival(name, seed):
     plain = ambiguous_poses(replace(model, discrete=np.eye(4)[None]), pose)
     found = ambiguous_poses(model, pose)
     assert len(found) < len(plain)
-    near = [same_mode(model.symmetry.folded(found, pose), pose, model.axis, 0.01, 0.1).any()]
-    assert not any(near)
+    assert not model.symmetry.same_mode(found, pose, 0.01, 0.1).any()
     for each in plain:  # whatever was left out is the pose, or one that was kept
         known = np.concatenate([pose[None], found])
-        folded = np.concatenate([model.symmetry.folded(each[None], other) for other in known])
-        assert any(same_mode(one[None], other, model.axis, 0.011, 0.16)[0]
-                   for one, other in zip(folded, known, strict=True))
+        assert any(model.symmetry.same_mode(each[None], other, 0.011, 0.16)[0]
+                   for other in known)
 
 
 @pytest.mark.parametrize(('name', 'share'), [('box', 0.45), ('rod', 0.55), ('standing', 0.7)])
@@ -216,7 +214,7 @@ def test_no_orientation_is_proposed_twice(name, share):
                     (replace(model, discrete=np.eye(4)[None]), model))
     assert len(found) < share * len(plain)
     # Every side is still seen, as near to a template as without the symmetry, or nearly.
-    turns = model.symmetry.about_origin
+    turns = model.symmetry.rotations_in_place
     sides = plain[:, 2] @ turns  # rows: lines of sight in the object's frame
     if model.axis is not None:
         cosines = (sides @ model.axis)[..., None] - (found[:, 2] @ model.axis)
@@ -242,14 +240,14 @@ def test_an_object_is_found_whichever_of_its_poses_is_the_truth(context, name):
                                         np.random.default_rng(seed)) for seed in (0, 1)]
     for estimate in estimates:
         assert not estimate.lost
-        for alike in model.symmetry.alike(truth):
-            error = pose_error(estimate.pose, alike, model.axis, model.discrete)
+        for alike in model.symmetry.equivalents(truth):
+            error = pose_error(estimate.pose, alike, model.symmetry)
             assert error.translation < 0.006
             assert error.rotation < np.deg2rad(8)
         # One mode has them all: nothing is left of the poses alike.
         assert estimate.modes[0].weight > 0.95
-        near = rotation_distance(estimate.particles, estimate.pose, model.axis)
+        near = Symmetry(model.axis).rotation_distance(estimate.particles, estimate.pose)
         assert np.quantile(near, 0.9) < 0.3
         assert np.sqrt(np.diag(estimate.covariance)[:3]).max() < 0.01
     first, second = estimates
-    assert rotation_distance(first.pose[None], second.pose, model.axis)[0] < 0.15
+    assert Symmetry(model.axis).rotation_distance(first.pose[None], second.pose)[0] < 0.15

@@ -15,6 +15,7 @@ from rclpy.qos import QoSProfile
 
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.messages.pose import pose_from
 
 ALL = QoSProfile(depth=100)
@@ -100,10 +101,10 @@ def check(chain, said):
     ok, warn = ord(DiagnosticStatus.OK), ord(DiagnosticStatus.WARN)
     assert [each.level for each in said] == [warn if number in HIDDEN else ok
                                              for number in range(FRAMES)]
-    axis = np.array(chain.truth['symmetry_continuous']['axis'])
+    symmetry = Symmetry(np.array(chain.truth['symmetry_continuous']['axis']))
     for number in FOUND:
         true = np.array(chain.truth['frames'][number]['object_to_camera'])
-        error = pose_error(said[number].pose, true, axis)
+        error = pose_error(said[number].pose, true, symmetry)
         assert error.translation < 0.01
         assert np.degrees(error.rotation) < 5
 

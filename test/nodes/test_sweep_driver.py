@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
@@ -125,7 +126,7 @@ def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
     # of the reference, the picture nearest to the grid's middle, in its camera's frame
     middle = next(each for each in frames if np.allclose(each.pose, BASE))
     assert header == Header(middle.stamp_ns, 'wrist_camera')
-    error = pose_error(pose, target.pose, target.axis)
+    error = pose_error(pose, target.pose, Symmetry(target.axis))
     assert error.translation < 0.01
     assert np.degrees(error.rotation) < 5 or np.degrees(error.rotation) > 175
 

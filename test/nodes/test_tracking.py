@@ -58,7 +58,7 @@ class Session:
     def right(self, message, number):
         header, pose = pose_from(message)
         assert header.stamp_ns == self.sequence.header(number).stamp_ns
-        error = pose_error(pose, self.sequence.poses[number], self.sequence.model.axis)
+        error = pose_error(pose, self.sequence.poses[number], self.sequence.model.symmetry)
         return error.translation < 0.02 and error.rotation < 0.2
 
 

@@ -12,6 +12,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
@@ -169,8 +170,8 @@ def test_creases_move_as_foretold():
                     if score.creases(each).shown)
         seen = score.creases(pose)
         points = seen.points
-        local = LocalModel.of(pose, None, score.points(pose), edges, CONTRAST, None, seen)
-        alone = LocalModel.of(pose, None, score.points(pose), edges, CONTRAST, None)
+        local = LocalModel.of(pose, Symmetry(), score.points(pose), edges, CONTRAST, None, seen)
+        alone = LocalModel.of(pose, Symmetry(), score.points(pose), edges, CONTRAST, None)
         slides = LinearizedContour.of(pose, score.points(pose), edges, CONTRAST, seen)
         assert local.evidence == pytest.approx(
             alone.evidence + points.lengths @ points.evidence, rel=1e-3)

@@ -13,7 +13,6 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import credible_level, tangent
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -33,8 +32,8 @@ def scene(context, model, seed):
     return truth, edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius)
 
 
-def about(score, edges, pose, axis, error=ERROR):
-    return LocalModel.of(pose, axis, score.points(pose), edges, PROFILE, error)
+def about(score, edges, pose, symmetry, error=ERROR):
+    return LocalModel.of(pose, symmetry, score.points(pose), edges, PROFILE, error)
 
 
 @pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
@@ -65,8 +64,8 @@ def test_its_steps_lead_to_the_truth(context, seed):
     off = rng.choice([-1, 1], 6) * [0.0004, 0.0004, 0.002, 0.015, 0.015, 0.015]
     pose = retract(truth, off[None])[0]
     for _ in range(6):
-        pose = retract(pose, about(score, edges, pose, CUP.axis).step[None])[0]
-    left = tangent(pose[None], truth, CUP.axis)[0]
+        pose = retract(pose, about(score, edges, pose, CUP.symmetry).step[None])[0]
+    left = CUP.symmetry.local(pose[None], truth)[0]
     assert np.linalg.norm(left[:3]) < 0.0025
     assert np.linalg.norm(left[3:]) < 0.03
 
@@ -74,7 +73,7 @@ def test_its_steps_lead_to_the_truth(context, seed):
 def test_what_the_model_gets_wrong_widens_the_region(context):
     truth, edges = scene(context, CUP, 0)
     score = seen(CUP, truth, edges)
-    sure, unsure = (about(score, edges, truth, CUP.axis, error)
+    sure, unsure = (about(score, edges, truth, CUP.symmetry, error)
                     for error in (ModelError(0, 0, 30), ModelError(0.5, 0.5, 30)))
     np.testing.assert_allclose(sure.model_error, 0)
     np.testing.assert_allclose(sure.covariance, unsure.covariance)
@@ -82,15 +81,15 @@ def test_what_the_model_gets_wrong_widens_the_region(context):
     assert 0 < sure.scale <= 1
     off = retract(truth, np.array([[0, 0, 0.004, 0, 0, 0]]))[0]
     wide = unsure.covariance + unsure.basis @ unsure.model_error @ unsure.basis.T
-    assert (credible_level(off, truth, wide, CUP.axis)
-            < credible_level(off, truth, sure.covariance, CUP.axis))
+    assert (CUP.symmetry.credible_level(off, truth, wide)
+            < CUP.symmetry.credible_level(off, truth, sure.covariance))
 
 
 def test_where_nothing_is_seen_it_knows_nothing_but_stays_finite(context):
     truth, edges = scene(context, CUP, 0)
     away = truth.copy()
     away[0, 3] = 3
-    model = about(seen(CUP, truth, edges), edges, away, CUP.axis)
+    model = about(seen(CUP, truth, edges), edges, away, CUP.symmetry)
     assert model.evidence == model.length == 0
     assert np.isfinite(model.covariance).all()
     assert np.isfinite(model.step).all()

@@ -24,10 +24,10 @@ from pmcl_scenes import (
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import canonical
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -62,7 +62,8 @@ def assert_valid(estimate, model):
     np.testing.assert_allclose(estimate.pose[:3, :3] @ estimate.pose[:3, :3].T, np.eye(3),
                                atol=1e-9)
     assert REGION.contains(estimate.pose[None, :3, 3]).all()
-    np.testing.assert_allclose(estimate.pose, canonical(estimate.pose, model.axis), atol=1e-6)
+    np.testing.assert_allclose(estimate.pose, model.symmetry.canonical_spin(estimate.pose),
+                               atol=1e-6)
     np.testing.assert_allclose(estimate.covariance, estimate.covariance.T)
     weights = [each.weight for each in estimate.modes]
     assert weights == sorted(weights, reverse=True)
@@ -86,7 +87,7 @@ def test_a_vessel_is_localised_whatever_the_seed(context):
                 spindle = estimate.pose[:3, 2]
                 assert spindle @ estimate.covariance[3:, 3:] @ spindle == pytest.approx(
                     np.pi ** 2 / 3, rel=0.01)
-                error = pose_error(estimate.pose, truth, CUP.axis)
+                error = pose_error(estimate.pose, truth, CUP.symmetry)
                 errors.append((error.translation, error.rotation))
     # The contour's pixels leave a millimetre or two along the line of sight.
     assert np.max(errors, axis=0)[0] < 0.005
@@ -101,7 +102,7 @@ def test_an_object_without_symmetry_is_localised(context, seed):
     estimate = localized(BRACKET, volume, seed)
     assert_valid(estimate, BRACKET)
     assert not estimate.lost
-    error = pose_error(estimate.pose, truth, None)
+    error = pose_error(estimate.pose, truth, Symmetry())
     assert error.translation < 0.005
     assert error.rotation < np.deg2rad(10)
 
@@ -183,7 +184,7 @@ def test_a_likelihood_alone_will_do(context):
     energy = volume.edges.tensor[..., 0] + volume.edges.tensor[..., 1]
     bare = DepthLikelihoodVolume(volume.header, np.sqrt(energy), DEPTHS, CAMERA)
     estimate = localized(CUP, bare)
-    error = pose_error(estimate.pose, truth, CUP.axis)
+    error = pose_error(estimate.pose, truth, CUP.symmetry)
     assert error.translation < 0.01
     assert error.rotation < np.deg2rad(5)
 

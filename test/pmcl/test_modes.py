@@ -5,10 +5,10 @@ from pmcl_scenes import random_poses
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import same_mode_of, suppress_duplicates
+from pmcl_ros.pmcl.modes import SAME_MODE, suppress_duplicates
 
-NONE = Symmetry(None, np.eye(4)[None])
-ROUND = Symmetry(np.array([0, 0, 1.0]), np.eye(4)[None])
+NONE = Symmetry()
+ROUND = Symmetry(np.array([0, 0, 1.0]))
 UPSIDE_DOWN = np.diag([1.0, -1, -1, 1])
 TURNED = Symmetry(None, np.stack([np.eye(4), UPSIDE_DOWN]))
 
@@ -38,6 +38,6 @@ def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
     spun = pose.copy()
     spun[:3, :3] = pose[:3, :3] @ np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]])
     others = np.stack([pose, spun, pose @ UPSIDE_DOWN])
-    assert same_mode_of(others, pose, NONE).tolist() == [True, False, False]
-    assert same_mode_of(others, pose, ROUND).tolist() == [True, True, False]
-    assert same_mode_of(others, pose, TURNED).tolist() == [True, False, True]
+    assert NONE.same_mode(others, pose, *SAME_MODE).tolist() == [True, False, False]
+    assert ROUND.same_mode(others, pose, *SAME_MODE).tolist() == [True, True, False]
+    assert TURNED.same_mode(others, pose, *SAME_MODE).tolist() == [True, False, True]

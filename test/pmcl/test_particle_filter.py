@@ -87,7 +87,7 @@ def test_it_finds_the_rendered_surface(context, seed):
         faithful_sigma_translation=0.003, faithful_sigma_rotation=0.15)
     with Localizer(CUP, settings) as localizer:
         estimate = localizer.localize(volume, np.random.default_rng(seed))
-    error = pose_error(estimate.pose, truth, CUP.axis)
+    error = pose_error(estimate.pose, truth, CUP.symmetry)
     assert error.translation < 0.008
     # The mean likelihood hardly knows the object from its flip (paper, section VI).
     assert min(error.rotation, np.pi - error.rotation) < np.deg2rad(20)

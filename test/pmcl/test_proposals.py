@@ -10,10 +10,10 @@ from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of, ra
 from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
-from pmcl_ros.pmcl.summary import rotation_distance, same_mode
 from pmcl_ros.pmcl.templates import Templates
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -37,7 +37,7 @@ def distances(poses, truth, axis):
     shift = poses[:, :3, 3] - truth[:3, 3]
     along = shift @ sight
     aside = np.linalg.norm(shift - along[:, None] * sight, axis=1)
-    return aside, np.abs(along), rotation_distance(poses, truth, axis)
+    return aside, np.abs(along), Symmetry(axis).rotation_distance(poses, truth)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -53,7 +53,7 @@ def test_one_of_a_few_proposals_is_near_the_pose(context, model, seed):
     assert scores[0] > 0
     assert REGION.contains(poses[:, :3, 3]).all()
     for k, pose in enumerate(poses):
-        assert same_mode(poses, pose, model.axis, 0.012, 0.2).sum() == 1, k
+        assert model.symmetry.same_mode(poses, pose, 0.012, 0.2).sum() == 1, k
 
 
 def test_the_same_edges_give_the_same_proposals(context):

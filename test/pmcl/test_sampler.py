@@ -5,10 +5,10 @@ import pytest
 from pmcl_scenes import random_poses
 
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import same_mode, tangent, tangent_basis
 
-AXIS = np.array([0, 0, 1.0])
+NONE, ROUND = Symmetry(), Symmetry(np.array([0, 0, 1.0]))
 SIGMA = np.array([0.001, 0.0005, 0.004, 0.02, 0.03, 0.01])
 
 
@@ -19,26 +19,27 @@ def covariance_of(seed):
     return SIGMA[:, None] * mixed * SIGMA
 
 
-def density(pose, covariance, axis, poses):
-    basis = tangent_basis(pose, axis)
-    deviations = tangent(poses, pose, axis) @ basis
+def density(pose, covariance, symmetry, poses):
+    basis = symmetry.tangent_basis(pose)
+    deviations = symmetry.local(poses, pose) @ basis
     inverse = np.linalg.inv(basis.T @ covariance @ basis)
     return -0.5 * np.einsum('ni,ij,nj->n', deviations, inverse, deviations)
 
 
-@pytest.mark.parametrize('axis', [None, AXIS], ids=['whole', 'symmetric'])
+@pytest.mark.parametrize('symmetry', [NONE, ROUND], ids=['whole', 'symmetric'])
 @pytest.mark.parametrize('seed', range(3))
-def test_a_gaussian_is_sampled_with_its_mean_and_covariance(axis, seed):
+def test_a_gaussian_is_sampled_with_its_mean_and_covariance(symmetry, seed):
     pose, target = random_poses(1, seed)[0], covariance_of(seed)
-    basis = tangent_basis(pose, axis)
+    basis = symmetry.tangent_basis(pose)
     # The start is off by a standard deviation, and three times as wide.
     start = retract(pose, (basis @ basis.T @ SIGMA)[None])[0]
     poses, values, own = sample_posterior(
-        [lambda each: density(pose, target, axis, each)], [Gaussian.of(start, 9 * target, axis)],
-        axis, 1500, 6, np.random.default_rng(seed), lambda _: True)
-    np.testing.assert_allclose(values, density(pose, target, axis, poses), atol=1e-6)
+        [lambda each: density(pose, target, symmetry, each)],
+        [Gaussian.of(start, 9 * target, symmetry)],
+        1500, 6, np.random.default_rng(seed), lambda _: True)
+    np.testing.assert_allclose(values, density(pose, target, symmetry, poses), atol=1e-6)
     assert (own == 0).all()
-    deviations = tangent(poses, pose, axis) @ basis
+    deviations = symmetry.local(poses, pose) @ basis
     expected = basis.T @ target @ basis
     scale = np.sqrt(np.diag(expected))
     assert (np.abs(deviations.mean(axis=0)) < 0.25 * scale).all()
@@ -48,17 +49,17 @@ def test_a_gaussian_is_sampled_with_its_mean_and_covariance(axis, seed):
 
 def test_modes_share_the_particles_as_the_posterior_does():
     first, second = random_poses(2, 5)
-    assert not same_mode(second[None], first, None, 0.01, 0.1)[0]
+    assert not NONE.same_mode(second[None], first, 0.01, 0.1)[0]
     target = covariance_of(0)
 
     def two(poses):  # three to one
-        return np.logaddexp(np.log(3) + density(first, target, None, poses),
-                            density(second, target, None, poses))
+        return np.logaddexp(np.log(3) + density(first, target, NONE, poses),
+                            density(second, target, NONE, poses))
 
     shares = []
     for seed in range(4):
         _, _, own = sample_posterior(
-            [two], [Gaussian.of(each, 4 * target, None) for each in (second, first)], None, 600, 3,
+            [two], [Gaussian.of(each, 4 * target, NONE) for each in (second, first)], 600, 3,
             np.random.default_rng(seed), lambda _: True)
         shares.append((own == 1).mean())
     assert np.mean(shares) == pytest.approx(0.75, abs=0.06)
@@ -68,15 +69,15 @@ def test_what_is_impossible_is_left_out_and_stopping_is_heard():
     pose, target = random_poses(1, 0)[0], covariance_of(0)
 
     def half(poses):
-        return np.where(poses[:, 0, 3] > pose[0, 3], density(pose, target, None, poses), -np.inf)
+        return np.where(poses[:, 0, 3] > pose[0, 3], density(pose, target, NONE, poses), -np.inf)
 
-    start = [Gaussian.of(pose, 4 * target, None)]
-    poses, values, _ = sample_posterior([half], start, None, 300, 3, np.random.default_rng(0),
+    start = [Gaussian.of(pose, 4 * target, NONE)]
+    poses, values, _ = sample_posterior([half], start, 300, 3, np.random.default_rng(0),
                                         lambda _: True)
     assert np.isfinite(values).all()
     assert (poses[:, 0, 3] > pose[0, 3]).all()
     calls = []
-    stopped, _, _ = sample_posterior([half], start, None, 300, 3, np.random.default_rng(0),
+    stopped, _, _ = sample_posterior([half], start, 300, 3, np.random.default_rng(0),
                                      lambda part: calls.append(part))
     assert calls == [0]
     assert len(stopped) == 300
@@ -89,23 +90,23 @@ def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
 
     def exact(poses):
         asked.append(len(poses))
-        return density(pose, target, AXIS, poses)
+        return density(pose, target, ROUND, poses)
 
     def rough(poses):
-        return density(beside, 1.5 * target, AXIS, poses)
+        return density(beside, 1.5 * target, ROUND, poses)
 
-    basis = tangent_basis(pose, AXIS)
+    basis = ROUND.tangent_basis(pose)
     expected = basis.T @ target @ basis
     scale = np.sqrt(np.diag(expected))
     costs = []
     for densities in ([exact], [rough, exact]):
         asked.clear()
         poses, values, _ = sample_posterior(
-            densities, [Gaussian.of(beside, 9 * target, AXIS)], AXIS, 1500, 6,
+            densities, [Gaussian.of(beside, 9 * target, ROUND)], 1500, 6,
             np.random.default_rng(0), lambda _: True)
         costs.append(sum(asked))
-        np.testing.assert_allclose(values, density(pose, target, AXIS, poses), atol=1e-6)
-        deviations = tangent(poses, pose, AXIS) @ basis
+        np.testing.assert_allclose(values, density(pose, target, ROUND, poses), atol=1e-6)
+        deviations = ROUND.local(poses, pose) @ basis
         assert (np.abs(deviations.mean(axis=0)) < 0.25 * scale).all()
         np.testing.assert_allclose(np.cov(deviations.T) / np.outer(scale, scale),
                                    expected / np.outer(scale, scale), atol=0.3)
@@ -115,16 +116,16 @@ def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
 @pytest.mark.parametrize('modes', [1, 2, 3])
 def test_each_modes_particles_begin_evenly(modes):
     places, target, size = random_poses(modes, 7), covariance_of(1), 60
-    starts = [Gaussian.of(each, target, None) for each in places]
+    starts = [Gaussian.of(each, target, NONE) for each in places]
     means = []
     for seed in range(12):
         begun = []
-        sample_posterior([lambda poses: np.zeros(len(poses))], starts, None, size * modes, 1,
+        sample_posterior([lambda poses: np.zeros(len(poses))], starts, size * modes, 1,
                          np.random.default_rng(seed), lambda _: False,
                          [lambda poses, _, begun=begun: begun.append(poses)])
         for k, start in enumerate(starts):
             # The particles of a mode follow each other.
-            off = tangent(begun[0][k * size:(k + 1) * size], start.pose, None) @ start.basis
+            off = NONE.local(begun[0][k * size:(k + 1) * size], start.pose) @ start.basis
             normal = np.linalg.solve(start.spread, off.T)
             means.append(normal.mean(axis=1))
             assert np.cov(normal) == pytest.approx(np.eye(6), abs=0.6)

@@ -85,7 +85,7 @@ def bench_chain(repeats: int = 9, bag: Path = _ROOT / 'bags' / 'wine_glass') -> 
             estimates.append(estimate)
         renderer = localizer.renderer
     ms = {name: 1e3 * float(np.median([each[name] for each in runs])) for name in runs[0]}
-    errors = [pose_error(each.pose, truth.pose, model.axis).translation for each in estimates]
+    errors = [pose_error(each.pose, truth.pose, model.symmetry).translation for each in estimates]
     return ChainBench(
         f'{bag.name}: {len(raw)} bytes of a raw picture to a pose; poses scored by {renderer}',
         ms, {name: ms[name] / limit for name, limit in _WANTED.items()}, 1e3 * max(errors),

@@ -18,7 +18,6 @@ from pmcl_ros.evaluation.report.localization import Localization, versions
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.history import Stage
-from pmcl_ros.pmcl.summary import credible_level, rotation_distance
 from pmcl_ros.runtime.settings import Settings, default_of
 
 _UNKNOWN = 'unknown'
@@ -123,9 +122,9 @@ def _truth(run: Localization) -> list[Fact]:
         return []
     if run.truth.empty:
         return [Fact('error', 'truth', 'the object is not there')]
-    error = pose_error(run.estimate.pose, run.truth.pose, run.model.axis)
-    level = credible_level(run.truth.pose, run.estimate.pose, run.estimate.covariance,
-                           run.model.axis)
+    error = pose_error(run.estimate.pose, run.truth.pose, run.model.symmetry)
+    level = run.model.symmetry.credible_level(run.truth.pose, run.estimate.pose,
+                                              run.estimate.covariance)
     return [Fact('error', 'off the truth by', f'{1e3 * error.translation:.1f} mm, '
                  f'{np.rad2deg(error.rotation):.1f}°',
                  f'{1e3 * error.ray:+.1f} mm along the line of sight'),
@@ -140,7 +139,7 @@ def _modes(run: Localization) -> list[list[str]]:
     rows = []
     for each in run.estimate.modes:
         off = np.linalg.norm(each.pose[:3, 3] - run.estimate.pose[:3, 3])
-        turned = rotation_distance(each.pose[None], run.estimate.pose, run.model.axis)[0]
+        turned = run.model.symmetry.rotation_distance(each.pose[None], run.estimate.pose)[0]
         x, y, z = 1e3 * each.pose[:3, 3]
         rows.append([f'{x:.1f}, {y:.1f}, {z:.1f}', f'{100 * each.weight:.1f} %',
                      f'{each.score:.1f}', f'{1e3 * off:.1f}', f'{np.rad2deg(turned):.1f}'])

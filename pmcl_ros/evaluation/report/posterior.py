@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.report.localization import Localization
-from pmcl_ros.pmcl.summary import tangent
 
 
 class Coordinates(NamedTuple):
@@ -33,18 +32,18 @@ def coordinates(run: Localization) -> Coordinates:
     With an axis of symmetry these are its leans in the image's plane and towards the camera;
     without, turns about x, y and z.
     """
-    estimate, axis = run.estimate, run.model.axis
-    turns = np.eye(3) if axis is None else tilts(estimate.pose, axis)
-    names = (['about x', 'about y', 'about z'] if axis is None
+    estimate, symmetry = run.estimate, run.model.symmetry
+    turns = np.eye(3) if symmetry.axis is None else tilts(estimate.pose, symmetry.axis)
+    names = (['about x', 'about y', 'about z'] if symmetry.axis is None
              else ['lean in the image', 'lean to the camera'])
     basis = np.zeros((6, 3 + len(turns)))
     basis[:3, :3], basis[3:, 3:] = np.eye(3), turns.T
     basis = basis * np.array([1e3] * 3 + [180 / np.pi] * len(turns))
     truth = None
     if run.truth is not None and not run.truth.empty:
-        truth = tangent(run.truth.pose[None], estimate.pose, axis)[0] @ basis
+        truth = symmetry.local(run.truth.pose[None], estimate.pose)[0] @ basis
     return Coordinates(['x', 'y', 'z', *names], ['mm'] * 3 + ['deg'] * len(turns),
-                       tangent(estimate.particles, estimate.pose, axis) @ basis,
+                       symmetry.local(estimate.particles, estimate.pose) @ basis,
                        basis.T @ estimate.covariance @ basis, truth)
 
 

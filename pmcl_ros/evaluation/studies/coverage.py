@@ -15,7 +15,6 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.summary import credible_level
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 
 _NEAR = np.array([0.001, 0.001, 0.005]), 0.04  # m, rad: of starts beside the truth
@@ -50,9 +49,9 @@ def run_coverage(count: int, seed: int = 0, whole: bool = True) -> Iterator[Cove
         start = perturb(np.tile(scene.pose, (_STARTS, 1, 1)), *_NEAR, rng)
         with Localizer(scene.model, settings) as localizer:
             estimate = localizer.localize(scene.volume, rng, start=None if whole else start)
-        axis = scene.model.axis
-        error = pose_error(estimate.pose, scene.pose, axis)
-        level = credible_level(scene.pose, estimate.pose, estimate.covariance, axis)
+        symmetry = scene.model.symmetry
+        error = pose_error(estimate.pose, scene.pose, symmetry)
+        level = symmetry.credible_level(scene.pose, estimate.pose, estimate.covariance)
         yield CoverageTrial(number, level, error.translation, error.rotation, estimate.lost)
 
 

@@ -92,7 +92,7 @@ def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settin
             search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
             with Localizer(model, search) as localizer:
                 estimate = localizer.localize(volume, np.random.default_rng(number))
-            error = pose_error(estimate.pose, target.pose, model.axis)
+            error = pose_error(estimate.pose, target.pose, model.symmetry)
             ray = target.pose[:3, 3] / np.linalg.norm(target.pose[:3, 3])
             yield Found(number, scene.name, name, _depth_error(volume, capture, light_field),
                         error.translation, error.ray, error.rotation,

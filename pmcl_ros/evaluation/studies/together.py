@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.drawing.pictures import outlines
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.errors import is_right, pose_error
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
@@ -24,7 +24,6 @@ from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
 from pmcl_ros.simulation.scenes.settings import SceneSettings
 
-NEAR = 0.02, math.radians(10)  # m, rad: what is farther off is not the object
 ALIKE = 0.002, math.radians(2)  # m, rad: so much worse is as well
 
 
@@ -39,7 +38,7 @@ class Found:
     @property
     def near(self) -> bool:
         """Whether the pose is that of the object."""
-        return self.translation < NEAR[0] and self.rotation < NEAR[1]
+        return is_right(self.translation, self.rotation)
 
     @property
     def rank(self) -> int:
@@ -142,7 +141,7 @@ def _matched(estimates: Sequence[PoseEstimate], truths: Sequence[Sequence[NDArra
 
 
 def _found(estimate: PoseEstimate, truth: NDArray[np.float64], model: ObjectModel) -> Found:
-    error = pose_error(estimate.pose, truth, model.axis)
+    error = pose_error(estimate.pose, truth, model.symmetry)
     return Found(error.translation, error.rotation, estimate.lost)
 
 

@@ -10,18 +10,16 @@ import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.errors import is_right, pose_error
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.summary import credible_level
 from pmcl_ros.pmcl.tracking.settings import Tracking, TrackingSettings
 from pmcl_ros.pmcl.tracking.tracker import Tracker
 from pmcl_ros.simulation.sequences.sequence import Frame, Sequence
 
 T = TypeVar('T')
-FAR, TURNED = 0.02, np.deg2rad(10)  # m, rad: what is farther from the truth is not found
 
 
 @dataclass(frozen=True)
@@ -45,7 +43,7 @@ class Outcome:
     @property
     def right(self) -> bool:
         """Found, and within 2 cm and 10 degrees of the truth."""
-        return not self.lost and self.translation <= FAR and self.rotation <= TURNED
+        return not self.lost and is_right(self.translation, self.rotation)
 
 
 @dataclass(frozen=True)
@@ -88,9 +86,9 @@ def play(sequence: Sequence, tracking: Tracking, every: int, seed: int = 0,
 
 def _judged(look: Callable[[], PoseEstimate], frame: Frame, sequence: Sequence) -> Outcome:
     estimate, seconds, cpu = _timed(look)
-    axis = sequence.model.axis
-    error = pose_error(estimate.pose, frame.pose, axis)
-    level = credible_level(frame.pose, estimate.pose, estimate.covariance, axis)
+    symmetry = sequence.model.symmetry
+    error = pose_error(estimate.pose, frame.pose, symmetry)
+    level = symmetry.credible_level(frame.pose, estimate.pose, estimate.covariance)
     sigma = float(np.sqrt(np.trace(estimate.covariance[:3, :3])))
     return Outcome(estimate.mode, error.translation, error.rotation, level, sigma, estimate.lost,
                    seconds, cpu)

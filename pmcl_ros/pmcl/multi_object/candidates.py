@@ -5,17 +5,16 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.modes import SAME_CANDIDATE
 from pmcl_ros.pmcl.multi_object.assignment import best_choice, most_candidates
 from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, Placed, apart
 from pmcl_ros.pmcl.multi_object.solid import Solid, contact
 from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.summary import same_mode
 from pmcl_ros.pmcl.support import contour_support
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 
 _MOST = 12  # candidates of an object
-_ALIKE = 0.005, 0.1  # m, rad: closer ones are one
 
 Member = tuple[int, int]  # number of the object, and of its candidate
 
@@ -44,9 +43,8 @@ class Candidates:
         """More poses of an object; of each, which candidate it is now, an old one if alike."""
         model, ours, members = self._models[number], self._looks[number], []
         for look in looks:
-            known = model.symmetry.folded(
-                np.array([each.pose for each in ours]).reshape(-1, 4, 4), look.pose)
-            alike = np.flatnonzero(same_mode(known, look.pose, model.axis, *_ALIKE))
+            known = np.array([each.pose for each in ours]).reshape(-1, 4, 4)
+            alike = np.flatnonzero(model.symmetry.same_mode(known, look.pose, *SAME_CANDIDATE))
             members.append((number, int(alike[0]) if len(alike) else len(ours)))
             if not len(alike):
                 ours.append(look)

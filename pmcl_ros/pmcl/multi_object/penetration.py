@@ -26,7 +26,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class Apart:
-    """deviations: (n, 6) by which they are moved (`summary.moved`).
+    """deviations: (n, 6) by which they are moved (`se3.retract`).
 
     cost: of that by the poses' covariances [nat]. depth: of the deepest pair that is left [m].
     pair: its numbers; none of fewer than two.

@@ -19,7 +19,6 @@ from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.summary import tangent_basis
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 
 _LOG = logging.getLogger(__name__)
@@ -158,7 +157,7 @@ class SceneSearch:
         members = [each for each in found if not found[each].lost]
         things = []
         for each in members:
-            basis = tangent_basis(found[each].pose, self._models[each[0]].axis)
+            basis = self._models[each[0]].symmetry.tangent_basis(found[each].pose)
             spread = basis @ basis.T @ found[each].covariance @ basis @ basis.T
             things.append(Placed(self._solids[each[0]], found[each].pose, spread))
         done = apart(things)

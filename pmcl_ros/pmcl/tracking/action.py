@@ -6,11 +6,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.motion import perturb
-from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.runtime.errors import LocalizationError
 
 _ANCESTORS = 512  # at most: particles of the last state that one of the next may be from
@@ -68,7 +67,7 @@ class ActionModel:
         return State(stamp_ns, noisy, state.velocities, camera)
 
     def updated(self, before: State, stamp_ns: int, poses: NDArray[np.float64],
-                camera: NDArray[np.float64] | None, axis: NDArray[np.float64] | None,
+                camera: NDArray[np.float64] | None, symmetry: Symmetry,
                 rng: np.random.Generator) -> State:
         """The state in which poses (n, 4, 4) were found, later than the state `before`.
 
@@ -81,11 +80,11 @@ class ActionModel:
         time = 1e-9 * (stamp_ns - before.stamp_ns)
         expected = self._moved(before, time, camera)[:_ANCESTORS]
         spread = np.repeat([self.translation, self.rotation], 3) * (time / self.period) ** 0.5
-        here, there = (tangent(each, expected[0], axis) / np.maximum(spread, 1e-9)
+        here, there = (symmetry.local(each, expected[0]) / np.maximum(spread, 1e-9)
                        for each in (poses, expected))
         likely = -0.5 * cdist(here, there, 'sqeuclidean')
         drawn = (likely + rng.gumbel(size=likely.shape)).argmax(axis=1)
-        velocities = _steps(poses, before.poses[drawn], axis) / time
+        velocities = symmetry.local(poses, before.poses[drawn]) / time
         return State(stamp_ns, poses, velocities, camera)
 
     def _moved(self, state: State, time: float, camera: NDArray[np.float64] | None
@@ -98,18 +97,3 @@ class ActionModel:
                                         'the pose of the camera is not known at both captures')
             return np.asarray(np.linalg.inv(camera) @ state.camera @ state.poses)
         return state.poses
-
-
-
-def _steps(now: NDArray[np.float64], then: NDArray[np.float64], axis: NDArray[np.float64] | None
-           ) -> NDArray[np.float64]:
-    """(n, 6) from poses to poses (n, 4, 4): as `summary.tangent`, each from its own."""
-    shift = now[:, :3, 3] - then[:, :3, 3]
-    if axis is None:
-        turn = Rotation.from_matrix(now[:, :3, :3] @ then[:, :3, :3].transpose(0, 2, 1))
-        return np.concatenate([shift, turn.as_rotvec()], axis=1)
-    first, last = then[:, :3, :3] @ axis, now[:, :3, :3] @ axis
-    across = np.cross(first, last)
-    sine = np.linalg.norm(across, axis=1, keepdims=True)
-    angle = np.arctan2(sine, (first * last).sum(axis=1, keepdims=True))
-    return np.concatenate([shift, across / np.maximum(sine, 1e-12) * angle], axis=1)

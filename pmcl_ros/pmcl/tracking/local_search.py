@@ -15,7 +15,6 @@ from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.tracking.pilot import piloted
 
 # Different poses that go on: by a wire to coarse contours, from there to fine ones, to the end.
@@ -54,11 +53,11 @@ class LocalSearch:
         modes = self._modes(self._found(prior, rng))
         if not modes:
             return None
-        axis = self.posterior.model.axis
+        symmetry = self.posterior.model.symmetry
         scale = modes[0].local.scale
 
         def before(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-            return -0.5 * prior.square_distance(poses, axis)
+            return -0.5 * prior.square_distance(poses)
 
         def exact(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             return scale * self.posterior.exact(poses) + before(poses)
@@ -67,7 +66,7 @@ class LocalSearch:
         # Faint modes are wide: the best one's neighbourhood would count as theirs, where their
         # slid contour is wrong.
         peaks = scale * self.posterior.exact(np.stack([mode.pose for mode in modes]))
-        masses = peaks + [_share(prior, mode, start, axis)
+        masses = peaks + [_share(prior, mode, start)
                           for mode, start in zip(modes, starts, strict=True)]
         kept = np.flatnonzero(masses >= masses.max() - _NEGLIGIBLE)
         modes, starts = [modes[k] for k in kept], [starts[k] for k in kept]
@@ -76,16 +75,16 @@ class LocalSearch:
 
         def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             """By the slid contour of the mode that is likeliest to be about there."""
-            nearest = np.stack([each.log_density(poses, axis) for each in starts]).argmax(axis=0)
+            nearest = np.stack([each.log_density(poses) for each in starts]).argmax(axis=0)
             values = np.zeros(len(poses))
             for k, (mode, slide) in enumerate(zip(modes, slides, strict=True)):
                 own = nearest == k
-                values[own] = slide.evidence(tangent(poses[own], mode.pose, axis))
+                values[own] = slide.evidence(symmetry.local(poses[own], mode.pose))
             return np.where(self.posterior.inside(poses), scale * values + before(poses), -np.inf)
 
-        tilted, begun = piloted(rough, exact, starts, axis, rng)
-        poses, values, own = sample_posterior([tilted, exact], begun, axis, self.particles,
-                                              _MOVES, rng, lambda _: True)
+        tilted, begun = piloted(rough, exact, starts, rng)
+        poses, values, own = sample_posterior([tilted, exact], begun, self.particles, _MOVES,
+                                              rng, lambda _: True)
         return Posterior(tuple(modes), poses, values, own)
 
     def _begun(self, prior: Gaussian, mode: Mode) -> Gaussian:
@@ -93,7 +92,7 @@ class LocalSearch:
 
         A prior that reaches beyond the region may have its share of the product there.
         """
-        both = _product(prior, mode, self.posterior.model.axis)
+        both = _product(prior, mode)
         return both if self.posterior.inside(both.pose[None])[0] else replace(both, pose=mode.pose)
 
     def _found(self, prior: Gaussian, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -119,7 +118,7 @@ class LocalSearch:
         """At most `count` different ones of where poses come to, best by evidence and prior first.
         """
         poses, values = stage(poses)
-        values = values - 0.5 * prior.square_distance(poses, self.posterior.model.axis)
+        values = values - 0.5 * prior.square_distance(poses)
         poses = poses[np.argsort(-values, kind='stable')]
         return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
@@ -134,24 +133,23 @@ class LocalSearch:
                                                       _MODES)]
 
 
-def _product(prior: Gaussian, mode: Mode, axis: NDArray[np.float64] | None) -> Gaussian:
+def _product(prior: Gaussian, mode: Mode) -> Gaussian:
     """About the most likely pose by the prior and a mode's own model, as wide as both allow."""
     local = mode.local
     told = local.scale * local.information
     root = np.linalg.inv(prior.spread) @ prior.basis.T @ local.basis
     expected = root.T @ root
     # How far the prior's mean is from the mode, in the mode's tangent space.
-    off = local.basis.T @ tangent(prior.pose[None], mode.pose, axis)[0]
+    off = local.basis.T @ prior.symmetry.local(prior.pose[None], mode.pose)[0]
     step = local.basis @ np.linalg.solve(told + expected, expected @ off)
     wide = local.basis @ np.linalg.inv(told / _WIDEN ** 2 + expected) @ local.basis.T
-    return Gaussian.of(retract(mode.pose, step[None])[0], wide, axis)
+    return Gaussian.of(retract(mode.pose, step[None])[0], wide, prior.symmetry)
 
 
-def _share(prior: Gaussian, mode: Mode, product: Gaussian, axis: NDArray[np.float64] | None
-           ) -> float:
+def _share(prior: Gaussian, mode: Mode, product: Gaussian) -> float:
     """Log of what of a mode the prior leaves, by Laplace's approximation, but for a constant."""
-    from_mode = mode.local.basis.T @ tangent(product.pose[None], mode.pose, axis)[0]
+    from_mode = mode.local.basis.T @ prior.symmetry.local(product.pose[None], mode.pose)[0]
     told = mode.local.scale * mode.local.information
     return float(-0.5 * (from_mode @ told @ from_mode
-                         + prior.square_distance(product.pose[None], axis)[0])
+                         + prior.square_distance(product.pose[None])[0])
                  + np.linalg.slogdet(product.spread)[1])

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.sampler import Gaussian, LogDensity, sample_posterior
-from pmcl_ros.pmcl.summary import tangent
 from pmcl_ros.pmcl.weights import Weights
 
 _PILOTS = 192  # particles, by the likeness
@@ -31,16 +30,14 @@ class Tilt:
     slope: NDArray[np.float64]
     height: float
 
-    def __call__(self, poses: NDArray[np.float64], axis: NDArray[np.float64] | None
-                 ) -> NDArray[np.float64]:
+    def __call__(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4)."""
-        off = tangent(poses, self.about.pose, axis) @ self.about.basis
+        off = self.about.symmetry.local(poses, self.about.pose) @ self.about.basis
         return np.asarray(self.height + off @ self.slope)
 
 
 def piloted(rough: LogDensity, exact: LogDensity, starts: Sequence[Gaussian],
-            axis: NDArray[np.float64] | None, rng: np.random.Generator
-            ) -> tuple[LogDensity, list[Gaussian]]:
+            rng: np.random.Generator) -> tuple[LogDensity, list[Gaussian]]:
     """A better likeness of `exact` than `rough`, and Gaussians to begin in.
 
     rough: costs next to nothing. starts: a Gaussian about each mode.
@@ -51,37 +48,37 @@ def piloted(rough: LogDensity, exact: LogDensity, starts: Sequence[Gaussian],
     `exact` is the same with them: they only bring particles closer.
     """
     def nearest(at: NDArray[np.float64]) -> NDArray[np.int64]:
-        likely = np.stack([each.log_density(at, axis) for each in starts])
+        likely = np.stack([each.log_density(at) for each in starts])
         return np.asarray(likely.argmax(axis=0))
 
-    poses, values, _ = sample_posterior([rough], starts, axis, _PILOTS, 1, rng, lambda _: True)
+    poses, values, _ = sample_posterior([rough], starts, _PILOTS, 1, rng, lambda _: True)
     asked = np.linspace(0, _PILOTS - 1, _ASKED).astype(int)  # modes come after each other
     more = np.full(_PILOTS, np.nan)
     more[asked] = exact(poses[asked]) - values[asked]
     more[~np.isfinite(more)] = np.nan
     usual = float(np.nanmean(more)) if np.isfinite(more).any() else 0.0
     of = nearest(poses)
-    learned = [_learned(start, poses[of == k], more[of == k] - usual, axis)
+    learned = [_learned(start, poses[of == k], more[of == k] - usual)
                for k, start in enumerate(starts)]
 
     def tilted(at: NDArray[np.float64]) -> NDArray[np.float64]:
         result, of = rough(at) + usual, nearest(at)
         for k, (tilt, _) in enumerate(learned):
-            result[of == k] += tilt(at[of == k], axis)
+            result[of == k] += tilt(at[of == k])
         return result
 
     return tilted, [begun for _, begun in learned]
 
 
-def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float64],
-             axis: NDArray[np.float64] | None) -> tuple[Tilt, Gaussian]:
+def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float64]
+             ) -> tuple[Tilt, Gaussian]:
     """Of the pilots of one mode; more: (n,) what the density says more, NaN where not asked."""
     dimensions = start.basis.shape[1]
     known = np.isfinite(more)
     if len(poses) < _ENOUGH * dimensions:
         height = float(more[known].sum() / (known.sum() + _DOUBT))
         return Tilt(start, np.zeros(dimensions), height), start
-    off = tangent(poses, start.pose, axis) @ start.basis
+    off = start.symmetry.local(poses, start.pose) @ start.basis
     centre = off.mean(axis=0)
     least = 1e-4 * start.spread @ start.spread.T  # where all pilots are one
     root = np.linalg.cholesky(np.cov(off.T) + least)
@@ -97,5 +94,5 @@ def _learned(start: Gaussian, poses: NDArray[np.float64], more: NDArray[np.float
     mean = share @ off
     covariance = (off - mean).T @ ((off - mean) * share[:, None]) + least
     better = Gaussian.of(retract(start.pose, (start.basis @ mean)[None])[0],
-                         start.basis @ (_WIDEN ** 2 * covariance) @ start.basis.T, axis)
+                         start.basis @ (_WIDEN ** 2 * covariance) @ start.basis.T, start.symmetry)
     return Tilt(start, slope, height - float(slope @ centre)), better

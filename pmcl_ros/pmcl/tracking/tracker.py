@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer, Progress
+from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.summary import covariance, credible_level, mean_pose, same_mode
 from pmcl_ros.pmcl.tracking.action import ActionModel, State
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.pmcl.tracking.track_statistics import TrackStatistics
@@ -21,7 +21,6 @@ from pmcl_ros.runtime.errors import LocalizationError
 
 _LOG = logging.getLogger(__name__)
 PREDICTED = 'predicted'  # an estimate's mode, beside those of `Localizer`
-_MODE_DISTANCE, _MODE_ANGLE = 0.02, 0.25  # m, rad: particles farther away are of another mode
 # nat: so much less likely beforehand is any one pose in a region than one where the object is
 # expected (20 cm and all orientations against a step of 1 cm and 0.06 rad).
 _BEFOREHAND = 15.0
@@ -51,7 +50,7 @@ class Tracker:
 
     def __init__(self, localizer: Localizer, model: ObjectModel, settings: TrackingSettings
                  ) -> None:
-        self._localizer, self._axis, self._settings = localizer, model.axis, settings
+        self._localizer, self._settings = localizer, settings
         self._symmetry = model.symmetry
         self._action = None if settings.tracking == 'none' else ActionModel(
             settings.tracking, settings.track_sigma_translation, settings.track_sigma_rotation,
@@ -113,7 +112,7 @@ class Tracker:
 
         if expected is None:
             return (found := search()), self._believed(found, None)
-        settings, prior = self._settings, Gaussian.of(*self._about(expected), self._axis)
+        settings, prior = self._settings, Gaussian.of(*self._about(expected), self._symmetry)
 
         def follow() -> PoseEstimate:
             self._followed += 1
@@ -180,14 +179,11 @@ class Tracker:
         if expected is None:
             return False
         mean, spread = self._about(expected)
-        pose = self._symmetry.folded(estimate.pose[None], mean)[0]
-        return credible_level(pose, mean, spread, self._axis) <= _FORESEEN
+        return self._symmetry.credible_level(estimate.pose, mean, spread) <= _FORESEEN
 
     def _same(self, followed: PoseEstimate, found: PoseEstimate) -> bool:
         """Whether two estimates are of one mode."""
-        folded = self._symmetry.folded(found.pose[None], followed.pose)
-        return bool(same_mode(folded, followed.pose, self._axis, _MODE_DISTANCE,
-                              _MODE_ANGLE).all())
+        return bool(self._symmetry.same_mode(found.pose[None], followed.pose, *MODE_EXTENT).all())
 
     def _believed(self, estimate: PoseEstimate, expected: State | None) -> bool:
         """Whether it is the object, by itself and as it has been seen.
@@ -236,15 +232,14 @@ class Tracker:
     def _updated(self, estimate: PoseEstimate, expected: State | None,
                  camera: NDArray[np.float64] | None, rng: np.random.Generator) -> State:
         """The state after a capture in which the object was seen."""
-        near = same_mode(estimate.particles, estimate.pose, self._axis, _MODE_DISTANCE,
-                         _MODE_ANGLE)
+        near = self._symmetry.same_mode(estimate.particles, estimate.pose, *MODE_EXTENT)
         weights = Weights(np.where(near, estimate.log_weights, -np.inf))
         poses = estimate.particles[weights.resample(self._settings.track_particles, rng)]
         stamp_ns = estimate.header.stamp_ns
         if expected is None or self._state is None or self._action is None:
             return State.at_rest(stamp_ns, poses, camera)
-        poses = self._symmetry.folded(poses, self._about(expected)[0])
-        return self._action.updated(self._state, stamp_ns, poses, camera, self._axis, rng)
+        poses = self._symmetry.nearest_equivalents(poses, self._about(expected)[0])
+        return self._action.updated(self._state, stamp_ns, poses, camera, self._symmetry, rng)
 
     def _predicted(self, estimate: PoseEstimate, expected: State) -> PoseEstimate:
         """That the object is lost, and where it should be."""
@@ -256,6 +251,5 @@ class Tracker:
 
     def _about(self, state: State) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Mean pose (4, 4) and covariance (6, 6) of a state."""
-        alike = Weights(np.zeros(len(state.poses)))
-        mean = mean_pose(state.poses, alike, self._axis)
-        return mean, covariance(state.poses, alike, mean, self._axis)
+        mean = self._symmetry.mean_pose(state.poses)
+        return mean, self._symmetry.covariance(state.poses, mean)

@@ -65,7 +65,7 @@ def check_texts(texts, run):
     assert numbers(texts['score']) == pytest.approx([estimate.score], abs=0.51)
     assert numbers(texts['weight']) == pytest.approx([100 * estimate.modes[0].weight], abs=0.51)
     if run.truth is not None:
-        error = pose_error(estimate.pose, run.truth.pose, run.model.axis)
+        error = pose_error(estimate.pose, run.truth.pose, run.model.symmetry)
         assert numbers(texts['error']) == pytest.approx(
             [1e3 * error.translation, math.degrees(error.rotation)], abs=0.051)
 
@@ -178,7 +178,7 @@ def test_coordinates_are_the_covariances_and_the_truths(found):
     np.testing.assert_allclose(
         values.truth[:3], 1e3 * (found.truth.pose - found.estimate.pose)[:3, 3], atol=1e-9)
     turned = np.linalg.norm(values.truth[3:])
-    error = pose_error(found.estimate.pose, found.truth.pose, MODEL.axis)
+    error = pose_error(found.estimate.pose, found.truth.pose, MODEL.symmetry)
     assert turned == pytest.approx(np.rad2deg(error.rotation), abs=1e-6)
     # Leaning in the image keeps the axis' depth, leaning to the camera changes it most.
     pose = found.estimate.pose

@@ -21,7 +21,7 @@ def located(models, volume, seed=0):
 
 
 def error(estimate, truth, model):
-    return pose_error(estimate.pose, truth, model.axis)
+    return pose_error(estimate.pose, truth, model.symmetry)
 
 
 @pytest.fixture(scope='module')

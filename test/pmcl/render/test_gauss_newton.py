@@ -14,7 +14,6 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton, _climb
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.summary import rotation_distance, tangent
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -65,11 +64,11 @@ def test_its_first_step_is_the_local_models(shown):
     with NumbaRenderer().contour_score(seen(model), edges, PROFILE) as score:
         compared = 0
         for pose in beside(truth, 20, 0.7):
-            local = LocalModel.of(pose, model.axis, score.points(pose), edges, PROFILE, None)
+            local = LocalModel.of(pose, model.symmetry, score.points(pose), edges, PROFILE, None)
             found, values = climb(pose[None], 1, 1.0, 0.01)
             if values[0] == local.evidence or (found[0] == pose).all():
                 continue  # that step led down
-            step = tangent(found, pose, model.axis)[0]
+            step = model.symmetry.local(found, pose)[0]
             # Slopes and curvature are differences over twice as much, and half as much.
             assert local.motion(step - local.step) < 0.35
             assert local.motion(step) < 1.05  # that measure has a little more
@@ -85,7 +84,7 @@ def test_it_leads_to_the_truth(shown):
     assert (after >= before).all()
     best = found[np.argsort(-after)[:30]]
     shift = np.linalg.norm(best[:, :3, 3] - truth[:3, 3], axis=1)
-    turn = rotation_distance(best, truth, model.axis)
+    turn = model.symmetry.rotation_distance(best, truth)
     assert np.quantile(shift, 0.9) < 0.002
     assert np.quantile(turn, 0.9) < np.deg2rad(1)
     assert np.median(np.linalg.norm(start[:, :3, 3] - truth[:3, 3], axis=1)) > 0.003

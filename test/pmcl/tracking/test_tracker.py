@@ -71,7 +71,7 @@ def tracked(frames, of, seed=0, cameras=None):
 
 
 def errors(estimates, frames):
-    return [pose_error(each.pose, pose, CUP.axis)
+    return [pose_error(each.pose, pose, CUP.symmetry)
             for each, (_, pose) in zip(estimates, frames, strict=True)]
 
 
@@ -153,7 +153,7 @@ def test_what_has_less_evidence_than_usual_is_looked_for_elsewhere(context):
         found = tracked([*frames, (both, truth)], settings('constant_pose', track_check=check))
         assert [each.mode for each in found[1:-1]] == ['followed'] * 11
         assert found[-1].mode == ('default' if check else 'followed')
-        assert pose_error(found[-1].pose, truth, CUP.axis).translation < 0.005
+        assert pose_error(found[-1].pose, truth, CUP.symmetry).translation < 0.005
 
 
 @pytest.mark.parametrize(('check', 'strength', 'moves_to_the_other'), [
@@ -169,14 +169,14 @@ def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
     frames = [(each, START) for each in (*alone, *both)]
     estimates = tracked(frames, settings('constant_pose', track_check=check))
     # The fourth is the third that is followed; then it goes on from where the object is.
-    there = [pose_error(each.pose, other, CUP.axis).translation < 0.005 for each in estimates]
+    there = [pose_error(each.pose, other, CUP.symmetry).translation < 0.005 for each in estimates]
     assert there == [False] * 3 + [moves_to_the_other] * 5
     followed = ['default'] + ['followed'] * 7
     if moves_to_the_other:
         followed[3] = 'default'
     assert [each.mode for each in estimates] == followed
     for each in estimates[:3] if moves_to_the_other else estimates:
-        assert pose_error(each.pose, START, CUP.axis).translation < 0.005
+        assert pose_error(each.pose, START, CUP.symmetry).translation < 0.005
     assert not any(each.lost for each in estimates)
 
 
@@ -216,9 +216,9 @@ def test_the_prior_is_a_part_of_the_posterior(frames):
     for sigma in (0.03, 0.0005):
         spread = np.diag(np.repeat([sigma ** 2, 0.05 ** 2], 3))
         with Localizer(CUP, settings('constant_pose')) as localizer:
-            results.append(localizer.follow(seen, Gaussian.of(off, spread, CUP.axis),
+            results.append(localizer.follow(seen, Gaussian.of(off, spread, CUP.symmetry),
                                             np.random.default_rng(0), 64, 256))
-    loose, tight = (pose_error(each.pose, pose, CUP.axis).ray for each in results)
+    loose, tight = (pose_error(each.pose, pose, CUP.symmetry).ray for each in results)
     assert abs(loose) < 0.003
     assert tight > max(loose, 0) + 0.001
 
@@ -227,7 +227,7 @@ def test_a_prior_that_is_out_of_view_finds_nothing(frames):
     away = pose_of(Rotation.identity(), np.array([3.0, 0, 0.4]))
     spread = np.diag(np.repeat([1e-4, 1e-3], 3))
     with Localizer(CUP, settings('constant_pose')) as localizer:
-        estimate = localizer.follow(frames[0][0], Gaussian.of(away, spread, CUP.axis),
+        estimate = localizer.follow(frames[0][0], Gaussian.of(away, spread, CUP.symmetry),
                                     np.random.default_rng(0), 64, 256)
     assert estimate.lost
     assert len(estimate.particles) == 64
@@ -323,7 +323,7 @@ def test_what_is_found_again_where_it_was_foreseen_need_not_be_confirmed(context
         assert tracker.track(volume(context, START, 12, hidden=True), rng).lost
         again = tracker.track(volume(context, there, 13), rng)
     assert not again.lost
-    assert pose_error(again.pose, there, CUP.axis).translation < 0.005
+    assert pose_error(again.pose, there, CUP.symmetry).translation < 0.005
     assert tracker._confirmed == (0 if elsewhere else confirmed)
     tracker.reset()
     assert tracker._confirmed == 0
@@ -342,8 +342,9 @@ def test_a_faint_mode_does_not_draw_particles_from_the_object(context):
         for seed in (44, 46, 73, 126, 141, 158, *range(6)):  # the first six went astray
             rng, about = np.random.default_rng(seed), START.copy()
             about[:3, 3] += rng.normal(0, 0.002, 3)
-            estimate = localizer.follow(both, Gaussian.of(about, spread, CUP.axis), rng, 64, 1024)
-            assert pose_error(estimate.pose, START, CUP.axis).translation < 0.004
+            prior = Gaussian.of(about, spread, CUP.symmetry)
+            estimate = localizer.follow(both, prior, rng, 64, 1024)
+            assert pose_error(estimate.pose, START, CUP.symmetry).translation < 0.004
             assert estimate.evidence > 0.2
 
 
