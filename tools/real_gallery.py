@@ -16,8 +16,8 @@ import cv2
 import numpy as np
 
 from pmcl_ros.camera.mosaic_image import read_mosaic_image
-from pmcl_ros.lightfield.uncalibrated import uncalibrated_decoder
-from pmcl_ros.lightfield.white_balance import shades_of_grey
+from pmcl_ros.lightfield.colour import shades_of_grey
+from pmcl_ros.lightfield.decoders import uncalibrated_decoder
 
 MIDDLE, LEFT, RIGHT = 4, 0, 8  # of the 9x9 views
 BRIGHT = 99.5  # percent of the pixels that are not clipped

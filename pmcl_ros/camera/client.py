@@ -4,6 +4,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Protocol
 
+_TRIES = 3  # another client that uses the camera spoils a download, but not for ever
+
 
 @dataclass(frozen=True)
 class CameraStatus:
@@ -47,9 +49,6 @@ class CameraClient(Protocol):
 
     def close(self) -> None:
         """End every connection."""
-
-
-_TRIES = 3  # another client that uses the camera spoils a download, but not for ever
 
 
 class Roll:

@@ -25,6 +25,11 @@ _HEAD = struct.Struct('>8sII')  # magic, version, length
 _REFERENCE_SIZE = 80
 _MOST_SECTIONS = 10_000
 _BLOCK = 1 << 20
+LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
+_PARTS = ('metadata', 'privateMetadata')
+_REFERENCES = ('imageRef', *(f'{part}Ref' for part in _PARTS))
+_OUTSIDE = 'pmcl_ros.outside_master'  # what the camera wrote beside 'master', as 'debug'
+_NAME = re.compile(r'\w[\w .+-]*', re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -182,14 +187,6 @@ def _read(stream: BinaryIO, section: Section, largest: int) -> bytes:
                           f'at most {largest} make sense for what it should be')
     stream.seek(section.offset)
     return stream.read(section.length)
-
-
-LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
-
-_PARTS = ('metadata', 'privateMetadata')
-_REFERENCES = ('imageRef', *(f'{part}Ref' for part in _PARTS))
-_OUTSIDE = 'pmcl_ros.outside_master'  # what the camera wrote beside 'master', as 'debug'
-_NAME = re.compile(r'\w[\w .+-]*', re.ASCII)
 
 
 class _References(BaseModel):

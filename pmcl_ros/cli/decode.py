@@ -16,10 +16,10 @@ from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.colour import shades_of_grey
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
+from pmcl_ros.lightfield.decoders import uncalibrated_decoder
 from pmcl_ros.lightfield.readers.npz import write_npz
-from pmcl_ros.lightfield.uncalibrated import uncalibrated_decoder
-from pmcl_ros.lightfield.white_balance import shades_of_grey
 
 
 def _size(_context: click.Context, _option: click.Parameter,

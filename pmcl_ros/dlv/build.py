@@ -18,8 +18,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
 
 _ROUNDING = 1e-6  # px: a place so little outside is inside

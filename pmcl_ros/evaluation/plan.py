@@ -12,7 +12,7 @@ from pmcl_ros.evaluation.shared import Shared
 from pmcl_ros.evaluation.trials import Job
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 

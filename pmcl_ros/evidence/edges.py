@@ -16,8 +16,7 @@ from pmcl_ros.dlv.planes import colour_planes, mirrored
 from pmcl_ros.dlv.samples import sample_row
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 

@@ -1,4 +1,4 @@
-"""The decoder for each picture of a camera, as the zoom wants another white image."""
+"""Which decoder a picture needs: with a calibration and white images, or without."""
 
 import logging
 from collections.abc import Callable
@@ -8,11 +8,14 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.white_images import WhiteImages
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
+from pmcl_ros.lightfield.calibration.light_from_picture import light_from_picture
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
+_PITCH = 10  # raw px for each view pixel
 
 
 class Decoders:
@@ -75,3 +78,22 @@ class Decoders:
                 _LOG.warning('the picture was taken at %s step %g, the calibration is for %g: '
                              'poses will be off; calibrate at the %s of the pictures', name,
                              found, expected, name)
+
+
+def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: int = VIEWS,
+                         size: tuple[int, int] | None = None) -> Decoder:
+    """Decodes lattice-aligned views: without a calibration their geometry is not known.
+
+    The lattice is estimated from the white image, or else from the picture, as is the light under
+    its lenslets then. views, size: as of `Decoder`.
+    Raises LightFieldError when no lattice of lenslets is seen.
+    """
+    fit = lattice_from_picture(frame) if white is None else fit_lattice(white)
+    _LOG.info('lattice from the %s: %s', 'picture itself' if white is None else 'white image',
+              fit.lattice)
+    height, width = (side // _PITCH for side in frame.counts.shape)
+    calibration = Calibration.aligned(fit.lattice, width, height)
+    if white is not None:
+        return Decoder(calibration, white, views, size)
+    light = light_from_picture(frame, fit.lattice)
+    return Decoder.of_light(calibration, light, frame.metadata.serial, views, size)

@@ -1,29 +1,82 @@
-"""The second of the four values: the decoded, rectified views of one capture."""
+"""LightField: the rectified views of one capture, their geometry, and their integer encoding."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import NEUTRAL, Colour
-from pmcl_ros.lightfield.view_grid import ViewGrid
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _TASK = 2 ** 18  # values that one task checks
+VIEW_WHITE = 32768  # count at the sensor's white: room for twice that, then clipped
+VIEW_MOST = 65535
+
+
+@dataclass(frozen=True)
+class ViewGrid:
+    """A grid of rectified views: zero disparity at infinity.
+
+    A point at (x, y, z) that the centre view sees at (u, v) is seen at
+    (u - fx * baseline * a / z, v - fy * baseline * b / z) by a view whose centre of light lies at
+    (a, b) view steps from the centre view's.
+
+    baseline: metres between adjacent views.
+    positions: (rows, columns, 2) float64, the (a, b) of each view; nominally (c - cc, r - rc).
+    weights: (rows, columns) float32, the light each view got relative to the centre view; 0:
+        outside the pupil, black.
+    """
+
+    pinhole: Pinhole
+    baseline: float
+    positions: NDArray[np.float64]
+    weights: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        if self.weights.ndim != 2 or self.positions.shape != (*self.weights.shape, 2):
+            raise LightFieldError(f'positions {self.positions.shape} do not match weights '
+                                  f'{self.weights.shape}; expected (rows, columns, 2) and '
+                                  '(rows, columns)')
+        if not (np.isfinite(self.positions).all() and np.isfinite(self.weights).all()
+                and (self.weights >= 0).all()):
+            raise LightFieldError(f'positions {self.positions.tolist()} and weights '
+                                  f'{self.weights.tolist()} of views must be finite, and weights '
+                                  'not negative')
+        if not np.isfinite(self.baseline) or self.baseline <= 0:
+            raise LightFieldError(f'baseline {self.baseline} m between views must be positive')
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of views."""
+        rows, columns = self.weights.shape
+        return rows, columns
+
+    @property
+    def centre(self) -> tuple[int, int]:
+        """Row and column of the centre view."""
+        return self.shape[0] // 2, self.shape[1] // 2
+
+
+def nominal_positions(rows: int, columns: int) -> NDArray[np.float64]:
+    """(rows, columns, 2) positions in view steps, one step apart, the centre view at (0, 0)."""
+    b, a = np.mgrid[:rows, :columns].astype(float)
+    return np.stack([a - columns // 2, b - rows // 2], axis=-1)
 
 
 @dataclass(frozen=True)
 class LightField:
-    """Views of one capture.
+    """Rectified views of one capture, in linear colours.
 
     views: (rows, columns, height, width, 3) float32, linear RGB of the camera itself, 1 at the
         sensor's white; row and column index grow with the aperture's +y and +x; views of weight 0
         are black.
     gamma: exponent that makes linear values displayable (the camera's metadata; 1/2.4 for an F01).
-    colour: what makes the camera's RGB that of a screen.
+    colour: converts the RGB of the camera to that of a screen.
     Raises LightFieldError when the views are of another shape or not all finite numbers.
     """
 
@@ -38,7 +91,7 @@ class LightField:
         expected = (*self.grid.shape, pinhole.height, pinhole.width, 3)
         if self.views.shape != expected:
             raise LightFieldError(f'views have shape {self.views.shape}, the grid says {expected}')
-        # One NaN spreads over all of an edge volume.
+        # One NaN would spread over all of an edge volume.
         if not _is_finite(self.views):
             raise LightFieldError('views hold NaN or infinity; every value must be finite, and 0 '
                                   'where there is no light')
@@ -51,7 +104,7 @@ class LightField:
         return self.views[self.grid.centre]
 
     def picture(self) -> NDArray[np.uint8]:
-        """The centre view to look at: (height, width, 3) uint8 RGB, as a screen shows it."""
+        """The centre view for a screen: (height, width, 3) uint8 RGB."""
         return self.colour.displayed(self.centre_view, self.gamma)
 
 
@@ -64,7 +117,7 @@ def _is_finite(views: NDArray[np.floating]) -> bool:
 
 @compiled(parallel=True)
 def _zeros_of(values):  # type: ignore[no-untyped-def]
-    """The sum of values times zero: NaN if one of them is NaN or infinite."""
+    """The sum of all values times zero: NaN if a value is NaN or infinite."""
     total = np.float32(0)
     for task in prange(-(-len(values) // _TASK)):
         first, part = np.uint64(task * _TASK), np.float32(0)
@@ -72,3 +125,47 @@ def _zeros_of(values):  # type: ignore[no-untyped-def]
             part += values[first + np.uint64(k)] * np.float32(0)
         total += part
     return total
+
+
+def linear_views(counts: NDArray[np.uint8] | NDArray[np.uint16], white: float
+                 ) -> NDArray[np.float32]:
+    """Float32 counts / white of views (rows, columns, height, width, 3)."""
+    lines: NDArray[Any] = np.ascontiguousarray(counts).reshape(-1, counts.shape[3] * 3)
+    return _linear(lines, np.arange(len(lines)), white).reshape(counts.shape)
+
+
+def views_of_mosaic(mosaic: NDArray[np.uint16], rows: int, columns: int) -> NDArray[np.float32]:
+    """(rows, columns, height, width, 3) linear views of a mosaic (rows height, columns width, 3).
+
+    Its counts are VIEW_WHITE at 1.
+    """
+    height, width = mosaic.shape[0] // rows, mosaic.shape[1] // columns
+    lines = np.arange(mosaic.shape[0] * columns).reshape(rows, height, columns)
+    linear = _linear(np.ascontiguousarray(mosaic).reshape(-1, width * 3),
+                     lines.transpose(0, 2, 1).ravel(), VIEW_WHITE)
+    return linear.reshape(rows, columns, height, width, 3)
+
+
+def mosaic_of_views(views: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """The inverse of `views_of_mosaic`; values are rounded and clipped to the range of counts."""
+    rows, columns, height, width = views.shape[:4]
+    counts = np.clip(views * np.float32(VIEW_WHITE) + np.float32(0.5), 0, VIEW_MOST)
+    tiles = counts.astype('<u2').transpose(0, 2, 1, 3, 4)
+    return tiles.reshape(rows * height, columns * width, 3)
+
+
+def _linear(lines: NDArray[np.uint8] | NDArray[np.uint16], order: NDArray[np.int64], white: float
+            ) -> NDArray[np.float32]:
+    """Lines (n, m) in the given order, divided by `white`."""
+    linear = np.empty(lines.shape, np.float32)
+    with LOCK:
+        _scale(lines, order, np.float32(1 / white), linear)
+    return linear
+
+
+@compiled(parallel=True)
+def _scale(lines, order, factor, out):  # type: ignore[no-untyped-def]
+    for number in prange(len(order)):
+        source, scaled = lines[order[number]], out[number]
+        for k in range(len(source)):
+            scaled[k] = np.float32(source[k]) * factor

@@ -1,4 +1,4 @@
-"""What each view gets of the main lens' pupil: how much light, and from where on the aperture."""
+"""The light that each view gets through the main lens' pupil: its amount and its centre."""
 
 from dataclasses import dataclass
 
@@ -7,21 +7,21 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
-_BRIGHTEST = 1.1  # times the centre's light: no view gets as much, if the lattice is the camera's
-_EVERY = 2  # lenslet of every second row is measured: their phases cover the pixel alike
+_BRIGHTEST = 1.1  # times the centre's light: more shows that the lattice is another camera's
+_EVERY = 2  # only every second lenslet is measured: they cover all sub-pixel phases
 
 
 @dataclass(frozen=True)
 class Pupil:
     """The light of each view of a camera, means over its lenslets and the three colours.
 
-    positions: (rows, columns, 2) the centre of light in view steps (raw px), x and y, from the
-        centre view's: that of all that a sample sums. A view which the pupil's edge cuts lies
-        nearer to the axis than its nominal step.
+    positions: (rows, columns, 2) x and y of the centre of all light that a sample sums, relative
+        to the centre view's, in view steps (raw px). It lies nearer to the axis than its nominal
+        step where the pupil's edge cuts the view.
     weights: (rows, columns) float32, the light relative to the centre view's; 0: outside.
     """
 
@@ -32,10 +32,10 @@ class Pupil:
     def measure(cls, light: NDArray[np.float32], lenslets: Lenslets, views: int) -> 'Pupil':
         """The pupil of `views` x `views` views one raw px apart.
 
-        light: (height, width) relative to the lenslets' centres. Outside the pupil is a view of
-        whose samples half or more lies beyond the lenslet's disc, where a neighbour's begins, or
-        that gets less than a twentieth of the centre's light. Raises LightFieldError when views
-        beside the centre get more than it: the lattice is not that of the light.
+        light: (height, width) relative to the lenslets' centres. A view is outside the pupil
+        if half of its samples or more lie beyond the lenslet's disc, where a neighbour's begins,
+        or if it gets less than a twentieth of the centre's light. Raises LightFieldError when
+        other views get more light than the centre's: the lattice does not fit the light.
         """
         offsets = nominal_positions(views, views)
         height, width = light.shape
@@ -64,7 +64,7 @@ class Pupil:
 
 @compiled(parallel=True)
 def _look(light, centres, offsets, radius):  # type: ignore[no-untyped-def]
-    """(offsets, 4): the part of a sample that is its lenslet's, the light, its centre x and y."""
+    """(offsets, 4): share of a sample in its lenslet's disc, its light, and the light's centre."""
     out = np.zeros((len(offsets), 4))
     for n in prange(len(offsets)):
         covered = lit = across = along = 0.0

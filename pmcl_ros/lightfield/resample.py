@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.counts import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.lightfield.lenslets import Lenslets
+from pmcl_ros.lightfield.light_field import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
 
 @dataclass(frozen=True)
 class ViewPixels:
-    """Where on the sensor the pixels of a rectified view are read.
+    """Maps pixels of a rectified view to places on the sensor.
 
     pinhole: of the views.
     scale: raw px that a view pixel is wide, and high: pixel (x, y) covers the sensor's
@@ -52,26 +52,26 @@ class ViewPixels:
 
 @dataclass(frozen=True)
 class StandIns:
-    """The lenslets that a view needs beyond the sensor's edge, and those that stand in for them.
+    """Replacements of the samples that views need from beyond the sensor's edge.
 
     lenslets: (m, 4) int64, row and column of a lenslet whose sample lies off the sensor, then of
         the one nearest to it whose sample does not; view after view.
-    starts: (n + 1,) where each view's begin.
+    starts: (n + 1,) index of each view's first row in `lenslets`.
     """
 
     lenslets: NDArray[np.int64]
     starts: NDArray[np.int64]
 
     @classmethod
-    def of(cls, block: Lenslets, lattice: Lattice, offsets: NDArray[np.integer],
+    def find(cls, block: Lenslets, lattice: Lattice, offsets: NDArray[np.integer],
            reach: NDArray[np.floating], width: int, height: int) -> 'StandIns':
-        """Those of samples at offsets (n, 2) [raw px] from the centres of a block of lenslets.
+        """The stand-ins for samples at offsets (n, 2) [raw px] from the centres of a block.
 
         reach: (n, 4) of `ViewPixels.reach`. width, height: of the sensor [raw px].
         """
         last = np.array([width - 1, height - 1])
         inset = np.minimum(1.2 * block.radius, last / 2)  # beyond it the nearest is on the sensor
-        near = 2 * lattice.pitch_px  # of a place are the corners of its cell
+        near = 2 * lattice.pitch_px  # the corners of a cell lie so near to the places in it
         found = []
         for offset, (left, right, top, bottom) in zip(offsets, reach, strict=True):
             x, y = np.moveaxis(block.centres, -1, 0)
@@ -93,9 +93,9 @@ def resample_views(samples: NDArray[np.float32], lattice: Lattice, origin: tuple
         those off the sensor are filled.
     shifts: (n, 2) view px: view n is read at (x, y) + shifts[n], which rectifies it.
     slots: (n,) the places in `out` of the views.
-    out: (m, height, width, 3) float32; the views outside `slots` are filled with 0. Whole counts
-        of a mosaic (`pmcl_ros.lightfield.counts`), over its white: what a topic, a bag or a file
-        brings is what was decoded, to the bit, and so is the pose.
+    out: (m, height, width, 3) float32; the views outside `slots` are filled with 0. Values are
+        whole counts over VIEW_WHITE: messages, bags and files bring them back bit for bit, so
+        that poses do not depend on the transport.
     """
     cx, cy = lattice.centre_px
     pinhole = pixels.pinhole
@@ -183,7 +183,7 @@ def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untype
 def _blend(samples, upper, lower, part, line, colour, start, length):  # type: ignore[no-untyped-def]
     """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles.
 
-    In whole counts of `pmcl_ros.lightfield.counts`.
+    Values are rounded to whole counts of `mosaic_of_views`.
     """
     one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
     white, most = np.float32(VIEW_WHITE), np.float32(VIEW_MOST)

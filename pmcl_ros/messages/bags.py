@@ -35,8 +35,7 @@ from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.counts import mosaic_of_views
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, mosaic_of_views
 from pmcl_ros.runtime.errors import BagError
 
 _TYPES = get_typestore(Stores.ROS2_JAZZY)

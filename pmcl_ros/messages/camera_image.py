@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.runtime.errors import MessageError, PmclError
 
 # encoding: bits, channels, how OpenCV makes it RGB (None: it is). Its Bayer codes of four letters

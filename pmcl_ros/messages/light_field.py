@@ -6,9 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
 
-from pmcl_ros.lightfield.counts import VIEW_WHITE, views_of_mosaic
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import VIEW_WHITE, LightField, ViewGrid, views_of_mosaic
 from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import baseline_from, pinhole_from, pinhole_to_message
 from pmcl_ros.messages.header import check_same, header_from, promised_by

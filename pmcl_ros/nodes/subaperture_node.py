@@ -10,9 +10,9 @@ from std_msgs.msg import String
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decode import DecodeSettings
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.settings import DecodeSettings
 from pmcl_ros.messages.header import Part, header_from, part_from
 from pmcl_ros.messages.raw_frame import counts_from, metadata_from, raw_frame_from
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode

@@ -11,10 +11,9 @@ from sensor_msgs.msg import CameraInfo, Image
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.sweep.collection import Collection
-from pmcl_ros.lightfield.sweep.driver_settings import SweepDriverSettings
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.messages.camera_image import colours_from, lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.nodes.runtime.base import MANY, StageNode

@@ -75,7 +75,7 @@ def test_what_is_impossible_is_refused(files, tmp_path, options, status, reason)
 
 def test_a_real_mosaic_is_decoded_without_calibration_or_white_image(tmp_path):
     """Its pixels are near grey on average, as any balanced picture of many things."""
-    mosaic = Path(__file__).parent / 'data' / 'real_mosaics' / 'IMG_2.jpg'
+    mosaic = Path(__file__).parents[1] / 'data' / 'real_mosaics' / 'IMG_2.jpg'
     done = subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', 'decode', str(mosaic), '--gain',
                            '1.5', '--out', str(tmp_path)], capture_output=True, text=True,
                           check=True)

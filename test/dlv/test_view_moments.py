@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.dlv.view_moments import REST, SECOND, TAPS, ViewMoments, refocused_moments
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import VolumeError
 
 

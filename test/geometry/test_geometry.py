@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 
 PINHOLE = Pinhole(40, 30, 200.0, 100.0, 19.5, 14.5)

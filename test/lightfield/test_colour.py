@@ -1,3 +1,5 @@
+"""Colours of screens, and white balance."""
+
 import json
 
 import numpy as np
@@ -7,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.lightfield.colour import Colour
+from pmcl_ros.lightfield.colour import Colour, shades_of_grey
+from pmcl_ros.runtime.errors import LightFieldError
 
 GAMMA = 0.41666
 GAINS = (1.1484, 1.0, 1.2)
@@ -66,3 +69,27 @@ def test_what_is_shown_is_not_changed():
     linear = np.full((2, 3), 1.5, np.float32)
     F01.displayed(linear, GAMMA)
     assert (linear == 1.5).all()
+
+
+RANDOM = np.random.default_rng(3)
+
+
+def test_a_grey_scene_in_coloured_light():
+    grey = RANDOM.uniform(0.05, 0.6, (40, 40, 1))
+    light = np.array([0.8, 1, 0.6])
+    np.testing.assert_allclose(shades_of_grey(grey * light), 1 / light, rtol=1e-9)
+
+
+def test_bright_colours_count_most():
+    view = np.concatenate([np.full((500, 3), 0.7), np.tile([0.02, 0.2, 0.02], (500, 1))])
+    np.testing.assert_allclose(shades_of_grey(view), 1, atol=0.001)
+
+
+def test_saturated_pixels_tell_nothing():
+    view = np.concatenate([np.tile([0.2, 0.4, 0.2], (500, 1)), np.ones((500, 3))])
+    np.testing.assert_allclose(shades_of_grey(view), [2, 1, 2])
+
+
+def test_too_little_light_is_refused():
+    with pytest.raises(LightFieldError, match='only 0 pixels'):
+        shades_of_grey(np.zeros((20, 20, 3)))

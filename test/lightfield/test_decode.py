@@ -12,7 +12,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 
 OUTSIDE = {(row, column) for row in (0, 8) for column in (0, 1, 7, 8)} | {

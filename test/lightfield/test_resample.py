@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.counts import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.lightfield.lenslets import Lenslets
+from pmcl_ros.lightfield.light_field import VIEW_MOST, VIEW_WHITE
 from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views
 
 WIDTH, HEIGHT = 120, 90  # raw px
@@ -129,7 +129,7 @@ def test_lenslets_off_the_sensor_are_those_next_to_them(lattice, seed, offset):
     pixels = pixels_of()
     block = block_of(lattice, pixels)
     offsets = np.repeat([offset], 3, axis=0)
-    stand_ins = StandIns.of(block, lattice, offsets, pixels.reach(SHIFTS), WIDTH, HEIGHT)
+    stand_ins = StandIns.find(block, lattice, offsets, pixels.reach(SHIFTS), WIDTH, HEIGHT)
     samples = np.random.default_rng(seed).random((3, *block.shape, 3), np.float32)
     at = block.centres + offset
     on = ((at >= 0) & (at <= [WIDTH - 1, HEIGHT - 1])).all(axis=-1)

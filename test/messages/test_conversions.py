@@ -24,9 +24,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
 from pmcl_ros.evaluation.bench.result import best_ms
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.counts import VIEW_WHITE
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import VIEW_WHITE, LightField, ViewGrid, nominal_positions
 from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import pinhole_from, pinhole_to_message
 from pmcl_ros.messages.cdr import multi_array_from

@@ -20,8 +20,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
 from pmcl_ros.messages.pose import pose_from

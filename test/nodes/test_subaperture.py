@@ -15,8 +15,8 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.counts import VIEW_WHITE
 from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.light_field import VIEW_WHITE
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.light_field import light_field_from
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages

@@ -11,8 +11,7 @@ from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.motion import uniform_poses

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.cli import main
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.messages.bags import read, topics
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings

@@ -4,8 +4,7 @@ import numpy as np
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 
 
 def make_grid(views=(3, 3), size=(24, 20), baseline=0.01, jitter=0.0, focal=(100.0, 90.0), seed=0):

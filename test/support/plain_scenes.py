@@ -3,7 +3,7 @@
 import numpy as np
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.scene import Scene, Sensor

@@ -5,9 +5,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.lens import Lens
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 
 PINHOLE = Pinhole(160, 120, 200.0, 202.0, 80.5, 58.0)
 STAMP = 1_700_000_000_000_000_000

@@ -9,9 +9,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.npz import write_npz
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
 
 PINHOLE = Pinhole(112, 104, 300, 300, 55.0, 52.5)
 QUICK = 'proposals=6,particles=16,moves=1'

@@ -17,14 +17,18 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pmcl_ros.camera.client import CameraStatus, Picture
 from pmcl_ros.camera.gateway.download import Download, LostError, Progress
-from pmcl_ros.camera.gateway.server import TIME_HEADER
-from pmcl_ros.camera.gateway.settings import GatewaySettings, check_token
+from pmcl_ros.camera.gateway.settings import TIME_HEADER, GatewaySettings, check_token
 from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.settings import explain
 
 _DRIFT = 100e-6  # two quartzes, at worst
+_LARGEST_ANSWER = 1 << 20  # bytes of JSON
+_TIME = re.compile('[0-9]{19}')
+_PAUSE, _LONGEST_PAUSE = 0.1, 2.0  # seconds between attempts
+_log = logging.getLogger(__name__)
+_Value = TypeVar('_Value')
 
 
 @dataclass(frozen=True)
@@ -57,14 +61,6 @@ class ClockDifference:
         if set_anew or now_ns - asked_ns <= self.high_ns - self.low_ns + 2 * loss:
             return new
         return self
-
-
-_LARGEST_ANSWER = 1 << 20  # bytes of JSON
-_TIME = re.compile('[0-9]{19}')
-_PAUSE, _LONGEST_PAUSE = 0.1, 2.0  # seconds between attempts
-
-_log = logging.getLogger(__name__)
-_Value = TypeVar('_Value')
 
 
 class _Answer(BaseModel):

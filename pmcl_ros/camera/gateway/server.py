@@ -20,9 +20,17 @@ from typing import Any, BinaryIO
 from urllib.parse import unquote, urlsplit
 
 from pmcl_ros.camera.gateway.service import BusyError, CachedFile, Capture, Service
+from pmcl_ros.camera.gateway.settings import TIME_HEADER
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
 _RANGE = re.compile(r'bytes=(?:([0-9]{1,15})-([0-9]{1,15})?|-([0-9]{1,15}))')
+_LONGEST_BODY = 4096  # bytes; no request needs any
+_SILENCE = 30.0  # seconds without a byte, either way
+_BLOCK = 1 << 18
+_KEY = re.compile(r'[\x21-\x7e]{1,128}')
+_TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
+_log = logging.getLogger(__name__)
+MAX_CONNECTIONS = 32
 
 
 class UnsatisfiableError(ValueError):
@@ -48,17 +56,6 @@ def selected(header: str | None, size: int) -> range | None:
     if not wanted:
         raise UnsatisfiableError
     return wanted
-
-
-TIME_HEADER = 'Gateway-Time-Ns'  # this machine's clock, 19 digits: a robot's may be another
-
-_LONGEST_BODY = 4096  # bytes; no request needs any
-_SILENCE = 30.0  # seconds without a byte, either way
-_BLOCK = 1 << 18
-_KEY = re.compile(r'[\x21-\x7e]{1,128}')
-_TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
-
-_log = logging.getLogger(__name__)
 
 
 class _RefusedError(Exception):
@@ -276,12 +273,6 @@ def _is_loopback(host: str | None) -> bool:
         return False
 
 
-_MOST_CONNECTIONS = 32
-_READING = 60.0  # seconds from one answer, or the connection, to the end of the next request
-
-_log = logging.getLogger(__name__)
-
-
 class GatewayServer(ThreadingHTTPServer):
     """Serves a `Service` over HTTP at one address.
 
@@ -291,11 +282,12 @@ class GatewayServer(ThreadingHTTPServer):
 
     daemon_threads = True
     block_on_close = False
-    request_queue_size = _MOST_CONNECTIONS
+    request_queue_size = MAX_CONNECTIONS
+    request_timeout = 60.0  # s from an answer, or the connection, to the end of the next request
 
     def __init__(self, service: Service, host: str, port: int, token: str | None = None) -> None:
         self.service, self.token = service, token
-        self._slots = threading.BoundedSemaphore(_MOST_CONNECTIONS)
+        self._slots = threading.BoundedSemaphore(MAX_CONNECTIONS)
         self._deadlines: dict[socket.socket, float] = {}  # of the connections that are open
         try:
             if not host:
@@ -328,7 +320,7 @@ class GatewayServer(ThreadingHTTPServer):
         if self._slots.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
-            _log.warning('%d connections are open, one more was refused', _MOST_CONNECTIONS)
+            _log.warning('%d connections are open, one more was refused', MAX_CONNECTIONS)
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -341,7 +333,8 @@ class GatewayServer(ThreadingHTTPServer):
 
     def reading(self, connection: socket.socket, begins: bool) -> None:
         """A request is awaited on this connection, or was read."""
-        self._deadlines[connection] = time.monotonic() + _READING if begins else math.inf
+        deadline = time.monotonic() + self.request_timeout if begins else math.inf
+        self._deadlines[connection] = deadline
 
     def service_actions(self) -> None:
         """Several times a second: end connections that send a request byte by byte."""

@@ -15,6 +15,9 @@ from typing import BinaryIO
 from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.runtime.errors import CameraError
 
+_REMEMBERED = 100  # captures whose keys are not taken for new ones
+_log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class CachedFile:
@@ -99,11 +102,6 @@ class Cache:
 def _remove(files: Mapping[str, CachedFile]) -> None:
     for file in files.values():
         file.path.unlink(missing_ok=True)
-
-
-_REMEMBERED = 100  # captures whose keys are not taken for new ones
-
-_log = logging.getLogger(__name__)
 
 
 class BusyError(CameraError):

@@ -8,6 +8,9 @@ from pydantic import Field
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
+TIME_HEADER = 'Gateway-Time-Ns'  # this machine's clock, 19 digits: a robot's may be another
+_TOKEN = re.compile(r'[A-Za-z0-9._~+/=-]{16,512}')  # what RFC 6750 allows in a header
+
 
 class GatewaySettings(Settings):
     """How long a gateway may take, in seconds."""
@@ -18,9 +21,6 @@ class GatewaySettings(Settings):
                                   'gateway has an answer from its camera [s]')
     patience: float = Field(20.0, gt=0, le=3600, description='try again until nothing has come '
                             'for so long [s]')
-
-
-_TOKEN = re.compile(r'[A-Za-z0-9._~+/=-]{16,512}')  # what RFC 6750 allows in a header
 
 
 def read_token(path: Path | str) -> str:

@@ -10,6 +10,9 @@ from zeroconf import Error, ServiceBrowser, ServiceStateChange, Zeroconf
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
+SERVICE = '_lytro._tcp.local.'
+CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera
+
 
 class Address(Settings):
     """Where a camera answers; by default where a Lytro is in its own network."""
@@ -57,10 +60,6 @@ class LinkSettings(Settings):
     keep_alive: float = Field(25.0, gt=0, le=240, description='ask for the battery when nothing '
                               'else was asked for so long: after 300 s of silence the camera '
                               'turns its Wi-Fi off [s]')
-
-
-SERVICE = '_lytro._tcp.local.'
-CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera
 
 
 @dataclass(frozen=True)

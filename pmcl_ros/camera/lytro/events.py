@@ -24,6 +24,10 @@ _LONGEST = 4096  # bytes of an event; those of the camera have less than 80
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 5.0  # seconds before the next try, doubled each time
 
 _log = logging.getLogger(__name__)
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
+_SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
+_OLDEST_NS = 60_000_000_000  # a shot without a picture for so long stays without
+_PATIENCE = 5.0  # seconds for an announced picture to be in the list
 
 
 @dataclass(frozen=True)
@@ -131,12 +135,6 @@ class CallbackListener:
         except (OSError, ProtocolError) as error:
             return str(error)
         return 'the camera closed the connection'
-
-
-_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
-_SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
-_OLDEST_NS = 60_000_000_000  # a shot without a picture for so long stays without
-_PATIENCE = 5.0  # seconds for an announced picture to be in the list
 
 
 @dataclass(eq=False)

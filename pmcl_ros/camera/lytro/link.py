@@ -21,6 +21,12 @@ from pmcl_ros.camera.lytro.protocol import (
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 _SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has stalled
+LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
+T = TypeVar('T')
+Progress = Callable[[int, int], None]  # bytes got, bytes in all
+_log = logging.getLogger(__name__)
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
+_ANOTHER_CLIENT = 'does another client use the camera?'
 
 
 def dial(host: str, port: int, timeout: float) -> socket.socket:
@@ -118,16 +124,6 @@ def _reason(error: Exception) -> str:
     if isinstance(error, TimeoutError):
         return str(error) or 'time-out'
     return getattr(error, 'strerror', None) or str(error) or type(error).__name__
-
-
-LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
-
-T = TypeVar('T')
-Progress = Callable[[int, int], None]  # bytes got, bytes in all
-
-_log = logging.getLogger(__name__)
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
-_ANOTHER_CLIENT = 'does another client use the camera?'
 
 
 class Link:

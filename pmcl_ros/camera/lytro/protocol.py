@@ -15,6 +15,19 @@ CHUNK = 0x200000  # bytes: the largest piece that the camera hands out at once
 
 _HEADER = struct.Struct('<IIIHB13s')
 _NO_PAYLOAD, _RESPONSE = 1, 2  # bits of the flags
+HARDWARE_INFO_LENGTH = 644
+RECORD_LENGTH = 128
+_HARDWARE = struct.Struct('<256s128s128s128sI')
+_RECORD = struct.Struct('<8s8sii16xif48s28si')
+_KEY_LENGTH = 24
+_TIME = struct.Struct('<7H')
+_FILE_ENTRY = struct.Struct('<I32s')
+_MOST_FILES = 4096  # a camera has some hundreds; what holds more is no table
+# Where the fields of a record begin; the list says so itself, in its own header.
+_FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
+_ROTATIONS = {0: 0, 1: 0, 8: 90, 3: 180, 6: 270}
+# Names become paths, on the camera and on this machine's disk.
+_NAME = re.compile(r'[A-Za-z0-9_]*')
 
 
 class Command(IntEnum):
@@ -141,22 +154,6 @@ LOAD_CALIBRATION = Request(Command.LOAD_CALIBRATION)
 CONTENT_LENGTH = Request(Command.CONTENT_LENGTH, room=4)
 CAMERA_TIME = Request(Command.CAMERA_TIME, room=14)
 BATTERY = Request(Command.BATTERY, room=4)
-
-
-HARDWARE_INFO_LENGTH = 644
-RECORD_LENGTH = 128
-
-_HARDWARE = struct.Struct('<256s128s128s128sI')
-_RECORD = struct.Struct('<8s8sii16xif48s28si')
-_KEY_LENGTH = 24
-_TIME = struct.Struct('<7H')
-_FILE_ENTRY = struct.Struct('<I32s')
-_MOST_FILES = 4096  # a camera has some hundreds; what holds more is no table
-# Where the fields of a record begin; the list says so itself, in its own header.
-_FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
-_ROTATIONS = {0: 0, 1: 0, 8: 90, 3: 180, 6: 270}
-# Names become paths, on the camera and on this machine's disk.
-_NAME = re.compile(r'[A-Za-z0-9_]*')
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,10 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 
 _BLACK, _WHITE = 168, 4095  # counts
+_CALIBRATION = 'C:\\T1CALIB\\'
+FILES_PER_FOLDER = 9999  # files; the number in a name has four digits
+_DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
+_log = logging.getLogger(__name__)
 
 
 def jpeg(raw: bytes, width: int, height: int, side: int = 328) -> bytes:
@@ -47,13 +51,6 @@ def _bgr(raw: bytes, width: int, height: int, side: int) -> NDArray[np.uint8]:
                       axis=2)
     light = np.clip((linear - _BLACK) / (_WHITE - _BLACK), 0, 1)
     return np.round(255 * light ** (1 / 2.2)).astype(np.uint8)
-
-
-_CALIBRATION = 'C:\\T1CALIB\\'
-FILES_PER_FOLDER = 9999  # files; the number in a name has four digits
-_DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

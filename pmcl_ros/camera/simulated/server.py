@@ -21,6 +21,12 @@ from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.runtime.errors import CameraError, ProtocolError
 
 _USUAL = Address()
+_TICK = 0.1  # seconds between heartbeats when nothing else is said
+_LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 100
+_MOST_CONNECTIONS = 64
+_TOGETHER = 4096  # bytes of a payload that leave in one segment with the header: some clients
+_log = logging.getLogger(__name__)
+READY = 'camera at '  # what the process prints before its address
 
 
 @contextmanager
@@ -47,13 +53,7 @@ def announced(address: Address, serial: str) -> Iterator[None]:
         network.close()
 
 
-_TICK = 0.1  # seconds between heartbeats when nothing else is said
-_LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 100
-_MOST_CONNECTIONS = 64
-_TOGETHER = 4096  # bytes of a payload that leave in one segment with the header: some clients
 # expect a small reply in one piece
-
-_log = logging.getLogger(__name__)
 
 
 class CameraServer:
@@ -242,9 +242,6 @@ def _bind(host: str, port: int) -> socket.socket:
             'served there? --port and --callback-port choose others') from None
     listening.setblocking(False)
     return listening
-
-
-READY = 'camera at '  # what the process prints before its address
 
 
 @contextmanager

@@ -19,9 +19,7 @@ from pmcl_ros.evaluation.bench.result import Bench, best_ms
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.counts import linear_views
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, linear_views, nominal_positions
 from pmcl_ros.runtime.gl import GlContext
 
 _PLAIN_LABELS = 3  # that the plain form is run on: each takes it a third of a second

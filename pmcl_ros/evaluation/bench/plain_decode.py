@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import convolve, map_coordinates
 
 from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 
 _DARKEST = 0.05
 _CROSS = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float32) / 4

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import LUMINANCE
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 
 _WARP = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 

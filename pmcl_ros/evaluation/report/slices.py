@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 Along = Literal['x', 'y']  # a row of pixels, or a column

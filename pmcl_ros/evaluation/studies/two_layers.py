@@ -13,8 +13,7 @@ from pmcl_ros.dlv.superposition import fit_superposition
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 
 _WIDTH, _HEIGHT, _VIEWS = 84, 76, 7
 _BORDER = 18  # px: not looked at, since some views do not see it

@@ -1,9 +1,10 @@
-"""The camera and the boards' poses from the measured corners of all boards at once."""
+"""Bundle adjustment: the camera and the boards' poses from all corners, and their uncertainty."""
 
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,6 +20,8 @@ _DONE = 1e-9  # relative change of the cost
 _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's parameters:
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
 _MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
+_BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: usual ones of an F01, where the corners do not tell
+_DISTINCT = 3  # boards that a resample must hold: fewer do not tell a camera
 
 
 @dataclass(frozen=True)
@@ -227,3 +230,116 @@ def _cost(residuals: NDArray[np.float64], noise: float) -> float:
     """Huber's: the square up to the limit, linear beyond."""
     size, limit = np.abs(residuals), _OUTLYING * np.sqrt(noise)
     return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum())
+
+
+def start(observations: Observations, width: int,
+          height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The camera (8,) and the poses (n, 6), nearly right; width, height: of a view.
+
+    A plane seen from afar looks nearly the same tilted to the other side: which one it is follows
+    from the disparities. Raises LightFieldError when the positions of the corners are those of no
+    planes.
+    """
+    seen = [(observations.points[valid].astype(np.float32),
+             values[valid, :2].astype(np.float32))
+            for valid, values in zip(observations.valid, observations.values, strict=True)]
+    fixed = (cv2.CALIB_FIX_ASPECT_RATIO | cv2.CALIB_FIX_PRINCIPAL_POINT
+             | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2
+             | cv2.CALIB_FIX_K3)
+    try:
+        _, matrix, _, turns, origins = cv2.calibrateCamera(
+            [points for points, _ in seen], [pixels for _, pixels in seen], (width, height),
+            np.eye(3), np.zeros(5), flags=fixed)
+        tilts = [cv2.solvePnPGeneric(points, pixels, matrix, np.zeros(5),
+                                     flags=cv2.SOLVEPNP_IPPE)[1:3] for points, pixels in seen]
+    except cv2.error as error:
+        raise LightFieldError(
+            f'the corners of the boards are those of no plane ({error.err}); are --corners and '
+            '--square those of the board?') from None
+    camera = np.array([matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], _BASELINE, _FOCUS,
+                       0, 0])
+    poses = np.array([np.concatenate([turn.ravel(), origin.ravel()])
+                      for turn, origin in zip(turns, origins, strict=True)])
+    camera = _with_baseline(observations, camera, poses)
+    for board, candidates in enumerate(tilts):
+        found = np.array([np.concatenate([turn.ravel(), origin.ravel()])
+                          for turn, origin in zip(*candidates, strict=True)])
+        off = predict(observations.points, camera, found) - observations.values[board]
+        off = off[:, observations.valid[board], 2:]
+        # The slope over the board tells the tilt; the middle tells the distance.
+        off = np.abs(off - np.median(off, axis=1, keepdims=True))
+        poses[board] = found[np.median(off, axis=(1, 2)).argmin()]
+    return _with_baseline(observations, camera, poses), poses
+
+
+def _with_baseline(observations: Observations, camera: NDArray[np.float64],
+                   poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The camera with the baseline and the focus that explain the disparities of boards at poses.
+
+    The disparity fx baseline (focus - 1 / z) is a line over 1 / z.
+    """
+    camera = camera.copy()
+    apart = np.array([0.0, 0, 0, 0, 1, 0, 0, 0]) + camera * [1, 1, 1, 1, 0, 0, 0, 0]
+    inverse = -predict(observations.points, apart, poses)[..., 2:][observations.valid]
+    measured = observations.values[..., 2:][observations.valid]
+    focal = camera[0]
+    line = np.stack([np.full(inverse.size, focal), -inverse.ravel()], axis=1)
+    (offset, baseline), *_ = np.linalg.lstsq(line, measured.ravel(), rcond=None)
+    if baseline > 0 and offset > 0:
+        camera[4:6] = baseline, offset / baseline
+    return camera
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Standard deviations of the camera's parameters (8,), 0: held fixed, as `PARAMETERS`.
+
+    expected: from the covariance of the corners, scaled by the noise.
+    of_corners, of_boards: of the bootstrap over the corners of each board, and over the boards,
+        which also feels what the corners of one board have in common; NaN: too few boards.
+    camera: the larger of the two. poses: (n, 6) of the boards' poses [rad, m].
+    """
+
+    expected: NDArray[np.float64]
+    of_corners: NDArray[np.float64]
+    of_boards: NDArray[np.float64]
+    camera: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+
+def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Uncertainty:
+    """The uncertainty of a fit.
+
+    Each resample takes one Gauss-Newton step from the fit; the poses follow the camera and are
+    eliminated, so that a resample costs a sum of small matrices. Raises numpy's LinAlgError when
+    the corners leave a parameter open.
+    """
+    linear = linearised(fit.observations, fit.model, fit.camera, fit.poses, fit.noise)
+    information, gradient = linear.information(), linear.gradient()
+    boards, corners = gradient.shape[:2]
+    covariance = fit.noise * np.linalg.inv(information.sum(axis=(0, 1)))
+
+    def spread(counts: NDArray[np.integer]) -> NDArray[np.float64]:
+        """(free,) of the steps of resamples; counts (resamples, n, m) of every corner."""
+        matrices = np.tensordot(counts, information, 2)
+        steps = np.linalg.solve(matrices, np.tensordot(counts, gradient, 2)[..., None])[..., 0]
+        low, high = np.percentile(steps, [15.87, 84.13], axis=0)
+        return np.asarray((high - low) / 2)
+
+    of_corners = spread(rng.multinomial(corners, np.full(corners, 1 / corners),
+                                        (resamples, boards)))
+    drawn = rng.multinomial(boards, np.full(boards, 1 / boards), resamples)
+    drawn = drawn[(drawn > 0).sum(axis=1) >= _DISTINCT]
+    of_boards = np.full(len(of_corners), np.nan)
+    if boards > _DISTINCT:
+        of_boards = spread(np.repeat(drawn[..., None], corners, axis=2))
+    larger = np.fmax(of_corners, of_boards)
+    scale = larger / np.sqrt(np.diag(covariance))
+    moved = linear.follow @ (covariance * np.outer(scale, scale)) @ linear.follow.swapaxes(1, 2)
+    poses = np.sqrt(np.diagonal(moved + fit.noise * linear.freedom, axis1=1, axis2=2))
+
+    def of_camera(free: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.where(fit.model.basis.any(axis=1), free[fit.model.basis.argmax(axis=1)], 0)
+
+    return Uncertainty(of_camera(np.sqrt(np.diag(covariance))), of_camera(of_corners),
+                       of_camera(of_boards), of_camera(larger), poses)

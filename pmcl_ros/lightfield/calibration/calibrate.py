@@ -14,16 +14,21 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
-from pmcl_ros.lightfield.calibration.bundle import Fit, Observations, simplest
-from pmcl_ros.lightfield.calibration.bundle_start import start
+from pmcl_ros.lightfield.calibration.bundle import (
+    Fit,
+    Observations,
+    Uncertainty,
+    simplest,
+    start,
+    uncertainty,
+)
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model
 from pmcl_ros.lightfield.calibration.corners import CornerMeter, Corners
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice
-from pmcl_ros.lightfield.calibration.uncertainty import Uncertainty, uncertainty
-from pmcl_ros.lightfield.calibration.white_image import is_white_image
 from pmcl_ros.lightfield.decode import Decoder
+from pmcl_ros.lightfield.white_image import is_white_image
 from pmcl_ros.runtime.errors import CalibrationError, CameraError, LightFieldError
 
 _LOG = logging.getLogger(__name__)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.lightfield.devignette import devignette
+from pmcl_ros.lightfield.white_image import devignette
 
 _PITCH = 10  # raw px per view px
 # Of the light at a lenslet's centre: where a pixel gets less, the rim of the pupil cuts it, and it

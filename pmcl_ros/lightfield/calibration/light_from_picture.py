@@ -1,4 +1,4 @@
-"""How much light each pixel gets under its lenslet, from an ordinary picture: no white image."""
+"""The light at each pixel under its lenslet, from an ordinary picture instead of a white image."""
 
 import logging
 import math
@@ -13,7 +13,7 @@ from pmcl_ros.runtime.kernels import compiled
 
 _LOG = logging.getLogger(__name__)
 
-_INNER = 0.3  # pitches: so far from its centre a lenslet's own brightness is taken
+_INNER = 0.3  # pitches: radius of the disc in which a lenslet's own brightness is measured
 _BINS = 4  # of the profile, per raw px
 _TILES = 16  # of the sensor, per side
 _ORDER = 4  # of the polynomial across the sensor
@@ -21,20 +21,20 @@ _SATURATED = 0.98  # of the sensor's range
 _FAINT = 0.01  # of the sensor's range: about the noise of a pixel in the dark
 # Relative: how much the pixels of a lenslet that sees an even surface differ (noise and profile).
 _EVEN = 0.05
-_SPREAD = 0.3  # of the profile across the sensor, what is expected before it is measured
+_SPREAD = 0.3  # expected variation of the profile across the sensor, before any measurement
 _ROUNDS = 3
 _LEAST = 1000  # lenslets
 
 
 def light_from_picture(frame: RawFrame, lattice: Lattice) -> NDArray[np.float32]:
-    """(height, width) float32: the light each pixel got, 1 where it is most; as `relative_light`.
+    """(height, width) float32: the light each pixel got, 1 at most, as `relative_light`.
 
     The scene cancels: under every lenslet a pixel is compared with the lenslet's own middle, and
     the ratios of many lenslets are averaged for each place within the disc. This profile varies
-    across the sensor as a polynomial of fourth order does; each colour has its own, for a real
-    lenslet does not throw all colours to one place. Lenslets that see something even count
-    most, saturated ones not at all, and ratios far from the profile little. The fall of light from
-    the sensor's middle to its corners is not known without a white image: it remains in the views.
+    across the sensor as a polynomial of fourth order. Each colour has its own profile, since a
+    real lenslet refracts colours differently. Lenslets on even surfaces get the largest weights,
+    saturated ones none, and ratios far from the profile small ones. The fall of light from the
+    sensor's middle to its corners is unknown without a white image, and remains in the views.
     Raises LightFieldError when too few lenslets see light without being saturated.
     """
     black, white = frame.metadata.black, frame.metadata.white
@@ -68,7 +68,7 @@ def _smooth(sums: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
     """(tiles + 1, tiles + 1, bins, bins) profile of a colour at the corners of the tiles.
 
     sums, weights: (tiles, tiles, bins, bins) of the ratios measured in each tile.
-    A polynomial for each bin, drawn to none where there is little to see.
+    A polynomial for each bin, regularised to zero where little was measured.
     """
     powers = [(a, b) for a in range(_ORDER + 1) for b in range(_ORDER + 1 - a)]
 
@@ -88,7 +88,7 @@ def _smooth(sums: NDArray[np.float64], weights: NDArray[np.float64]) -> NDArray[
 
 @compiled()
 def _middles(light, centres, inner, radius):  # type: ignore[no-untyped-def]
-    """Mean light in the middle of each lenslet, by phase of the mosaic, and what it is worth."""
+    """Mean light in the middle of each lenslet, by phase of the mosaic, and its weight."""
     height, width = light.shape
     rows, columns = centres.shape[:2]
     middles = np.zeros((rows, columns, 4), np.float32)

@@ -1,4 +1,4 @@
-"""A folder of view pictures in a grid, with a YAML file that tells the geometry."""
+"""A folder of view pictures in a grid, with a YAML file that gives the geometry."""
 
 import math
 import re
@@ -9,13 +9,21 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers import stanford
+from pmcl_ros.lightfield.light_field import LightField, nominal_positions
 from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
-from pmcl_ros.lightfield.view_grid import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
+
+# Of the Stanford Light Field Archive's rectified grids: out_RR_CC_Y_X.png, or with one more _
+# before the dot: row, column and the camera's place in an unknown unit.
+STANFORD_NAMES = re.compile(r'out_(?P<row>\d+)_(?P<column>\d+)_(?P<y>[-+]?\d+(?:\.\d+)?)'
+                            r'_(?P<x>[-+]?\d+(?:\.\d+)?)_?\.(?:png|jpg)', re.IGNORECASE)
+STANFORD_HINT = """its files are called as the Stanford archive's, but their names give positions
+without a unit, and no focal length; write {name} there with `files: stanford`, `fx`,
+`focus_distance` (the depth of the plane they were rectified to) and `unit` (metres of one
+unit) or `baseline` (metres between neighbouring views)""".replace('\n', ' ')
+
 
 NAME = 'light_field.yaml'
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.ppm')
@@ -82,7 +90,7 @@ def _views(folder: Path, of: GridSettings) -> tuple[list[list[str]], NDArray[np.
     """The names [row][column] of the views, and (rows, columns, 2) the x, y in them, or NaN."""
     present = [path.name for path in folder.iterdir()
                if path.suffix.lower() in _PICTURES and path.is_file()]
-    pattern = stanford.NAMES if of.files == 'stanford' else _pattern(of.files)
+    pattern = STANFORD_NAMES if of.files == 'stanford' else _pattern(of.files)
     matches = [match for match in map(pattern.fullmatch, present) if match]
     if {'row', 'column'} <= pattern.groupindex.keys():
         return _numbered(folder, of, matches)

@@ -12,10 +12,9 @@ from pathlib import Path
 from pydantic import ConfigDict, Field, ValidationError
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, nominal_positions
 from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
-from pmcl_ros.lightfield.view_grid import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings, explain
 

@@ -9,9 +9,8 @@ import numpy as np
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.reduction import MOST_BYTES, Reduction
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 
 _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers import folder, hci, stanford, sweep_folder
+from pmcl_ros.lightfield.readers import folder, hci, sweep_folder
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
@@ -56,7 +56,7 @@ def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField
         return hci.read_hci(path, header, reduction)
     if (path / 'views.npz').is_file():
         return read_npz(path / 'views.npz', header, reduction)
-    if any(stanford.NAMES.fullmatch(each.name) for each in path.iterdir()):
-        raise LightFieldError(f'{path}: {stanford.HINT.format(name=folder.NAME)}')
+    if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
+        raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
     raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz: nothing tells '
                           f'the geometry of its views; write {folder.NAME}')

@@ -14,8 +14,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.lightfield.sweep.assemble import assemble
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.lens import DistortionModel, Lens
+from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import pose_of
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError

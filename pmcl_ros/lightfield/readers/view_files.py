@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.reduction import Reduction
-from pmcl_ros.lightfield.readers.shift import shifted
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.readers.reduction import Reduction, shifted
 from pmcl_ros.runtime.errors import LightFieldError
 
 

@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.reduction import Reduction
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.layout import Layout
-from pmcl_ros.lightfield.sweep.rectify import Rectification, largest_window, linear_light
-from pmcl_ros.lightfield.sweep.residual import Tracker
-from pmcl_ros.lightfield.sweep.selection import good_pictures, one_for_each_cell
+from pmcl_ros.lightfield.sweep.rectify import Rectification, Tracker, largest_window, linear_light
+from pmcl_ros.lightfield.sweep.selection import Layout, good_pictures, one_for_each_cell
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)

@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.sweep.assemble import Sweep, assemble
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.layout import Layout
-from pmcl_ros.lightfield.sweep.selection import moves, relative_sharpness
+from pmcl_ros.lightfield.sweep.selection import Layout, moves, relative_sharpness
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 

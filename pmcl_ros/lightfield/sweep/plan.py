@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 

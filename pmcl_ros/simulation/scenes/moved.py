@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.lens import Lens
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.simulation.scenes.rays import light_of_view
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensing import exposure, noisy, sensed

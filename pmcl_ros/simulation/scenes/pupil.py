@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.view_grid import nominal_positions
+from pmcl_ros.lightfield.light_field import nominal_positions
 
 _REACH = 2.0  # view steps: the tent by which a decoder gathers a view's light ends there
 _FINENESS = 20  # points per view step

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.simulation.scenes.blocks import random_block
 from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import (

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.revolution import Frusta

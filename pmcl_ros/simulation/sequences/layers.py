@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window, sphere_bounds

@@ -18,8 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_cameras import QUICK, SIDE, serving, write_captures
 
-from pmcl_ros.camera.gateway import server as server_module
-from pmcl_ros.camera.gateway.server import GatewayServer
+from pmcl_ros.camera.gateway.server import MAX_CONNECTIONS, GatewayServer
 from pmcl_ros.camera.gateway.service import Cache, Service
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -330,7 +329,7 @@ def test_web_pages_are_refused(gateway):
 def test_too_many_connections(gateway):
     address = gateway.server_address[:2]
     with ExitStack() as opened:
-        for _ in range(server_module._MOST_CONNECTIONS):
+        for _ in range(MAX_CONNECTIONS):
             opened.enter_context(socket.create_connection(address, timeout=30))
         with pytest.raises(requests.ConnectionError):
             requests.get(f'{gateway.url}/status', timeout=30)
@@ -338,7 +337,7 @@ def test_too_many_connections(gateway):
 
 
 def test_a_request_that_comes_byte_by_byte_is_ended(gateway, monkeypatch):
-    monkeypatch.setattr(server_module, '_READING', 0.3)
+    monkeypatch.setattr(gateway, 'request_timeout', 0.3)
     with socket.create_connection(gateway.server_address[:2], timeout=30) as connection:
         def ended():
             try:

@@ -15,8 +15,7 @@ from pmcl_ros.evaluation.bench.machine import copied_bytes, multiply_adds
 from pmcl_ros.evaluation.bench.result import best_ms
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.view_grid import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 
 
 def test_the_least_time_counts():

@@ -9,10 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.lightfield.calibration.bundle import Observations, adjust, simplest
-from pmcl_ros.lightfield.calibration.bundle_start import start
+from pmcl_ros.lightfield.calibration.bundle import (
+    Observations,
+    adjust,
+    simplest,
+    start,
+    uncertainty,
+)
 from pmcl_ros.lightfield.calibration.camera_model import Model, bok_parameters, predict
-from pmcl_ros.lightfield.calibration.uncertainty import uncertainty
 from pmcl_ros.runtime.errors import LightFieldError
 
 #                 fx, fy, cx, cy, baseline, 1 / focus distance, k1, k2

@@ -8,7 +8,7 @@ from board_scene import POSES, SIDE, frame_of
 from board_scene import plain as scene
 
 from pmcl_ros.lightfield.calibration.corners import CornerMeter
-from pmcl_ros.lightfield.devignette import relative_light
+from pmcl_ros.lightfield.white_image import relative_light
 
 POSE = POSES[1]
 

@@ -16,12 +16,10 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
-from pmcl_ros.lightfield.readers.reduction import Reduction
-from pmcl_ros.lightfield.readers.shift import shifted
-from pmcl_ros.lightfield.view_grid import ViewGrid
+from pmcl_ros.lightfield.readers.reduction import Reduction, shifted
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 SCENE = Scene()

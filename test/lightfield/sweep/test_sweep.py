@@ -15,11 +15,10 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.collection import Collection
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.layout import Layout
-from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.rectify import largest_window
+from pmcl_ros.lightfield.sweep.selection import Layout
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 

@@ -11,7 +11,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
 from pmcl_ros.lightfield.readers.sweep_folder import write_sweep
 from pmcl_ros.lightfield.sweep.assemble import assemble
-from pmcl_ros.lightfield.sweep.lens import Lens
+from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.messages import bags
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError

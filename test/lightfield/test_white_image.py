@@ -1,12 +1,19 @@
+"""White images: recognition, and vignetting removed with them."""
+
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from lattice_frames import discs, frame_of, make_lattice, mosaic, texture
 
+from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.devignette import devignette, relative_light
+from pmcl_ros.lightfield.white_image import devignette, is_white_image, relative_light, unevenness
 from pmcl_ros.runtime.errors import LightFieldError
 
 SIDE = 40
@@ -78,3 +85,42 @@ def test_below_black_is_negative(frame):
 def test_another_size_is_refused(frame):
     with pytest.raises(LightFieldError, match=r'\(40, 40\) and white image \(40, 38\) differ'):
         devignette(frame(np.zeros((SIDE, SIDE))), np.ones((SIDE, SIDE - 2), np.float32))
+
+
+CAMERA = Path(__file__).parents[2] / 'config/cameras'
+WIDTH = 800
+
+
+def test_the_shipped_white_image_by_its_light_alone():
+    assert unevenness(read_raw_frame(CAMERA / 'demo_white.RAW.xz')) < 0.02
+
+
+def test_vignetting_and_colour_are_no_scene(camera_text):
+    light = discs(make_lattice(), WIDTH) * mosaic([0.4, 0.8, 0.8, 0.3], WIDTH)
+    light *= 1 - 0.9 * ((np.indices(light.shape) / WIDTH - 0.45) ** 2).sum(axis=0)
+    assert is_white_image(frame_of(light, camera_text))
+
+
+@pytest.mark.parametrize('size', [10, 100])
+def test_a_scene_is_no_white_image(camera_text, size):
+    light = discs(make_lattice(), WIDTH) * texture(WIDTH, size, strength=0.3)
+    assert not is_white_image(frame_of(light, camera_text))
+
+
+@pytest.mark.parametrize('light', [np.zeros((WIDTH, WIDTH)), np.full((100, 100), 0.5)])
+def test_nothing_to_see_is_no_white_image(camera_text, light):
+    assert not is_white_image(frame_of(light, camera_text, noise=0))
+
+
+@pytest.mark.parametrize('mark', [True, False])
+def test_the_cameras_own_mark_decides(camera_text, mark):
+    tags = {'vendorContent': {'com.lytro.tags': {'modulationFrame': mark}}}
+
+    def text(width, height):
+        frame = {'frame': {'metadata': json.loads(camera_text(width, height))}}
+        picture = {'frameArray': [frame], 'parameters': tags}
+        return json.dumps({'master': {'picture': picture}})
+
+    scenes = (np.ones((WIDTH, WIDTH)), texture(WIDTH, 30))
+    for scene in scenes:
+        assert is_white_image(frame_of(0.5 * scene * discs(make_lattice(), WIDTH), text)) is mark
