@@ -14,12 +14,10 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR
 from pmcl_ros.cli.calibrate import run_calibration
-from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.captures import Capture, find_captures
-from pmcl_ros.evaluation.curves import pictures
 from pmcl_ros.evaluation.plan import Plan
-from pmcl_ros.evaluation.pool import run_batches
+from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.records import (
     TrialsFile,
     settings,
@@ -27,12 +25,11 @@ from pmcl_ros.evaluation.records import (
     write_settings,
     write_trials,
 )
-from pmcl_ros.evaluation.tables import markdown, rows_of
-from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.evaluation.results import by_row, markdown, pictures
+from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.decoders import Decoders
 
 _INTERRUPTED = 130  # exit status, as of a shell's command
 
@@ -67,7 +64,7 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
              square: float, modes: str, changes: tuple[str, ...], sweeps: tuple[str, ...],
              trials: int, only: tuple[str, ...], wrong_objects: bool, processes: int | None,
              out: Path | None) -> None:
-    """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and tell errors.
+    """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and report the errors.
 
     Without --calibration the camera is calibrated first, from the pictures of a checkerboard that
     lie there too. A picture may be a light field, as `pmcl localize` takes: it needs none.
@@ -80,15 +77,16 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     others = find_captures(captures) if wrong_objects else []
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
-    decoders = _decoders(captures, chosen, calibration, white, corners, square)
+    camera = _camera(captures, chosen, calibration, white, corners, square)
     plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
-                tuple(others), decoders)
-    count = min(processes or os.cpu_count() or 1, plan.count)
+                tuple(others), camera)
+    jobs = plan.jobs()
+    count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
     started = time.perf_counter()
     try:
         with _interruptible() as stop:
-            _run(plan, count, stop.is_set, done, out)
+            _run(jobs, camera, count, stop.is_set, done, out)
     finally:
         if done:
             _report(plan, done, out)
@@ -97,7 +95,7 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
                 write_settings(out / 'settings.json', settings(
                     plan, files, count, time.perf_counter() - started))
     if stop.is_set():
-        STDERR.print(f'interrupted after {len(done)} of {plan.count} trials')
+        STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')
         raise SystemExit(_INTERRUPTED)
 
 
@@ -118,27 +116,27 @@ def _interruptible() -> Iterator[threading.Event]:
             signal.signal(number, handler)
 
 
-def _decoders(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
-              white: Path | None, corners: str, square: float) -> Decoders | None:
-    """Of the camera of raw pictures, calibrated first if need be; None where there are none."""
+def _camera(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
+            white: Path | None, corners: str, square: float) -> Camera | None:
+    """The camera of raw pictures, calibrated first if need be; None where there are none."""
     if all(each.picture is None for each in chosen):
         return None
     white = white or list_pictures(captures / 'white')[0]
     if calibration is None:
         board = Checkerboard.parse(corners, square)
-        return open_decoders(run_calibration(white, captures, board).calibration, white)
-    return open_decoders(Calibration.load(calibration), white)
+        return run_calibration(white, captures, board).calibration, white
+    return Calibration.load(calibration), white
 
 
-def _run(plan: Plan, processes: int, stopped: Callable[[], bool], done: list[Trial],
-         out: Path | None) -> None:
-    """Make all trials, append each to `done`, and to results.csv."""
+def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Callable[[], bool],
+         done: list[Trial], out: Path | None) -> None:
+    """Do all jobs; append each trial to `done`, and to results.csv."""
     columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(Progress(*columns, console=STDERR, transient=True))
-        task = bar.add_task('', total=plan.count)
+        task = bar.add_task('', total=len(jobs))
         file = None if out is None else stack.enter_context(TrialsFile(out / 'results.csv'))
-        trials = run_batches(plan.batches, processes, stopped)
+        trials = run_jobs(jobs, camera, processes, stopped)
         for trial in stack.enter_context(contextlib.closing(trials)):
             done.append(trial)
             bar.update(task, advance=1, description=f'{trial.capture}, {trial.mode}')
@@ -148,16 +146,15 @@ def _run(plan: Plan, processes: int, stopped: Callable[[], bool], done: list[Tri
 
 def _report(plan: Plan, done: list[Trial], out: Path | None) -> None:
     """Print the tables; write them, and all else, in an order that does not depend on chance."""
-    rows = [each.name for each in plan.variants]
-    done.sort(key=lambda each: (each.capture, rows.index(each.mode), each.wrong, each.seed))
+    modes = [each.name for each in plan.variants]
+    done.sort(key=lambda each: (each.capture, modes.index(each.mode), each.wrong, each.seed))
     table = markdown(done)
     click.echo(table)
     if out is not None:
         (out / 'results.md').write_text(table + '\n')
         write_trials(out / 'results.csv', done)
-        for mode in rows_of(done):
-            write_bop(out / f'bop_{_file_name(mode)}.csv',
-                      [each for each in done if each.mode == mode], plan)
+        for mode, rows in by_row(done).items():
+            write_bop(out / f'bop_{_file_name(mode)}.csv', rows, plan)
         for name, picture in pictures(done, plan.variants).items():
             write_png(out / f'{name}.png', picture)
 

@@ -15,8 +15,8 @@ from pmcl_ros.cli.sources import open_source, source_options
 from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import depth_picture, overlay, write_png
+from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.evaluation.variants import Variant, volume_settings
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel

@@ -1,28 +1,10 @@
-"""Which trials are made: captures x rows x seeds, and searches for objects that are not there."""
+"""Plans trials: captures x rows x seeds, and searches for objects that are not there."""
 
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
-from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evaluation.pool import Batch
-from pmcl_ros.evaluation.shared import Shared
-from pmcl_ros.evaluation.trials import Job
+from pmcl_ros.evaluation.trials import Camera, Job
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.light_field import ViewGrid
-from pmcl_ros.pmcl.object_model import ObjectModel
-
-
-@dataclass(frozen=True)
-class Wanted:
-    """One trial in a capture: its row, the capture whose object is sought, the seed."""
-
-    variant: Variant
-    sought: Capture
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -30,58 +12,32 @@ class Plan:
     """Trials to be made.
 
     others: captures whose objects are looked for too, where they are not: with each seed another
-    one. Empty: none. decoders: of the camera; None where all captures are light fields.
+    one. Empty: none. camera: of raw pictures; None where all captures are light fields.
     """
 
     captures: tuple[Capture, ...]
     variants: tuple[Variant, ...]
     seeds: tuple[int, ...]
     others: tuple[Capture, ...] = ()
-    decoders: Decoders | None = None
+    camera: Camera | None = None
 
-    @property
-    def count(self) -> int:
-        """How many trials these are."""
-        return sum(len(self._wanted(each)) for each in self.captures)
+    def jobs(self) -> list[Job]:
+        """All trials; those of one volume follow each other."""
+        return [job for capture in self.captures for job in self._jobs_in(capture)]
 
-    def batches(self, folder: Path) -> Iterator[Batch]:
-        """The trials by volume, made when asked for and written into a folder."""
-        number, source = 0, None
-        for capture in self.captures:
-            if capture.source != source:
-                started = time.perf_counter()
-                light_field = capture.light_field(self.decoders)
-                decoded = time.perf_counter() - started
-                source = capture.source
-            for settings, group in self._groups(capture, light_field.grid):
-                started = time.perf_counter()
-                volume = Shared.put(group[0].variant.build(light_field, settings),
-                                    folder / f'{number}.volume')
-                built = time.perf_counter() - started
-                yield Batch(volume, tuple(Job(capture, each.sought, each.variant, each.seed,
-                                              volume, built, decoded) for each in group))
-                number += 1
-
-    def _wanted(self, capture: Capture) -> list[Wanted]:
-        others = {} if capture.truth.empty else {
+    def _jobs_in(self, capture: Capture) -> list[Job]:
+        others = [] if capture.truth.empty else list({
             each.object: each for each in self.others
-            if each.object != capture.object and each.source != capture.source}
-        result = []
+            if each.object != capture.object and each.source != capture.source}.values())
+        jobs = []
         for variant in self.variants:
-            result += [Wanted(variant, capture, seed) for seed in self.seeds]
-            result += [Wanted(variant, list(others.values())[k % len(others)], seed)
-                       for k, seed in enumerate(self.seeds) if others]
-        return result
+            jobs += [Job(capture, capture, variant, seed) for seed in self.seeds]
+            jobs += [Job(capture, others[k % len(others)], variant, seed)
+                     for k, seed in enumerate(self.seeds) if others]
+        # The volume depends on the row's base and changes and, by its size, on the object.
+        volumes = {each: number for number, each in enumerate(dict.fromkeys(map(_volume, jobs)))}
+        return sorted(jobs, key=lambda job: volumes[_volume(job)])
 
-    def _groups(self, capture: Capture, grid: ViewGrid
-                ) -> list[tuple[DlvSettings, list[Wanted]]]:
-        """What can be done with one volume, and that volume's settings."""
-        groups: dict[tuple[bool, DlvSettings], list[Wanted]] = {}
-        models: dict[Path, ObjectModel] = {}
-        for each in self._wanted(capture):
-            path = each.sought.model
-            if path not in models:
-                models[path] = ObjectModel.load(path)
-            settings = each.variant.volume(capture, models[path], grid)
-            groups.setdefault((each.variant.base == 'centre', settings), []).append(each)
-        return [(settings, group) for (_, settings), group in groups.items()]
+
+def _volume(job: Job) -> tuple[object, ...]:
+    return job.variant.base, job.variant.dlv, job.sought.model

@@ -1,4 +1,4 @@
-"""One localisation of one object in one capture, and all its errors."""
+"""Localises one object in one capture, and measures all errors of the estimate."""
 
 import math
 import time
@@ -6,20 +6,26 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.shared import Shared
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+
+Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
 
 
 @dataclass(frozen=True)
@@ -74,57 +80,84 @@ class Trial:
 
 @dataclass(frozen=True)
 class Job:
-    """What one trial needs; volume: made in dlv_seconds of views made in decode_seconds."""
+    """What one trial is of. sought: the capture whose object is looked for."""
 
     capture: Capture
     sought: Capture
     variant: Variant
     seed: int
-    volume: Shared[DepthLikelihoodVolume]
-    dlv_seconds: float
-    decode_seconds: float
 
 
 class Worker:
-    """Does jobs one after the other, in the thread that made it; keeps what the next may need.
+    """Does jobs one after the other, in the thread that made it.
 
+    camera: of raw pictures, calibration and white image; None where all are light fields.
     stopped: asked while a search goes on; when true, the search ends and counts as not done.
+
+    Keeps the light field, the volume and the localizer of the last job for the next one: jobs that
+    share them should follow each other.
     """
 
-    def __init__(self, stopped: Callable[[], bool]) -> None:
-        self._stopped = stopped
-        self._localizer: Localizer | None = None
-        self._settings: tuple[Path, PmclSettings] | None = None  # of the localizer
+    def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
+        self._camera, self._stopped = camera, stopped
+        self._decoders: Decoders | None = None
+        self._source: Path | None = None  # of the light field
+        self._light_field: LightField | None = None
+        self._decode_seconds = 0.0
+        self._recipe: tuple[Path, bool, DlvSettings] | None = None  # of the volume
         self._volume: DepthLikelihoodVolume | None = None
-        self._path: Path | None = None  # of the volume
+        self._dlv_seconds = 0.0
+        self._search: tuple[Path, PmclSettings] | None = None  # of the localizer
+        self._localizer: Localizer | None = None
 
     def run(self, job: Job) -> Trial | None:
         """Do one job; None when it was stopped."""
         model, surface = _model(job.sought.model)
+        volume = self._volume_of(job, model)
         localizer = self._localizer_of(job, model)
-        if self._volume is None or self._path != job.volume.path:
-            self._volume, self._path = job.volume.get(), job.volume.path
         started = time.perf_counter()
-        estimate = localizer.localize(self._volume, np.random.default_rng(job.seed),
+        estimate = localizer.localize(volume, np.random.default_rng(job.seed),
                                       lambda _: not self._stopped())
         seconds = time.perf_counter() - started
         if self._stopped():
             return None
-        return _trial(job, estimate, self._volume, model, surface, seconds, localizer.renderer)
+        return _trial(job, estimate, volume.pinhole, model, surface, seconds=seconds,
+                      dlv_seconds=self._dlv_seconds, decode_seconds=self._decode_seconds,
+                      renderer=localizer.renderer)
 
     def close(self) -> None:
         """Release the GL context."""
         if self._localizer is not None:
             self._localizer.close()
-        self._localizer = self._settings = self._volume = self._path = None
+            self._localizer = None
+
+    def _light_field_of(self, capture: Capture) -> LightField:
+        if self._light_field is None or self._source != capture.source:
+            if self._camera is not None and self._decoders is None:
+                self._decoders = Decoders(*self._camera)
+            started = time.perf_counter()
+            self._light_field = capture.light_field(self._decoders)
+            self._decode_seconds = time.perf_counter() - started
+            self._source = capture.source
+        return self._light_field
+
+    def _volume_of(self, job: Job, model: ObjectModel) -> DepthLikelihoodVolume:
+        light_field = self._light_field_of(job.capture)
+        settings = job.variant.volume(job.capture, model, light_field.grid)
+        recipe = job.capture.source, job.variant.base == 'centre', settings
+        if self._volume is None or self._recipe != recipe:
+            self._volume = None  # its memory is free before the next one is made
+            started = time.perf_counter()
+            self._volume = job.variant.build(light_field, settings)
+            self._dlv_seconds = time.perf_counter() - started
+            self._recipe = recipe
+        return self._volume
 
     def _localizer_of(self, job: Job, model: ObjectModel) -> Localizer:
-        wanted = job.sought.model, job.variant.search(job.capture)
-        if self._localizer is None or self._settings != wanted:
-            if self._localizer is not None:
-                self._localizer.close()
-                self._localizer = None
-            self._localizer, self._settings = Localizer(model, wanted[1]), wanted
+        search = job.sought.model, job.variant.search(job.capture)
+        if self._localizer is None or self._search != search:
+            self.close()
+            self._localizer, self._search = Localizer(model, search[1]), search
         return self._localizer
 
 
@@ -134,30 +167,26 @@ def _model(path: Path) -> tuple[ObjectModel, Surface]:
     return model, Surface.from_model(model)
 
 
-def _trial(job: Job, estimate: PoseEstimate, volume: DepthLikelihoodVolume, model: ObjectModel,
-           surface: Surface, seconds: float, renderer: str) -> Trial:
-    wrong = job.sought.object != job.capture.object
-    empty = job.capture.truth.empty
+def _trial(job: Job, estimate: PoseEstimate, pinhole: Pinhole, model: ObjectModel,
+           surface: Surface, **measured: Any) -> Trial:
+    """The trial of a job. measured: the rest of its fields."""
+    wrong, empty = job.sought.object != job.capture.object, job.capture.truth.empty
+    known = not (wrong or empty)
     pose = estimate.pose
     truth = job.capture.truth.pose
-    known = not (wrong or empty)
     error = pose_error(pose, truth, model.symmetry)
-
-    def if_known(value: float) -> float:
-        return value if known else math.nan
-
     level = model.symmetry.credible_level(truth, pose, estimate.covariance)
+    errors: dict[str, Any] = {
+        'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
+        'axis_deg': float(np.rad2deg(error.rotation)), 'dot': error.dot,
+        'mssd_mm': 1e3 * surface.mssd(pose, truth), 'mspd_px': surface.mspd(pose, truth, pinhole),
+        'add_s_mm': 1e3 * surface.add_s(pose, truth), 'credible_level': level}
+    if not known:
+        errors = dict.fromkeys(errors, math.nan)
     return Trial(
-        job.capture.name, job.variant.name, job.seed, job.sought.name, job.capture.truth.film,
-        empty, wrong, if_known(1e3 * error.translation), if_known(1e3 * error.ray),
-        if_known(float(np.rad2deg(error.rotation))), if_known(error.dot),
-        known and error.flipped, model.axis is not None,
-        if_known(1e3 * surface.mssd(pose, truth)),
-        if_known(surface.mspd(pose, truth, volume.pinhole)),
-        if_known(1e3 * surface.add_s(pose, truth)), 1e3 * surface.diameter, volume.pinhole.width,
-        if_known(level), known and level <= 0.9, estimate.lost, estimate.score, seconds,
-        job.dlv_seconds, job.decode_seconds, estimate.evaluations, renderer, _rows(pose))
-
-
-def _rows(pose: NDArray[np.float64]) -> tuple[float, ...]:
-    return tuple(pose[:3].ravel().tolist())
+        capture=job.capture.name, mode=job.variant.name, seed=job.seed, sought=job.sought.name,
+        film=job.capture.truth.film, empty=empty, wrong=wrong, **errors,
+        flipped=known and error.flipped, symmetric=model.axis is not None,
+        diameter_mm=1e3 * surface.diameter, width_px=pinhole.width,
+        inside_90=known and level <= 0.9, lost=estimate.lost, score=estimate.score,
+        evaluations=estimate.evaluations, pose=tuple(pose[:3].ravel().tolist()), **measured)

@@ -1,9 +1,7 @@
-"""Trials in several processes are those of one; what is shared is shared; what is made is few."""
+"""Trials in several processes are those of one; what can be shared follows each other."""
 
-import os
-import tempfile
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import asdict, replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.plan import Plan
-from pmcl_ros.evaluation.pool import run_batches
-from pmcl_ros.evaluation.shared import Shared
+from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -31,21 +28,10 @@ def captures(tmp_path_factory):
 
 
 def made(plan, processes):
-    """The trials but for their times, by what they are; volumes are few at once, and deleted."""
-    most, folders = 0, set()
-
-    def watched(folder):
-        nonlocal most
-        folders.add(folder)
-        for batch in plan.batches(folder):
-            most = max(most, len(os.listdir(folder)))
-            yield batch
-
-    trials = [replace(each, **TIMES) for each in run_batches(watched, processes)]
-    assert len(trials) == plan.count
-    assert most <= processes  # one is worked on while the next is made
-    assert len(folders) == 1
-    assert not folders.pop().exists()
+    """The trials but for their times, by what they are."""
+    jobs = plan.jobs()
+    trials = [replace(each, **TIMES) for each in run_jobs(jobs, None, processes)]
+    assert len(trials) == len(jobs)
     return {(each.capture, each.mode, each.sought, each.seed): each for each in trials}
 
 
@@ -68,39 +54,24 @@ def test_two_processes_make_the_trials_of_one(captures):
 
 
 def test_each_seed_looks_for_another_wrong_object(captures):
-    plan = Plan((captures[0],), ROW, (0, 1, 2), tuple(captures))
-    with tempfile.TemporaryDirectory() as folder:
-        jobs = [job for batch in plan.batches(Path(folder)) for job in batch.jobs]
+    jobs = Plan((captures[0],), ROW, (0, 1, 2), tuple(captures)).jobs()
     assert [(job.seed, job.sought.name) for job in jobs if job.sought.name != 'glass'] == [
         (0, 'thing'), (1, 'thing'), (2, 'thing')]  # `nothing` has the model that is there
-    assert len(jobs) == plan.count == 6
+    assert len(jobs) == 6
+
+
+def test_jobs_of_one_volume_follow_each_other(captures):
+    rows = (Variant.parse('moves=2'), Variant.parse('labels=9'), Variant.parse('moves=3'),
+            Variant.named('faithful'))
+    jobs = Plan(tuple(captures[:1]), rows, (0, 1), tuple(captures)).jobs()
+    assert len(jobs) == 4 * 2 * 2
+    keys = [(job.sought.name, {'moves=2': 'plain', 'moves=3': 'plain'}.get(
+        job.variant.name, job.variant.name)) for job in jobs]
+    assert len(list(groupby(keys))) == len(set(keys)) == 2 * 3
 
 
 def test_what_fails_in_another_process_is_told_here(captures):
     far = replace(captures[0].truth, roi_center=(9.0, 9.0, 0.4))
     plan = Plan((replace(captures[0], truth=far),), ROW, (0, 1))
     with pytest.raises(LocalizationError, match='outside the image'):
-        list(run_batches(plan.batches, 2))
-
-
-@dataclass(frozen=True)
-class Value:
-    name: str
-    first: np.ndarray
-    second: np.ndarray
-
-
-@pytest.mark.parametrize('shape', [(0,), (3,), (40, 30, 5)])
-def test_a_shared_value_is_the_one_that_was_put(tmp_path, shape):
-    rng = np.random.default_rng(0)
-    value = Value('x', rng.random(shape), rng.random((7, 3)).astype(np.float32)[::2].copy())
-    shared = Shared.put(value, tmp_path / 'value')
-    found = shared.get()
-    assert found.name == 'x'
-    for name in ('first', 'second'):
-        np.testing.assert_array_equal(getattr(found, name), getattr(value, name))
-        assert getattr(found, name).dtype == getattr(value, name).dtype
-    if value.first.size:
-        assert not found.first.flags.writeable
-        shared.path.unlink()  # what is open stays
-        np.testing.assert_array_equal(found.first, value.first)
+        list(run_jobs(plan.jobs(), None, 2))

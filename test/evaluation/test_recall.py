@@ -7,8 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation import recall
-from pmcl_ros.evaluation.curves import pictures
-from pmcl_ros.evaluation.tables import markdown
+from pmcl_ros.evaluation.results import markdown, pictures
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.symmetry import Symmetry

@@ -13,8 +13,8 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.truth import Truth
 from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.geometry.header import Header

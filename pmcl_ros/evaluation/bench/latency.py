@@ -18,7 +18,7 @@ from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain, print_json
-from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders

@@ -12,7 +12,7 @@ import pmcl_ros
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.truth import Truth
+from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.estimate import PoseEstimate

@@ -1,0 +1,226 @@
+"""Trials as Markdown tables and as charts."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.drawing.charts import Chart, Line, draw
+from pmcl_ros.evaluation.recall import (
+    BOUNDS,
+    LADDER,
+    add_s_recall,
+    average_recall,
+    coverage,
+    cumulative,
+    found,
+    in_time,
+    levels,
+    median,
+    present,
+    share,
+    success,
+    values,
+    within,
+)
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.evaluation.variants import Variant
+
+Picture = NDArray[np.uint8]
+Trials = Sequence[Trial]
+
+_NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotation where there is '
+         'none; signed along the line of sight, + is too far. Medians are over all trials with '
+         'something to find. In recalls a lost object counts as not found, and a flipped one as '
+         'wrong. `of 90 %`: how many of the 90 % credible regions of claimed poses hold the '
+         'truth; `of 50 %` likewise. `evaluations`: poses drawn and scored, the median.')
+_SCENES = ((False, 'no film'), (True, 'behind a film'))
+_STEPS = np.linspace(0, 1, 301)
+
+
+def by_row(trials: Trials) -> dict[str, list[Trial]]:
+    """The trials of each row (`mode`), in the order in which rows come."""
+    rows: dict[str, list[Trial]] = {}
+    for each in trials:
+        rows.setdefault(each.mode, []).append(each)
+    return rows
+
+
+def markdown(trials: Trials) -> str:
+    """All tables: by capture; by row; by row and kind of scene; of MSSD."""
+    tables = [captures_table(trials)]
+    if present(trials):
+        tables += ['Found within the bounds:', recall_table(trials),
+                   'By kind of scene (mean ± standard deviation, as in the paper):',
+                   scenes_table(present(trials)),
+                   'Surface within so many millimetres (MSSD):', ladder_table(trials)]
+    return '\n\n'.join([*tables, _NOTE])
+
+
+def captures_table(trials: Trials) -> str:
+    """A line for each capture and row; one more where another object was sought."""
+    heads = ['capture', 'mode', 'trials', 'median error', 'worst', 'along the ray',
+             'median axis error', 'flipped', 'lost', 'of 90 %', 'evaluations', 'median time']
+    lines = []
+    for capture, mode, wrong in dict.fromkeys((e.capture, e.mode, e.wrong) for e in trials):
+        rows = [e for e in trials if (e.capture, e.mode, e.wrong) == (capture, mode, wrong)]
+        lost = f'{sum(each.lost for each in rows)} of {len(rows)}'
+        if present(rows):
+            mm = values(rows, 'translation_mm')
+            errors = [f'{np.median(mm):.1f} mm', f'{mm.max():.1f} mm',
+                      f'{median(rows, "ray_mm"):+.1f} mm', f'{median(rows, "axis_deg"):.1f}°',
+                      f'{sum(each.flipped for each in rows)}', lost,
+                      _percent(coverage(rows, 0.9))]
+        else:
+            errors = [f'({"another object" if wrong else "nothing"} there)', '', '', '', '', lost,
+                      '']
+        lines.append([capture, mode, str(len(rows)), *errors,
+                      f'{median(rows, "evaluations"):.0f}', f'{median(rows, "seconds"):.1f} s'])
+    return _table(heads, lines)
+
+
+def recall_table(trials: Trials) -> str:
+    """A line for each row."""
+    def cells(rows: Trials) -> list[str]:
+        there = present(rows)
+        mssd, mspd = average_recall(rows)
+        return [
+            str(len(there)), *(_percent(within(rows, *bound)) for bound in BOUNDS),
+            f'{median(there, "translation_mm"):.1f} mm', f'{median(there, "axis_deg"):.1f}°',
+            _percent(share([e.flipped for e in there])), _percent(add_s_recall(rows)),
+            _percent(mssd), _percent(mspd), _percent(coverage(rows, 0.9)),
+            _percent(coverage(rows, 0.5)), _percent(share([e.lost for e in there])),
+            _percent(share([e.lost for e in rows if e.empty])),
+            _percent(share([e.lost for e in rows if e.wrong])),
+            f'{median(there, "evaluations"):.0f}', f'{median(there, "seconds"):.2f} s']
+
+    return _row_table(trials, [
+        'trials', *(f'{mm / 10:g} cm, {degrees:g}°' for mm, degrees in BOUNDS), 'median error',
+        'median axis error', 'flipped', 'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'of 90 %',
+        'of 50 %', 'lost', 'lost, nothing there', 'lost, another object', 'evaluations',
+        'median time'], cells)
+
+
+def scenes_table(trials: Trials) -> str:
+    """A line for each row and kind of scene, of trials with something to find."""
+    heads = ['mode', 'scene', 'trials', 'error', 'axis error', 'flips forgiven',
+             'along the ray, median']
+    lines = []
+    for mode, of_mode in by_row(trials).items():
+        for film, scene in _SCENES:
+            rows = [each for each in of_mode if each.film == film]
+            if rows:
+                axis = values(rows, 'axis_deg')
+                forgiven = np.where(values(rows, 'symmetric') > 0, np.minimum(axis, 180 - axis),
+                                    axis)
+                lines.append([mode, scene, str(len(rows)),
+                              _spread(values(rows, 'translation_mm'), ' mm'), _spread(axis, '°'),
+                              _spread(forgiven, '°'), f'{median(rows, "ray_mm"):+.1f} mm'])
+    return _table(heads, lines)
+
+
+def ladder_table(trials: Trials) -> str:
+    """A line for each row, a column for each bound on MSSD."""
+    return _row_table(trials, [f'{mm} mm' for mm in LADDER], lambda rows: [
+        _percent(each) for each in cumulative(found(rows, 'mssd_mm'), LADDER)])
+
+
+def _row_table(trials: Trials, heads: Sequence[str], cells: Callable[[Trials], list[str]]
+               ) -> str:
+    return _table(['mode', *heads], [[mode, *cells(rows)]
+                                     for mode, rows in by_row(trials).items()])
+
+
+def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    return '\n'.join([f'| {" | ".join(heads)} |', '|' + '---|' * len(heads),
+                      *(f'| {" | ".join(each)} |' for each in lines)])
+
+
+def _percent(part: float) -> str:
+    return '' if np.isnan(part) else f'{100 * part:.0f} %'
+
+
+def _spread(numbers: NDArray[np.float64], unit: str) -> str:
+    return f'{numbers.mean():.1f} ± {numbers.std():.1f}{unit}'
+
+
+def pictures(trials: Trials, variants: Sequence[Variant]) -> dict[str, Picture]:
+    """All charts by name; none when there was nothing to find."""
+    rows = by_row(present(trials))
+    if not rows:
+        return {}
+    return {'success': success_picture(rows), 'errors': errors_picture(rows),
+            'coverage': coverage_picture({mode: levels(each) for mode, each in rows.items()}),
+            'time': time_picture(rows, variants)}
+
+
+def success_picture(rows: dict[str, list[Trial]]) -> Picture:
+    """The paper's figure: found within 1 and 2 cm, over the bound on the dot product of the axes.
+
+    Dashed: upside down counts as right. One line of charts for each kind of scene.
+    """
+    bounds = np.linspace(1, 0, 201)
+    charts = []
+    for film, scene in _SCENES:
+        kind = {mode: of_film for mode, each in rows.items()
+                if (of_film := [trial for trial in each if trial.film == film])}
+        if kind:
+            charts.append([Chart(
+                f'{scene}: within {mm / 10:g} cm', 'dot product of the axes, at least', '%',
+                [Line(f'{mode}{", flips forgiven" * forgiving}', bounds, 100 * success(
+                    each, mm, bounds, forgiving), colour, forgiving)
+                 for colour, (mode, each) in enumerate(kind.items())
+                 for forgiving in (False, True)], (1, 0)) for mm in (10, 20)])
+    return draw(charts)
+
+
+def errors_picture(rows: dict[str, list[Trial]]) -> Picture:
+    """Which share of the trials has at most so large an error."""
+    names = {'translation_mm': 'error of the origin [mm]', 'axis_deg': 'error of the axis '
+             '[degrees]', 'mssd_mm': 'MSSD [mm]'}
+    return draw([[Chart('trials with at most this error', x_name, '%', [
+        Line(mode, _STEPS * 30, 100 * cumulative(found(each, name), _STEPS * 30), colour)
+        for colour, (mode, each) in enumerate(rows.items())], (0, 30))
+        for name, x_name in names.items()]])
+
+
+def coverage_picture(levels_by_row: dict[str, NDArray[np.float64]]) -> Picture:
+    """How many credible regions of each level hold the truth, and where in them it lies.
+
+    levels_by_row: (n,) the level that reaches the truth, of each trial. On the right is their
+    histogram (PIT): flat if calibrated; high at its right end if the regions are too small.
+    """
+    parts, bins = np.linspace(0, 1, 101), np.linspace(0, 1, 11)
+    held, shares = [], []
+    for colour, (mode, each) in enumerate(levels_by_row.items()):
+        if len(each):
+            counts = 100 * np.histogram(each, bins)[0] / len(each)
+            held.append(Line(mode, parts, 100 * cumulative(each, parts), colour))
+            shares.append(Line(mode, np.repeat(bins, 2)[1:-1], np.repeat(counts, 2), colour))
+    top = max([40.0, *(float(np.max(each.y)) for each in shares)])
+    held.append(Line('calibrated', [0, 1], [0, 100], -1, dashed=True))
+    shares.append(Line('calibrated', [0, 1], [10, 10], -1, dashed=True))
+    return draw([[
+        Chart('truth inside', 'credible level', '%', held, (0, 1)),
+        Chart('where the truth lies', 'credible level that reaches it', '% of trials', shares,
+              (0, 1), (0, top))]])
+
+
+def time_picture(rows: dict[str, list[Trial]], variants: Sequence[Variant]) -> Picture:
+    """The share found over time; of each swept parameter, the share found over its cost."""
+    longest = max(1e-3, *(float(values(each, 'seconds').max()) for each in rows.values()))
+    charts = [Chart('found within 1 cm, 10 degrees', 'seconds from the volume', '%', [
+        Line(mode, _STEPS * longest, 100 * in_time(each, _STEPS * longest), colour)
+        for colour, (mode, each) in enumerate(rows.items())], (0, longest))]
+    for group in dict.fromkeys(each.group for each in variants if each.group):
+        swept = [rows[each.name] for each in variants
+                 if each.group == group and each.name in rows]
+        if len(swept) > 1:
+            for name, label in (('seconds', 'median seconds from the volume'),
+                                ('evaluations', 'poses drawn and scored, the median')):
+                spent = [median(each, name) for each in swept]
+                charts.append(Chart(f'with more {group}', label, '%', [
+                    Line(f'{mm / 10:g} cm, {degrees:g} degrees', spent,
+                         [100 * within(each, mm, degrees) for each in swept], colour)
+                    for colour, (mm, degrees) in enumerate(BOUNDS)], (0, max(*spent, 1e-3))))
+    return draw([charts])
