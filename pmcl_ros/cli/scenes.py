@@ -7,13 +7,10 @@ import numpy as np
 from rich.progress import Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.simulation.scenes.files import write_capture
-from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.files import write_capture, write_sequence
+from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
-from pmcl_ros.simulation.scenes.settings import KINDS, SceneSettings
-from pmcl_ros.simulation.sequences.files import write_sequence
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _SEQUENCE = SequenceSettings.model_fields
 

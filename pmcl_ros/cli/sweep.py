@@ -16,7 +16,7 @@ from pmcl_ros.lightfield.sweep.plan import (
     pose_of,
     width_for,
 )
-from pmcl_ros.simulation.scenes.settings import KINDS, SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 
 _Pose = tuple[float, float, float, float, float, float, float]
 

@@ -14,7 +14,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.together import Together
 from pmcl_ros.evaluation.studies.together import together as in_scene
 from pmcl_ros.evaluation.studies.together_table import table
-from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 
 
 @click.command()

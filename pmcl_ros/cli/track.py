@@ -10,8 +10,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.tracking import Played, play
 from pmcl_ros.evaluation.studies.tracking_table import picture, recoveries, recovery, row, table
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _FIELDS = SequenceSettings.model_fields
 

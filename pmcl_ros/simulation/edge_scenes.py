@@ -4,7 +4,7 @@ Cheap enough to ask hundreds of times whether a posterior is as sure as it shoul
 gaps, displaced as `ModelError` says, walls behind them, clutter at all depths, and noise that is
 correlated between pixels and labels; all in units of the contrast around, as an edge volume is.
 Strengths, widths and their scatter are such that the energies across contours are distributed as
-those of rendered scenes (`evaluation/scenes`; docs/concepts/evidence.md).
+those of rendered scenes (`simulation/scenes`; docs/concepts/evidence.md).
 """
 
 from collections.abc import Callable

@@ -7,8 +7,7 @@ from click.testing import CliRunner
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.studies.tracking import Outcome, Played, play
 from pmcl_ros.evaluation.studies.tracking_table import picture, recoveries, recovery, row, table
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 TINY = SequenceSettings(frames=5, occluded=1, size=128, object_speed=0.008)
 

@@ -29,9 +29,8 @@ from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
-from pmcl_ros.simulation.scenes.moved import photographs, seen_from
-from pmcl_ros.simulation.scenes.random_scene import random_scene
-from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.render import photographs, seen_from
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

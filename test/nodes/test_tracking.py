@@ -15,9 +15,8 @@ from pmcl_ros.messages import bags
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
-from pmcl_ros.simulation.sequences.files import FIXED_FRAME
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.files import FIXED_FRAME
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 HIDDEN = (2, 3)
 

@@ -15,7 +15,7 @@ from pmcl_ros.pmcl.localizer import _FINEST
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.simulation.sequences.sequence import Sequence
+from pmcl_ros.simulation.sequence import Sequence
 
 CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
 

@@ -17,12 +17,10 @@ from pmcl_ros.messages.bags import read, topics
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
+from pmcl_ros.simulation.files import write_sequence
+from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
 from pmcl_ros.simulation.scenes.poses import pose_of
-from pmcl_ros.simulation.sequences.files import write_sequence
-from pmcl_ros.simulation.sequences.layers import Plane, Solid, laid_over, view_shifts
-from pmcl_ros.simulation.sequences.paths import wander
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings, wander
 
 SMALL = SequenceSettings(frames=12, occluded=2, size=64)
 CAMERA = Pinhole(90, 80, 200.0, 210.0, 44.0, 41.5)

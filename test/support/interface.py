@@ -28,8 +28,8 @@ FILES = {
     'sweep plan YAML view': 'pmcl_ros.lightfield.sweep.plan:PlannedView',
     'grasps YAML': 'pmcl_ros.grasps.grasp_file:GraspFile',
     'grasps YAML grasp': 'pmcl_ros.grasps.grasp_file:GraspEntry',
-    'scene settings YAML': 'pmcl_ros.simulation.scenes.settings:SceneSettings',
-    'sequence settings YAML': 'pmcl_ros.simulation.sequences.settings:SequenceSettings',
+    'scene settings YAML': 'pmcl_ros.simulation.scenes.random_scene:SceneSettings',
+    'sequence settings YAML': 'pmcl_ros.simulation.sequence:SequenceSettings',
 }
 PROGRAMS = ('pmcl_bringup', 'pmcl_record', 'pmcl_replay', 'pmcl_soak')
 

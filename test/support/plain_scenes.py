@@ -6,7 +6,8 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.scene import Scene, Sensor
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.scenes.textures import SIZE
 from pmcl_ros.simulation.scenes.trace import BRANCHES, trace
 

@@ -19,10 +19,8 @@ from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.simulation.scenes.moved import photographs
-from pmcl_ros.simulation.scenes.random_scene import random_scene
-from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
-from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.render import SyntheticCapture, photographs, render
 
 
 @dataclass(frozen=True)

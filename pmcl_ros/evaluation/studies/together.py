@@ -21,8 +21,8 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
 from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
-from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 ALIKE = 0.002, math.radians(2)  # m, rad: so much worse is as well
 

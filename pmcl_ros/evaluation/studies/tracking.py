@@ -17,7 +17,7 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.settings import Tracking, TrackingSettings
 from pmcl_ros.pmcl.tracking.tracker import Tracker
-from pmcl_ros.simulation.sequences.sequence import Frame, Sequence
+from pmcl_ros.simulation.sequence import Frame, Sequence
 
 T = TypeVar('T')
 

@@ -14,13 +14,13 @@ from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
 from pmcl_ros.simulation.scenes.random_scene import (
+    SceneSettings,
     random_film,
     random_room,
     random_sensor,
     random_way,
 )
 from pmcl_ros.simulation.scenes.scene import Scene, Solid, Target
-from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 _TRIES = 2000
 _GLASS, _COPY, _FILM = 0.6, 0.25, 0.2  # shares: of things, of scenes with two copies, behind film

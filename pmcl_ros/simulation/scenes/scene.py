@@ -5,10 +5,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.scenes.textures import Texture
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
@@ -40,29 +40,6 @@ class Sheet:
     texture: Texture
     side: float
     opacity: float = 1.0
-
-
-@dataclass(frozen=True)
-class Sensor:
-    """From light to the values of views.
-
-    grid: the camera of the views. focus: depth without disparity before rectification, where
-        views are sharp [m]. pupil: radius of the disc that all views share [view steps].
-    blur: standard deviation of what lenslets and interpolation blur [px].
-    level: mean of the centre view that the exposure aims at [1 at the sensor's white].
-    shot: variance per value of green; red and blue have twice that. read: standard deviation in
-        the dark of green. Both are for views of weight 1.
-    gains: of the sensor's red, green, blue.
-    """
-
-    grid: ViewGrid
-    focus: float
-    pupil: float
-    blur: float
-    level: float
-    shot: float
-    read: float
-    gains: tuple[float, float, float]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.studies.tracking import edges_of
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.simulation.sequences.sequence import Sequence
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 
 @pytest.mark.parametrize('seed', [24, 25, 34])  # cards' edges fit every outline better than theirs

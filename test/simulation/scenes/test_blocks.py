@@ -7,11 +7,10 @@ from scipy.spatial import cKDTree
 
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.simulation.files import write_capture
 from pmcl_ros.simulation.scenes.blocks import BLOCKS, random_block
-from pmcl_ros.simulation.scenes.files import write_capture
-from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
-from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 
 @pytest.mark.parametrize('glass', [True, False])

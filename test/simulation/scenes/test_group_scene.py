@@ -8,7 +8,7 @@ from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
-from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 
 SETTINGS = SceneSettings(near=0.5, far=0.8)
 

@@ -5,8 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_scenes import WHITE, light_along, plain_scene, pose_at
 
-from pmcl_ros.simulation.scenes.materials import Clear
-from pmcl_ros.simulation.scenes.optics import fresnel, reflected, refracted
+from pmcl_ros.simulation.scenes.materials import Clear, fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.world import World

@@ -16,13 +16,11 @@ from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
 from pmcl_ros.simulation.scenes.objects import mesh_thing, random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import pose_of
-from pmcl_ros.simulation.scenes.random_scene import random_scene
-from pmcl_ros.simulation.scenes.rays import first_surfaces
-from pmcl_ros.simulation.scenes.render import render
+from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.render import first_surfaces, render
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid, Target
-from pmcl_ros.simulation.scenes.sensing import noisy
-from pmcl_ros.simulation.scenes.settings import KINDS, SceneSettings
+from pmcl_ros.simulation.scenes.sensor import noisy
 from pmcl_ros.simulation.scenes.textures import clouds
 from pmcl_ros.simulation.scenes.world import World
 

@@ -8,10 +8,9 @@ from pmcl_ros.cli import main
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.scenes.files import write_capture
-from pmcl_ros.simulation.scenes.random_scene import random_scene
+from pmcl_ros.simulation.files import write_capture
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
-from pmcl_ros.simulation.scenes.settings import SceneSettings
 
 
 def test_what_is_written_is_read(tmp_path):

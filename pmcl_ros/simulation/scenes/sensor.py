@@ -1,17 +1,66 @@
-"""What lenslets, exposure and noise make of the light of views."""
+"""A light-field camera: its pupil, exposure, blur and noise."""
+
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.simulation.scenes.scene import Sensor
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 
+_REACH = 2.0  # view steps: the tent by which a decoder gathers a view's light ends there
+_FINENESS = 20  # points per view step
+_LEAST = 0.05  # light below which a view is black
 # Noise of a decoded F01: what white noise of the raw picture becomes (measured by decoding the
 # same frame with and without it): neighbouring pixels correlate by 0.16, views by 0.03, colours
 # not at all; red and blue sites are half as many, so their noise has twice the variance.
 _NEIGHBOUR = 0.085  # of a kernel (k, 1, k) along both axes: correlation 2 k / (1 + 2 k^2)
 _VARIANCE = np.array([2.0, 1.0, 2.0], np.float32)
 _WHITE = 1.02  # a saturated sensor, after its vignetting was divided out
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """From light to the values of views.
+
+    grid: the camera of the views. focus: depth without disparity before rectification, where
+        views are sharp [m]. pupil: radius of the disc that all views share [view steps].
+    blur: standard deviation of what lenslets and interpolation blur [px].
+    level: mean of the centre view that the exposure aims at [1 at the sensor's white].
+    shot: variance per value of green; red and blue have twice that. read: standard deviation in
+        the dark of green. Both are for views of weight 1.
+    gains: of the sensor's red, green, blue.
+    """
+
+    grid: ViewGrid
+    focus: float
+    pupil: float
+    blur: float
+    level: float
+    shot: float
+    read: float
+    gains: tuple[float, float, float]
+
+
+def pupil_views(side: int, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Positions (side, side, 2) [view steps] and weights (side, side), as `ViewGrid` has them.
+
+    A view gathers light with a tent about its nominal place, as far as that lies in the pupil, a
+    disc of `radius` view steps: outer views are darker, and sit nearer the axis.
+    """
+    nominal = nominal_positions(side, side)
+    last = int(_REACH * _FINENESS)
+    offsets = np.arange(-last, last + 1) / _FINENESS
+    tent = 1 - np.abs(offsets) / _REACH
+    kernel = tent[:, None] * tent
+    points = nominal[..., None, None, :] + np.stack(np.meshgrid(offsets, offsets), axis=-1)
+    light = kernel * ((points ** 2).sum(axis=-1) <= radius ** 2)
+    total = light.sum(axis=(-2, -1))
+    middle = (points * light[..., None]).sum(axis=(-3, -2)) / np.maximum(total, 1e-9)[..., None]
+    weights = total / kernel.sum()
+    dark = weights < _LEAST
+    return np.where(dark[..., None], nominal, middle), np.where(dark, 0, weights).astype(
+        np.float32)
 
 
 def sensed(picture: NDArray[np.float32], gain: float, sigma: float, margin: int

@@ -1,26 +1,29 @@
-"""A moving object before a moving camera, frame by frame."""
+"""Draws a moving object before a moving camera, frame by frame."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
 from pmcl_ros.simulation.scenes.poses import pose_of
-from pmcl_ros.simulation.scenes.random_scene import random_sensor
-from pmcl_ros.simulation.scenes.scene import Sensor
-from pmcl_ros.simulation.scenes.sensing import exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.settings import SceneSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.textures import random_texture
 from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
-from pmcl_ros.simulation.sequences.layers import Plane, Solid, laid_over, view_shifts
-from pmcl_ros.simulation.sequences.paths import wander
-from pmcl_ros.simulation.sequences.settings import SequenceSettings
 
+Kind = Literal['opaque', 'translucent', 'film']
+_WAVES = 3  # sines that an axis' motion is the sum of
+_FINE = 4000  # places where the speed of a path is looked at
+_LONG = 200.0  # rad of the slowest wave's phase that are looked at
 _SPAN = 6  # of an F01's view steps: from side to side of the inner 7x7 views
 _REACH = np.array([0.045, 0.035, 0.03])  # m: of the object's motion
 _TURN = 0.25  # rad
@@ -31,6 +34,71 @@ _FROM_SIDE = 0.7  # rad: the object's axis is at least so far from the line of s
 _RIM = 0.003  # m: how far inwards the rim of a translucent object fades
 _MARGIN = 0.02  # m: of the region of interest around the object's path
 _BEGIN = 1_700_000_000_000_000_000  # ns
+
+
+class SequenceSettings(Settings):
+    """Of `Sequence`."""
+
+    kinds: tuple[Kind, ...] = Field(
+        ('opaque', 'translucent', 'film'), min_length=1,
+        description='kinds of objects, one of which is drawn: opaque; one that lets '
+        'light through, with a rim; opaque behind a film that does')
+    frames: int = Field(200, ge=1, le=100_000, description='length of the sequence [frames]')
+    rate: float = Field(10.0, gt=0, le=1000, description='frames per second [Hz]')
+    object_speed: float = Field(
+        0.02, ge=0, le=0.1, description='largest motion of the object in its fixed frame from '
+        'frame to frame [m]; 0: it rests')
+    camera_speed: float = Field(
+        0.004, ge=0, le=0.1, description='largest motion of the camera from frame to frame [m]; '
+        '0: it rests')
+    occluded: int = Field(10, ge=0, le=1000, description='frames, in the middle, in which a card '
+                          'before the camera hides all [frames]')
+    views: int = Field(3, ge=3, le=9, description='side of the square of views, odd [views]; they '
+                       'span what the inner 7x7 of an F01 do')
+    size: int = Field(256, ge=32, le=2000, description='side of a view [px]')
+    field: float = Field(0.36, gt=0.1, le=1.5,
+                         description="field of view: the image's side over the focal length [1]")
+    distance: float = Field(0.6, ge=0.3, le=5,
+                            description='mean distance of the object from the camera [m]')
+    noise: float = Field(1.0, ge=0, le=20, description='noise: standard deviation in units of '
+                         'that of an F01 at ISO 80 in a lit room; 0: none')
+
+    @field_validator('views')
+    @classmethod
+    def _odd(cls, value: int) -> int:
+        if value % 2 == 0:
+            raise ValueError('must be odd, to have a centre')
+        return value
+
+    @model_validator(mode='after')
+    def _seen_at_all(self) -> 'SequenceSettings':
+        if self.occluded and self.occluded + 2 > self.frames:
+            raise ValueError(f'{self.occluded} hidden frames leave none before and after them of '
+                             f'{self.frames}: set occluded to {max(self.frames - 2, 0)} at most')
+        return self
+
+
+def wander(rng: np.random.Generator, frames: int, reach: NDArray[np.float64], turn: float,
+           speed: float) -> NDArray[np.float64]:
+    """(frames, 4, 4) poses near the identity: sums of sines along and about x, y, z.
+
+    reach: (3,) how far the origin goes at most [m]. turn: by how much about each axis [rad].
+    speed: the origin's largest step from frame to frame [m]; 0: at rest.
+    """
+    rates = rng.uniform(0.6, 1.7, (6, _WAVES))
+    phases = rng.uniform(0, 2 * np.pi, (6, _WAVES))
+    sizes = rng.dirichlet(np.full(_WAVES, 3.0), 6) * np.append(reach, np.full(3, turn))[:, None]
+    poses = np.tile(np.eye(4), (frames, 1, 1))
+    if speed == 0:
+        return poses
+    fine = np.linspace(0, _LONG, _FINE)[:, None, None]
+    slopes = (sizes * rates * np.cos(rates * fine + phases)).sum(axis=2)
+    step = speed / np.linalg.norm(slopes[:, :3], axis=1).max()
+    time = step * np.arange(frames)[:, None, None]
+    way = (sizes * np.sin(rates * time + phases)).sum(axis=2)
+    poses[:, :3, 3] = way[:, :3]
+    poses[:, :3, :3] = Rotation.from_rotvec(way[:, 3:]).as_matrix()
+    return poses
 
 
 @dataclass(frozen=True)

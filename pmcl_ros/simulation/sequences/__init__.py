@@ -1,1 +1,0 @@
-"""Sequences of moving scenes, with exact truth: what tracking is tested on."""
