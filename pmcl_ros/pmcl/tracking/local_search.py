@@ -15,14 +15,12 @@ from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
-from pmcl_ros.pmcl.tracking.pilot import piloted
 
 # Different poses that go on: by a wire to coarse contours, from there to fine ones, to the end.
 _LIKELY, _HOPEFUL, _MODES = 16, 8, 2
 _BLUR = 4  # image px of a pixel of the wire's edges
 _WIRE = 64  # points of it
-# Of the Gaussian that pilots of a mode begin in: they are too few to fill the search's 2.5.
-_WIDEN = 1.5
+_WIDEN = 1.5  # of a mode's Gaussian: particles are too few to fill the 2.5 of the region's search
 _NEGLIGIBLE = 10.0  # nat: so much less mass than the best mode's
 _MOVES = 1  # of the sampler at each of its powers
 
@@ -82,8 +80,7 @@ class LocalSearch:
                 values[own] = slide.evidence(symmetry.local(poses[own], mode.pose))
             return np.where(self.posterior.inside(poses), scale * values + before(poses), -np.inf)
 
-        tilted, begun = piloted(rough, exact, starts, rng)
-        poses, values, own = sample_posterior([tilted, exact], begun, self.particles, _MOVES,
+        poses, values, own = sample_posterior([rough, exact], starts, self.particles, _MOVES,
                                               rng, lambda _: True)
         return Posterior(tuple(modes), poses, values, own)
 
