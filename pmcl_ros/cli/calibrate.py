@@ -10,7 +10,8 @@ from rich.progress import Progress
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FILE, PATH, STDERR
-from pmcl_ros.drawing.calibration_report import numbers, summary, tables, write_report
+from pmcl_ros.drawing.calibration_report import numbers, picture, summary, tables
+from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration.calibration import Calibration
@@ -39,7 +40,7 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path)
     out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     result = run_calibration(white, boards, board)
     result.calibration.save(out, summary(result))
-    write_report(out.with_suffix('.png'), result)
+    write_png(out.with_suffix('.png'), picture(result))
     out.with_suffix('.json').write_text(json.dumps(numbers(result), indent=1) + '\n')
     console = Console()
     for table in tables(result):

@@ -1,24 +1,21 @@
-"""What a calibration rests on, to look at: a picture, a table, and numbers to read on."""
+"""Reports a calibration: a picture, tables, and numbers for JSON."""
 
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.table import Table
 
-from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.drawing import charts
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult
 from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, bok_parameters
 
-_ZOOM = 2  # of the centre views
-_LENGTH = 12  # px: about how long residuals are drawn
+_LENGTH = 6  # px: about how long residuals are drawn
 _COLUMNS = 4  # boards side by side
-_PLOT = (656, 360)  # px, width and height
-_MARGIN = 52
-_INK, _GREY, _LINE, _DOT = (30, 30, 30), (150, 150, 150), (220, 40, 40), (20, 90, 200)
-_LETTERS = 0.42
+_TILE, _PLOTS = 5.0, 4.0  # inches: width of a board, height of the plots
+_LINE, _DOT = '#d55e00', '#0072b2'
 
 
 def standard_deviations(result: CalibrationResult) -> dict[str, float]:
@@ -95,23 +92,32 @@ def numbers(result: CalibrationResult) -> dict[str, Any]:
         'left_out': [each._asdict() for each in result.left_out]}
 
 
-def write_report(path: Path | str, result: CalibrationResult) -> None:
-    """Write the picture of a calibration, PNG; PmclError when that is impossible."""
-    write_png(path, picture(result))
-
-
 def picture(result: CalibrationResult) -> NDArray[np.uint8]:
     """The boards with their residuals, residuals by radius, disparity by distance, the values."""
+    boards = -(-len(result.boards) // _COLUMNS)
+    height, width = result.boards[0].picture.shape[:2]
+    tile = _TILE * height / width
+    drawn = Figure((_COLUMNS * _TILE, boards * tile + _PLOTS), layout='constrained')
+    halves: Any = drawn.subfigures(2, 1, height_ratios=[boards * tile, _PLOTS])
+    above, below = halves
+    places = above.subplots(boards, _COLUMNS, squeeze=False).ravel()
     position, _ = residual_rms(result)
     times = float(f'{_LENGTH / max(np.sqrt(np.mean(position ** 2)), 1e-6):.0e}')  # a round number
-    tiles = [_board(result, index, times) for index in range(len(result.boards))]
-    blank = np.full_like(tiles[0], 255)
-    tiles += [blank] * (-len(tiles) % _COLUMNS)
-    rows = [np.concatenate(tiles[k:k + _COLUMNS], axis=1)
-            for k in range(0, len(tiles), _COLUMNS)]
-    below = np.concatenate([_by_radius(result), _by_distance(result), _values(result)], axis=1)
-    width = max(rows[0].shape[1], below.shape[1])
-    return np.concatenate([_widened(each, width) for each in (*rows, below)])
+    for axes in places:
+        axes.set_axis_off()
+    for index, axes in enumerate(places[:len(result.boards)]):
+        _draw_board(axes, result, index, times)
+    by_radius, by_distance, values = below.subplots(1, 3)
+    _draw_radial(by_radius, result)
+    _draw_disparities(by_distance, result)
+    title = f'{len(result.boards)} boards, {int(result.fit.observations.valid.sum())} corners'
+    if result.calibration.serial:
+        title += f', camera {result.calibration.serial}'
+    values.set_title(title)
+    values.set_axis_off()
+    values.table([[name, value, f'± {sigma}' if sigma[:1].isdigit() else sigma, unit]
+                  for name, value, sigma, unit in _rows(result)], loc='center', edges='open')
+    return charts.picture(drawn)
 
 
 def _rows(result: CalibrationResult) -> list[tuple[str, str, str, str]]:
@@ -134,107 +140,43 @@ def _rows(result: CalibrationResult) -> list[tuple[str, str, str, str]]:
             ('K1 (Bok)', f'{k1:.4f}', '', ''), ('K2 (Bok)', f'{k2:.4f}', '', 'm')]
 
 
-def _board(result: CalibrationResult, index: int, times: float) -> NDArray[np.uint8]:
-    """A centre view with its corners' residuals, many times too long."""
+def _draw_board(axes: Axes, result: CalibrationResult, index: int, times: float) -> None:
+    """A centre view with its corners' residuals, `times` as long as they are."""
     view = result.boards[index]
-    canvas = np.asarray(cv2.resize(view.picture, None, fx=_ZOOM, fy=_ZOOM,
-                                   interpolation=cv2.INTER_CUBIC), np.uint8)
-    canvas = canvas // 2 + np.uint8(127)  # pale: the residuals are what is to be seen
+    axes.imshow(view.picture // 2 + np.uint8(127))  # pale: the residuals stand out
     left = result.residuals[index, :, :2].reshape(view.corners.positions.shape)
     used = result.fit.observations.valid[index].reshape(view.corners.valid.shape)
-    for at in zip(*np.nonzero(used), strict=True):
-        corner = (view.corners.positions[at] + 0.5) * _ZOOM - 0.5
-        _line(canvas, corner, corner + times * left[at], _LINE)
-        cv2.circle(canvas, _pixel(corner), 2, _DOT, -1, cv2.LINE_AA)
+    corners = view.corners.positions[used]
+    axes.quiver(*corners.T, *(times * left[used]).T, color=_LINE, angles='xy', scale_units='xy',
+                scale=1, width=0.004)
+    axes.plot(*corners.T, '.', color=_DOT, markersize=3)
     position, disparity = residual_rms(result)
-    _write(canvas, f'{view.name}: {position[index]:.4f} px, {disparity[index]:.4f} px/step', 6, 16)
-    _write(canvas, f'residuals x {times:.0f}', 6, canvas.shape[0] - 8)
-    return canvas
+    axes.set_title(f'{view.name}: {position[index]:.4f} px, {disparity[index]:.4f} px/step; '
+                   f'residuals x {times:.0f}', fontsize='small')
 
 
-def _by_radius(result: CalibrationResult) -> NDArray[np.uint8]:
+def _draw_radial(axes: Axes, result: CalibrationResult) -> None:
     """Radial residuals over the distance from the principal point: distortion would bend them."""
     observations, calibration = result.fit.observations, result.calibration
     valid = observations.valid
     apart = observations.values[valid, :2] - [calibration.cx, calibration.cy]
     radius = np.hypot(*apart.T)
     radial = (result.residuals[valid, :2] * apart).sum(axis=1) / np.maximum(radius, 1e-9)
-    return _plot(radius, radial, 'distance from the principal point [px]',
-                 'radial residual [px]', flat=True)
+    axes.plot(radius, radial, '.', color=_DOT)
+    axes.axhline(0, color=_LINE)
+    most = 1.05 * float(np.abs(radial).max())
+    axes.set(xlabel='distance from the principal point [px]', ylabel='radial residual [px]',
+             ylim=(-most, most))
 
 
-def _by_distance(result: CalibrationResult) -> NDArray[np.uint8]:
+def _draw_disparities(axes: Axes, result: CalibrationResult) -> None:
     """Disparities over depth, and the curve that baseline and focus distance make."""
     observations, calibration = result.fit.observations, result.calibration
     valid = observations.valid
     depth = np.einsum('nj,mj->nm', result.poses[:, 2, :3], observations.points)
     depth = (depth + result.poses[:, 2, 3, None])[valid]
-    measured = observations.values[valid, 2]
+    axes.plot(depth, observations.values[valid, 2], '.', color=_DOT)
     z = np.linspace(depth.min(), depth.max(), 100)
-    curve = calibration.fx * calibration.baseline * (1 / calibration.focus_distance - 1 / z)
-    return _plot(depth, measured, 'depth of a corner [m]', 'disparity [px per view step]',
-                 (z, curve))
-
-
-def _plot(x: NDArray[np.float64], y: NDArray[np.float64], across: str, up: str,
-          curve: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-          flat: bool = False) -> NDArray[np.uint8]:
-    """Dots, with a curve or the line y = 0, on white."""
-    width, height = _PLOT
-    canvas = np.full((height, width, 3), 255, np.uint8)
-    low, high = np.array([x.min(), y.min()]), np.array([x.max(), y.max()])
-    if flat:  # as far down as up
-        low[1], high[1] = -np.abs(y).max(), np.abs(y).max()
-    span = np.maximum(high - low, 1e-12)
-
-    def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        part = (points - low) / span
-        return _MARGIN + np.stack([part[:, 0], 1 - part[:, 1]], axis=1) * [
-            width - 1.5 * _MARGIN, height - 2 * _MARGIN]
-
-    line = np.stack(curve or (np.array([low[0], high[0]]), np.zeros(2)), axis=1)
-    for start, end in zip(place(line)[:-1], place(line)[1:], strict=True):
-        _line(canvas, start, end, _LINE)
-    for point in place(np.stack([x, y], axis=1)):
-        cv2.circle(canvas, _pixel(point), 2, _DOT, -1, cv2.LINE_AA)
-    right, bottom = width - _MARGIN // 2, height - _MARGIN
-    cv2.rectangle(canvas, (_MARGIN, _MARGIN), (right, bottom), _GREY)
-    _write(canvas, up, _MARGIN, _MARGIN - 10)
-    _write(canvas, across, width // 2 - 4 * len(across), height - 12)
-    for value, (left, top) in ((low[0], (_MARGIN - 10, bottom + 18)),
-                               (high[0], (right - 30, bottom + 18)),
-                               (low[1], (4, bottom)), (high[1], (4, _MARGIN + 8))):
-        _write(canvas, f'{value:.3g}', left, top)
-    return canvas
-
-
-def _values(result: CalibrationResult) -> NDArray[np.uint8]:
-    canvas = np.full((_PLOT[1], _PLOT[0], 3), 255, np.uint8)
-    title = f'{len(result.boards)} boards, {int(result.fit.observations.valid.sum())} corners'
-    if result.calibration.serial:
-        title += f', camera {result.calibration.serial}'
-    _write(canvas, title, 20, 30)
-    for index, (name, value, sigma, unit) in enumerate(_rows(result)):
-        spread = f'+- {sigma}' if sigma[:1].isdigit() else sigma
-        for text, x in ((name, 20), (value, 170), (spread, 290), (unit, 420)):
-            _write(canvas, text, x, 62 + 22 * index)
-    return canvas
-
-
-def _widened(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
-    missing = width - picture.shape[1]
-    return np.pad(picture, ((0, 0), (0, missing), (0, 0)), constant_values=255)
-
-
-def _pixel(point: NDArray[np.float64]) -> tuple[int, int]:
-    x, y = np.rint(np.clip(point, -9999, 9999)).astype(int).tolist()
-    return x, y
-
-
-def _line(canvas: NDArray[np.uint8], start: NDArray[np.float64], end: NDArray[np.float64],
-          colour: tuple[int, int, int]) -> None:
-    cv2.line(canvas, _pixel(start), _pixel(end), colour, 1, cv2.LINE_AA)
-
-
-def _write(canvas: NDArray[np.uint8], text: str, x: int, y: int) -> None:
-    cv2.putText(canvas, text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, _LETTERS, _INK, 1, cv2.LINE_AA)
+    axes.plot(z, calibration.fx * calibration.baseline * (1 / calibration.focus_distance - 1 / z),
+              color=_LINE)
+    axes.set(xlabel='depth of a corner [m]', ylabel='disparity [px per view step]')
