@@ -64,8 +64,8 @@ def _draw_residuals(drawn: Figure, frame: RawFrame, fit: LatticeFit) -> None:
     lengths, top = np.hypot(*fit.errors.T), max(2 * fit.p95_px, 1e-6)
     tile = np.sqrt(np.prod(np.ptp(fit.places, axis=0)) / len(fit.places))
     points = tile / max(height, width) * 0.92 * _SIDE * 72 / _DPI  # a tile's side in the picture
-    axes.scatter(fit.places[:, 0], fit.places[:, 1], points ** 2, lengths, 's', vmin=0, vmax=top,
-                 linewidths=0)
+    axes.scatter(fit.places[:, 0], fit.places[:, 1], points ** 2, lengths, marker='s', vmin=0,
+                 vmax=top, linewidths=0)
     # An error of the 95th percentile is drawn as long as a tile is wide, and so are larger ones.
     arrows = fit.errors * (tile / np.maximum(lengths, top / 2))[:, None]
     axes.quiver(*fit.places[fit.used].T, *arrows[fit.used].T, color='white', angles='xy',
