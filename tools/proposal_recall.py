@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.cli.learn import examples_of
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evaluation.errors import RIGHT_ANGLE, RIGHT_DISTANCE, pose_error
 from pmcl_ros.learning.contour_tables import Example
@@ -31,16 +30,12 @@ def _near(example: Example, pose: NDArray[np.float64], limits: tuple[float, floa
 
 def _result(example: Example) -> tuple[bool, bool, bool, float]:
     """Whether it is proposed, found, found elsewhere and not lost; CPU time [s]."""
-    edges = example.edges
-    nothing = np.zeros((*edges.tensor.shape[:2], 2), np.float32)
-    volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
-                                   edges)
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba')
     seen: list[Generation] = []
     with Localizer(example.model, settings) as localizer:
         begin = time.process_time()
-        found = localizer.localize(volume, np.random.default_rng(0), watch=seen.append)
+        found = localizer.localize(example.edges, np.random.default_rng(0), watch=seen.append)
         took = time.process_time() - begin
     proposed = any(_near(example, each, _PROPOSED) for each in seen[0].poses)
     right = _near(example, found.pose, _RIGHT)

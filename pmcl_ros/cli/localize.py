@@ -1,8 +1,6 @@
 """`pmcl localize`: an object's pose from one picture."""
 
 import json
-import time
-from contextlib import ExitStack
 from pathlib import Path
 
 import click
@@ -12,16 +10,12 @@ from rich.progress import Progress
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.cli.several import localize_several
 from pmcl_ros.cli.sources import open_source, source_options
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import depth_picture, overlay, write_png
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.variants import Variant, volume_settings
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.resident import volume_for
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 
 
@@ -58,36 +52,20 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                                   'roi_center': roi[:3], 'roi_size': roi[3:]} | dict(of_search),
                                  '--roi, --mode, --set, --seed')
     model = ObjectModel.load(objects[0])
-    near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
     read = open_source(source, calibration, white, every, shrink)
     if len(objects) > 1:
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
         localize_several(read, objects, settings, dict(of_volume), as_json, out)
         return
-    with (Progress(console=STDERR, transient=True) as bar, Localizer(model, settings) as localizer,
-          ExitStack() as held):
+    with (Progress(console=STDERR, transient=True) as bar,
+          Pipeline.for_object(model, settings, dict(of_volume), '--set') as pipeline):
         task = bar.add_task('views', total=1.0)
-        started = time.perf_counter()
-        light_field = read()
-        decoded = time.perf_counter()
-        bar.update(task, description='volume')
-        wanted = volume_settings(settings.mode, near, far, light_field.grid)
-        wanted = DlvSettings.make(wanted.model_dump() | dict(of_volume), '--set')
-        volume = held.enter_context(volume_for(localizer, light_field, wanted))
-        built = time.perf_counter()
-        bar.update(task, description='pose')
-
-        def show(part: float) -> bool:
-            bar.update(task, completed=part)
-            return True
-
-        estimate = localizer.localize(volume, np.random.default_rng(seed), show)
-        found = time.perf_counter()
-        if out is not None:
-            whole = volume.read() if isinstance(volume, GlVolume) else volume
-            depths = whole.depth_map()
-    times = {'decode': decoded - started, 'dlv': built - decoded, 'pmcl': found - built}
+        run = pipeline.run(read, np.random.default_rng(seed), lambda stage, part: bar.update(
+            task, description=stage, completed=part), with_volume=out is not None)
+    estimate, seconds = run.estimate, run.seconds
+    times = {'decode': seconds['views'],
+             'dlv': seconds['evidence'] + seconds.get('volume', 0.0), 'pmcl': seconds['pose']}
     if as_json:
         timings = {name: 1e3 * each for name, each in times.items()}
         click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
@@ -100,9 +78,11 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        picture = light_field.picture()
+        picture = run.light_field.picture()
         write_png(out / 'centre.png', picture)
-        write_png(out / 'depth.png', depth_picture(depths, near, far))
-        write_png(out / 'overlay.png', overlay(picture, light_field.grid.pinhole, model,
+        if run.volume is not None:
+            write_png(out / 'depth.png', depth_picture(run.volume.depth_map(), pipeline.near,
+                                                       pipeline.far))
+        write_png(out / 'overlay.png', overlay(picture, run.light_field.grid.pinhole, model,
                                               estimate.pose))
         click.echo(f'pictures in {out}', err=True)

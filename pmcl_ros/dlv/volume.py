@@ -1,16 +1,24 @@
 """The third of the four values: how likely light on a pixel came from each depth."""
 
-from dataclasses import dataclass, replace
+import logging
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.layers import Layers, read_layers
-from pmcl_ros.dlv.pixel_grid import PixelGrid
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.superposition import Superposition
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
+
+_LOG = logging.getLogger(__name__)
+_MOST_BYTES = 2 ** 31  # of a volume; making it takes about thrice that
 
 
 def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
@@ -21,8 +29,41 @@ def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
     return 1 / np.linspace(1 / far, 1 / near, count)
 
 
-def _check(values: NDArray[np.float32], components: tuple[int, ...], depths: NDArray[np.float64],
-           pinhole: Pinhole, name: str) -> None:
+def checked_labels(grid: ViewGrid, settings: DlvSettings, pinhole: Pinhole,
+                   name: Literal['labels', 'edge_labels'], components: int = 1
+                   ) -> NDArray[np.float64]:
+    """The depths (labels,) [m] of the labels that the settings ask for.
+
+    pinhole: of the pixels that each get `components` float32 values a label. Raises VolumeError
+    where the values take too much memory or fewer than two views have light. Logs a warning where
+    views move by more than a pixel from label to label.
+    """
+    count = getattr(settings, name)
+    size = 4 * pinhole.height * pinhole.width * count * components
+    if size > _MOST_BYTES:
+        raise VolumeError(
+            f'{count} {name} of {pinhole.width}x{pinhole.height} px take {size / 2 ** 30:.1f} GiB,'
+            f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views')
+    needed = StereoPairs.of(grid, settings.views).labels_needed(settings.near, settings.far)
+    if count < needed:
+        _warn_of_few_labels(name, count, needed)
+    return depth_labels(settings.near, settings.far, count)
+
+
+@lru_cache(maxsize=16)  # logged once, not at every capture
+def _warn_of_few_labels(name: str, count: int, needed: int) -> None:
+    _LOG.warning('views move by up to %.1f px from label to label, more than one: set %s to %d '
+                 '(it is %d), or near and far closer together', (needed - 1) / (count - 1), name,
+                 needed, count)
+
+
+def check_values(values: NDArray[np.float32], components: tuple[int, ...],
+                 depths: NDArray[np.float64], pinhole: Pinhole, name: str) -> None:
+    """Raise VolumeError unless values are finite, one for each pixel and label (and component).
+
+    values: (height, width, labels, *components). depths: (labels,) [m], far to near, uniform in
+    inverse depth. name: for the message.
+    """
     expected = (pinhole.height, pinhole.width, len(depths), *components)
     if values.shape != expected:
         raise VolumeError(f'{name} has shape {values.shape}, expected {expected}: height, width, '
@@ -39,38 +80,12 @@ def _check(values: NDArray[np.float32], components: tuple[int, ...], depths: NDA
 
 
 @dataclass(frozen=True)
-class EdgeVolume:
-    """Structure tensor of the views refocused at each label: where edges lie at that depth.
-
-    tensor: (height, width, labels, 3) float32, the xx, yy, xy components, in units of the local
-        contrast squared.
-    depths: (labels,) float64 [m], far to near, uniform in inverse depth.
-    """
-
-    header: Header
-    tensor: NDArray[np.float32]
-    depths: NDArray[np.float64]
-    pinhole: Pinhole
-
-    def __post_init__(self) -> None:
-        _check(self.tensor, (3,), self.depths, self.pinhole, 'edge volume')
-
-    def on(self, lattice: PixelGrid) -> 'EdgeVolume':
-        """The same on some of the pixels."""
-        if lattice.pinhole == self.pinhole:
-            return self
-        tensor = np.ascontiguousarray(self.tensor[lattice.rows[:, None], lattice.columns])
-        return replace(self, tensor=tensor, pinhole=lattice.pinhole)
-
-
-@dataclass(frozen=True)
 class DepthLikelihoodVolume:
     """The paper's DLV (section IV), in the centre view.
 
     likelihood: (height, width, labels) float32, the log of eq. "L(x, l)": zero at the worst label
         of a pixel, growing.
     depths: (labels,) float64 [m], far to near, uniform in inverse depth.
-    edges: the edge volume of the same capture, where it was made.
     superposition: two layers fitted to each of its rays, where that was asked for.
     """
 
@@ -78,16 +93,15 @@ class DepthLikelihoodVolume:
     likelihood: NDArray[np.float32]
     depths: NDArray[np.float64]
     pinhole: Pinhole
-    edges: EdgeVolume | None = None
     superposition: Superposition | None = None
 
     def __post_init__(self) -> None:
-        _check(self.likelihood, (), self.depths, self.pinhole, 'volume')
+        check_values(self.likelihood, (), self.depths, self.pinhole, 'volume')
 
     def layers(self, count: int = 2, prominence: float = 0.1) -> Layers:
         """The most likely distinct surfaces along each ray (`read_layers`).
 
-        A ray's only one is two where the superposition says so.
+        Splits a single layer where the joint fit prefers two.
         """
         layers = read_layers(self.likelihood, self.depths, count, prominence)
         if self.superposition is None or count < 2:

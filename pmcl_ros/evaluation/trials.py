@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.surface_errors import Surface
-from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.evaluation.variants import Base, Variant
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -38,7 +37,7 @@ class Trial:
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
-    seconds: from the volume to the pose; dlv_seconds, decode_seconds: for the volume, the views.
+    seconds: from the evidence to the pose; dlv_seconds, decode_seconds: for that, the views.
     evaluations: poses drawn and scored. renderer: what drew them. pose: (12,) the rows of R | t,
         object to camera, metres.
     """
@@ -94,8 +93,8 @@ class Worker:
     camera: of raw pictures, calibration and white image; None where all are light fields.
     stopped: asked while a search goes on; when true, the search ends and counts as not done.
 
-    Keeps the light field, the volume and the localizer of the last job for the next one: jobs that
-    share them should follow each other.
+    Keeps the light field, the evidence and the localizer of the last job for the next one: jobs
+    that share them should follow each other.
     """
 
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
@@ -104,24 +103,24 @@ class Worker:
         self._source: Path | None = None  # of the light field
         self._light_field: LightField | None = None
         self._decode_seconds = 0.0
-        self._recipe: tuple[Path, bool, DlvSettings] | None = None  # of the volume
-        self._volume: DepthLikelihoodVolume | None = None
+        self._recipe: tuple[Path, Base, DlvSettings] | None = None  # of the evidence
+        self._evidence: Evidence | None = None
         self._dlv_seconds = 0.0
         self._search: tuple[Path, PmclSettings] | None = None  # of the localizer
-        self._localizer: Localizer | None = None
+        self._localizer: AnyLocalizer[PoseEstimate] | None = None
 
     def run(self, job: Job) -> Trial | None:
         """Do one job; None when it was stopped."""
         model, surface = _model(job.sought.model)
-        volume = self._volume_of(job, model)
+        evidence = self._evidence_of(job, model)
         localizer = self._localizer_of(job, model)
         started = time.perf_counter()
-        estimate = localizer.localize(volume, np.random.default_rng(job.seed),
+        estimate = localizer.localize(evidence, np.random.default_rng(job.seed),
                                       lambda _: not self._stopped())
         seconds = time.perf_counter() - started
         if self._stopped():
             return None
-        return _trial(job, estimate, volume.pinhole, model, surface, seconds=seconds,
+        return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
                       dlv_seconds=self._dlv_seconds, decode_seconds=self._decode_seconds,
                       renderer=localizer.renderer)
 
@@ -141,23 +140,23 @@ class Worker:
             self._source = capture.source
         return self._light_field
 
-    def _volume_of(self, job: Job, model: ObjectModel) -> DepthLikelihoodVolume:
+    def _evidence_of(self, job: Job, model: ObjectModel) -> Evidence:
         light_field = self._light_field_of(job.capture)
         settings = job.variant.volume(job.capture, model, light_field.grid)
-        recipe = job.capture.source, job.variant.base == 'centre', settings
-        if self._volume is None or self._recipe != recipe:
-            self._volume = None  # its memory is free before the next one is made
+        recipe = job.capture.source, job.variant.base, settings
+        if self._evidence is None or self._recipe != recipe:
+            self._evidence = None  # its memory is free before the next one is made
             started = time.perf_counter()
-            self._volume = job.variant.build(light_field, settings)
+            self._evidence = job.variant.build(light_field, settings)
             self._dlv_seconds = time.perf_counter() - started
             self._recipe = recipe
-        return self._volume
+        return self._evidence
 
-    def _localizer_of(self, job: Job, model: ObjectModel) -> Localizer:
+    def _localizer_of(self, job: Job, model: ObjectModel) -> AnyLocalizer[PoseEstimate]:
         search = job.sought.model, job.variant.search(job.capture)
         if self._localizer is None or self._search != search:
             self.close()
-            self._localizer, self._search = Localizer(model, search[1]), search
+            self._localizer, self._search = make_localizer(model, search[1]), search
         return self._localizer
 
 

@@ -4,17 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-import numpy as np
 import yaml
 
-from pmcl_ros.dlv.build import build_volume
-from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.pipeline import Evidence, build_evidence, volume_settings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
@@ -22,7 +20,6 @@ from pmcl_ros.runtime.errors import SettingsError
 
 Base = Literal['default', 'faithful', 'centre']
 
-_MOST_LABELS = 1000  # that the settings allow; the volume warns where more are needed
 _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
 
 
@@ -80,22 +77,17 @@ class Variant:
                                   'roi_size': capture.truth.roi_size} | dict(self.pmcl), self.name)
 
     def volume(self, capture: Capture, model: ObjectModel, grid: ViewGrid) -> DlvSettings:
-        """The volume's settings, to look for a model's object in a capture."""
+        """The settings of the evidence, to look for a model's object in a capture."""
         near, far = Region(capture.truth.roi_center, capture.truth.roi_size).grown(model.radius)
-        default = volume_settings(self.mode, near, far, grid)
-        return DlvSettings.make(default.model_dump() | dict(self.dlv), self.name)
+        return volume_settings(self.mode, near, far, grid, dict(self.dlv), self.name)
 
-    def build(self, light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
-        """The volume; of the centre view alone every label is the same, and none is likelier."""
+    def build(self, light_field: LightField, settings: DlvSettings) -> Evidence:
+        """What the row's search reads; of the centre view alone every label is the same."""
         if self.base != 'centre':
-            return build_volume(light_field, settings)
-        lattice = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
-        depths, edge_depths = (depth_labels(settings.near, settings.far, count)
-                               for count in (settings.labels, settings.edge_labels))
-        edges = edge_volume(light_field, edge_depths, views=1).on(lattice)
-        pinhole = lattice.pinhole
-        likelihood = np.zeros((pinhole.height, pinhole.width, len(depths)), np.float32)
-        return DepthLikelihoodVolume(light_field.header, likelihood, depths, pinhole, edges)
+            return build_evidence(light_field, settings, self.mode)
+        depths = depth_labels(settings.near, settings.far, settings.edge_labels)
+        return edge_volume(light_field, depths, views=1).on(
+            PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride))
 
 
 def _of(settings: type[DlvSettings] | type[PmclSettings], values: Mapping[str, Any]
@@ -111,17 +103,3 @@ def sweep(text: str) -> list[Variant]:
     if not values:
         raise SettingsError(f'{text!r} is not of the form KEY=VALUE,VALUE')
     return [Variant.parse(f'{key}={value}', key) for value in values.split(',')]
-
-
-def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid) -> DlvSettings:
-    """The volume that belongs to a mode: the paper shifts by phase, truncates, weighs no views.
-
-    There are as many labels as by default, or more where the views are farther apart.
-    """
-    default = DlvSettings()
-    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
-    values: dict[str, object] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
-                                 'edge_labels': max(default.edge_labels, needed)}
-    if mode == 'faithful':
-        values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
-    return DlvSettings.make(values, 'region of interest')

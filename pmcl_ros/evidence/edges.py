@@ -1,9 +1,10 @@
-"""Where edges lie at each depth: the structure tensor of the views refocused at every label.
+"""LightField -> EdgeVolume: the structure tensor of the views refocused at every label.
 
 A second layer behind glass pulls the likelihood of a contour's rays towards itself; the energy of
 an edge that is sharp when refocused at its own depth stays where the edge is (docs/method.md).
 """
 
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -12,10 +13,14 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import colour_planes, mirrored
 from pmcl_ros.dlv.samples import sample_row
 from pmcl_ros.dlv.sampling import TAPS
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, check_values, checked_labels
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import LOCK, compiled
@@ -26,6 +31,46 @@ _SIGMA = 0.7
 _REACH = 4  # px: of the smoothing's weights
 _NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 _TILE = 336  # pixels of a row worked on at once: their sums at all labels stay near the core
+
+
+@dataclass(frozen=True)
+class EdgeVolume:
+    """Evidence of one picture: structure tensor of the views refocused at each label.
+
+    tensor: (height, width, labels, 3) float32, the xx, yy, xy components, in units of the local
+        contrast squared.
+    depths: (labels,) float64 [m], far to near, uniform in inverse depth.
+    from_likelihood: made of a likelihood alone (`edges_from_likelihood`), so without directions:
+        the learned contour profile does not hold for it.
+    """
+
+    header: Header
+    tensor: NDArray[np.float32]
+    depths: NDArray[np.float64]
+    pinhole: Pinhole
+    from_likelihood: bool = False
+
+    def __post_init__(self) -> None:
+        check_values(self.tensor, (3,), self.depths, self.pinhole, 'edge volume')
+
+    def on(self, lattice: PixelGrid) -> 'EdgeVolume':
+        """The same on some of the pixels."""
+        if lattice.pinhole == self.pinhole:
+            return self
+        tensor = np.ascontiguousarray(self.tensor[lattice.rows[:, None], lattice.columns])
+        return replace(self, tensor=tensor, pinhole=lattice.pinhole)
+
+
+def build_edges(light_field: LightField, settings: DlvSettings) -> EdgeVolume:
+    """The edge volume of one capture, for the pixels of `PixelGrid.of` the settings.
+
+    Raises VolumeError when fewer than two views have light, the labels are too near, or the
+    tensor would be too large: it is made for all pixels, whatever is kept of them.
+    """
+    pinhole = light_field.grid.pinhole
+    lattice = PixelGrid.of(pinhole, settings.crop, settings.stride)
+    depths = checked_labels(light_field.grid, settings, pinhole, 'edge_labels', components=3)
+    return edge_volume(light_field, depths, settings.views).on(lattice)
 
 
 def edge_volume(light_field: LightField, depths: NDArray[np.floating],
@@ -79,7 +124,7 @@ def _inner(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
 
 
 def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> EdgeVolume:
-    """An edge volume from a likelihood alone, for readers that were given nothing else.
+    """An edge volume from a likelihood alone, where nothing else was recorded.
 
     A pixel's likelihood stands out from its mean over the labels where there is something to
     match, that is at edges, and most at their depth: the square of that, measured against the
@@ -95,7 +140,8 @@ def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> Ed
     energy = (likelihood / np.maximum(around, 1e-12)[..., None]) ** 2
     tensor = np.zeros((*energy.shape, 3), np.float32)
     tensor[..., 0] = tensor[..., 1] = energy
-    return EdgeVolume(volume.header, tensor, volume.depths[::step], volume.pinhole)
+    return EdgeVolume(volume.header, tensor, volume.depths[::step], volume.pinhole,
+                      from_likelihood=True)
 
 
 def _node_weights(time: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.learning.contour_errors import Deviation
@@ -93,11 +92,7 @@ class Supports:
 def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
           ) -> PoseEstimate:
     """What the search makes of a model in an example's edge volume."""
-    edges = example.edges
-    nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
-    volume = DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
-                                   edges)
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba')
     with Localizer(model, settings, profile) as localizer:
-        return localizer.localize(volume, np.random.default_rng(seed))
+        return localizer.localize(example.edges, np.random.default_rng(seed))

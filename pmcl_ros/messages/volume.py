@@ -1,18 +1,18 @@
 """DepthLikelihoodVolume and EdgeVolume: `dlv` and `dlv/edges`."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.buffer import Buffer
-from pmcl_ros.messages.header import check_same, promised_by, time_to_message
+from pmcl_ros.messages.header import promised_by, time_to_message
 from pmcl_ros.runtime.errors import MessageError
 
 _VOLUME, _EDGES = ('height', 'width', 'depth'), ('height', 'width', 'depth', 'tensor')
@@ -35,7 +35,7 @@ def volume_to_message(volume: DepthLikelihoodVolume,
 
 
 def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
-    """The inverse of `volume_to_message`; `with_edges` adds the edges."""
+    """The inverse of `volume_to_message`."""
     header, pinhole, depths, values = _read_volume(message, _VOLUME, 'dlv')
     with promised_by('dlv'):
         return DepthLikelihoodVolume(header, values, depths, pinhole)
@@ -53,16 +53,6 @@ def edges_from(message: Float32MultiArray) -> EdgeVolume:
         if values.shape[3] != 3:
             raise MessageError(f'dlv/edges: {values.shape[3]} components, expected xx, yy, xy')
         return EdgeVolume(header, values, depths, pinhole)
-
-
-def with_edges(volume: DepthLikelihoodVolume, edges: EdgeVolume) -> DepthLikelihoodVolume:
-    """Both of one capture as one value; their labels may differ, as edges need fewer."""
-    if volume.edges is edges:  # they were handed over as one
-        return volume
-    check_same('dlv/edges', edges.header, volume.header)
-    if edges.pinhole != volume.pinhole:
-        raise MessageError(f'dlv/edges: {edges.pinhole}, but dlv of that stamp: {volume.pinhole}')
-    return replace(volume, edges=edges)
 
 
 def _write_volume(source: DepthLikelihoodVolume | EdgeVolume, values: NDArray[np.float32],

@@ -1,16 +1,18 @@
-"""LightField -> DepthLikelihoodVolume."""
+"""LightField -> EdgeVolume, DepthLikelihoodVolume: each is made where somebody listens to it."""
 
 import sys
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.dlv.back_end import choose
-from pmcl_ros.dlv.build import build_volume, warm_up
+from pmcl_ros.dlv.build import build_volume, tiny_light_field, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import pinhole_from
@@ -32,8 +34,26 @@ _INPUTS = {
 }
 
 
+@dataclass(frozen=True)
+class Products:
+    """What is made of a light field, when it is first asked for."""
+
+    light_field: LightField
+    settings: DlvSettings
+
+    @cached_property
+    def edges(self) -> EdgeVolume:
+        """For `dlv/edges`."""
+        return build_edges(self.light_field, self.settings)
+
+    @cached_property
+    def volume(self) -> DepthLikelihoodVolume:
+        """For `dlv` and the pictures of it."""
+        return build_volume(self.light_field, self.settings)
+
+
 class DlvNode(StageNode):
-    """Builds the volume of each capture whose `views`, camera_info and pupil have all come."""
+    """Publishes evidence and volume of each capture whose views, camera_info and pupil came."""
 
     name = 'dlv_node'
     settings_class = DlvSettings
@@ -41,25 +61,29 @@ class DlvNode(StageNode):
     def set_up(self, settings: DlvSettings) -> None:
         """Compile, so that the first capture need not wait for it."""
         self._settings = settings
+        build_edges(tiny_light_field(), DlvSettings(edge_labels=2, views=3))
         warm_up(settings.back_end, settings.layers)
         self.health.back_end = ('numpy' if settings.interpolation == 'phase'
                                 else choose(settings.back_end))
+        # First, so that whoever finds the publisher of dlv has found this one before.
+        edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
+                               edges_to_message, each_a_capture=True)
         volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, volume_to_message,
                                 each_a_capture=True)
-        edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
-                               edges_to_message)
         depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, depth_to_message)
         layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
-        self._outputs = [Output(volume.wanted, volume.publish),
-                         Output(edges.wanted, lambda made: edges.publish(made.edges)),
-                         Output(depth.wanted, depth.publish),
-                         Output(layers.wanted, layers.publish)]
+        self._outputs: list[Output[Products]] = [
+            Output(edges.wanted, lambda made: edges.publish(made.edges)),
+            Output(volume.wanted, lambda made: volume.publish(made.volume)),
+            Output(depth.wanted, lambda made: depth.publish(made.volume)),
+            Output(layers.wanted, lambda made: layers.publish(made.volume))]
 
     def start(self) -> None:
         """Listen."""
         # The small topics bring as many captures as their history holds before the big one's turn.
         self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
-        self._audience = DeferredPublisher(self, self._outputs, 'views: nobody listens to dlv')
+        self._audience = DeferredPublisher(self, self._outputs,
+                                           'views: nobody listens to dlv/edges or dlv')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
@@ -69,16 +93,15 @@ class DlvNode(StageNode):
         self.health.frames_in += topic == 'views'
         if isinstance(part, LightField):  # handed over: the whole, on each of the three
             if topic == 'views':
-                self._audience.tell(partial(build_volume, part, self._settings),
+                self._audience.tell(partial(Products, part, self._settings),
                                     f'capture {part.header.stamp_ns}')
             return
         complete = self._matching.add(topic, part.header.stamp_ns, part.message)
         if complete:
             self._audience.tell(partial(self._build, *complete), f'capture {part.header.stamp_ns}')
 
-    def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> DepthLikelihoodVolume:
-        return build_volume(light_field_from(camera_info, pupil, views),
-                            self._settings)
+    def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> Products:
+        return Products(light_field_from(camera_info, pupil, views), self._settings)
 
     def _layers_to_message(self, volume: DepthLikelihoodVolume,
                            buffer: Buffer) -> Image:

@@ -1,9 +1,8 @@
-"""DepthLikelihoodVolume -> PoseEstimate: looks for one object, or several, in each volume."""
+"""Evidence -> PoseEstimate: looks for one object, or several, in each capture."""
 
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,29 +10,28 @@ import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Float32MultiArray
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
-from pmcl_ros.messages.volume import edges_from, volume_from, with_edges
+from pmcl_ros.nodes.evidence_input import EvidenceInput
 from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
-from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL, StageNode
+from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
-from pmcl_ros.nodes.transport.exact_synchronizer import ExactSynchronizer
 from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
-from pmcl_ros.nodes.transport.values import subscribe_value
+from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
@@ -41,9 +39,6 @@ from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('track_camera', 'camera_pose', 'track_frame', 'track_max_age')
-_PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
-# s: how much later it may be found who publishes it. DDS repeats what may have been lost every 3.
-_DISCOVERY = 4.0
 _ENDED = 'the node was reset or deactivated before it was searched'
 
 
@@ -51,7 +46,7 @@ class PmclNode(StageNode):
     """Publishes the pose of the object in each capture once, or says that it is lost.
 
     A search takes seconds: it runs on a thread of its own, which owns the GL context, so that the
-    node answers meanwhile. One volume may wait, the newest. With `tracking` each search starts
+    node answers meanwhile. One capture may wait, the newest. With `tracking` each search starts
     from the last pose found.
     """
 
@@ -78,8 +73,9 @@ class PmclNode(StageNode):
         self._model = ObjectModel.load(path)
         self._frame = (ObjectFrame(self, settings.object_frame or self._model.name)
                        if settings.broadcast_tf else None)
-        localizer = self._work(partial(Localizer, self._model, settings), self._model.name)
-        self._tracker = Tracker(localizer, self._model, settings)
+        localizer = self._work(partial(make_localizer, self._model, settings), self._model.name)
+        if isinstance(localizer, Localizer):
+            self._tracker = Tracker(localizer, self._model, settings)
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
                        self.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL),
                        self.publisher(PoseArray, 'particles', SMALL)]
@@ -105,13 +101,7 @@ class PmclNode(StageNode):
             self._camera_poses.start()
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
-        if self._settings.mode != 'faithful':  # which looks at no edges: spare the transfer
-            self._edges = subscribe_value(self, Float32MultiArray, 'dlv/edges',
-                                          edges_from, self._on_edges, BIG,
-                                          each_a_capture=False)
-            self.every(0.25, self._wait_no_longer)
-        subscribe_value(self, Float32MultiArray, 'dlv', volume_from, self._on_volume,
-                        BIG)
+        self._input = EvidenceInput(self, self._settings.mode, self._on_evidence)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
 
@@ -120,13 +110,8 @@ class PmclNode(StageNode):
             self._tracker.reset()
         self._overlays.forget()
         self._random = np.random.default_rng(self._settings.seed)
-        self._last: DepthLikelihoodVolume | None = None
+        self._last: Evidence | None = None
         self._awaited = MissingCaptures()
-        self._wait_anew()
-
-    def _wait_anew(self) -> None:
-        self._matching = ExactSynchronizer(['dlv', 'dlv/edges'], 1, self.dropped, 'dlv')
-        self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
 
     # in
 
@@ -134,41 +119,13 @@ class PmclNode(StageNode):
         self._overlays.on_camera(message)
         self._awaited.announced(header_from(message.header).stamp_ns)
 
-    def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
+    def _on_evidence(self, evidence: Evidence) -> None:
         self.health.frames_in += 1
-        for stamp in self._awaited.came(volume.header.stamp_ns):
+        for stamp in self._awaited.came(evidence.header.stamp_ns):
             self.health.count('captures without a volume')  # dropped before this node
             self.get_logger().warning(f'no volume came of capture {stamp}: the nodes before this '
                                       'one say why, unless one of them was killed')
-        if self._settings.mode == 'faithful':
-            self._search(volume)
-        else:
-            self._held = time.monotonic(), volume
-            self._join('dlv', volume)
-
-    def _on_edges(self, edges: EdgeVolume) -> None:
-        self._join('dlv/edges', edges)
-
-    def _join(self, topic: str, part: DepthLikelihoodVolume | EdgeVolume) -> None:
-        complete = self._matching.add(topic, part.header.stamp_ns, part)
-        if complete:
-            self._held = None
-            self._search(with_edges(*complete))
-
-    def _wait_no_longer(self) -> None:
-        if self._held is None:
-            return
-        since, volume = self._held
-        # Topics of one publisher are found at different times: none found yet is no proof of none.
-        published = self._edges.get_publisher_count() > 0
-        if time.monotonic() - since > (_PATIENCE if published else _DISCOVERY):
-            self._wait_anew()
-            self._search_alone(volume, 'its dlv/edges do not come' if published
-                               else 'nobody publishes dlv/edges')
-
-    def _search_alone(self, volume: DepthLikelihoodVolume, why: str) -> None:
-        self.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
-        self._search(replace(volume, edges=None))  # they are there where it was handed over
+        self._search(evidence)
 
     def _again(self) -> str:
         if self._last is None:
@@ -184,22 +141,23 @@ class PmclNode(StageNode):
     def _reset(self) -> str:
         self._stop()
         self._forget()
+        self._input.forget()
         self._worker.resume()
         return f'the next volume is searched as the first, with seed {self._settings.seed}'
 
-    def _search(self, volume: DepthLikelihoodVolume) -> None:
-        self._last = volume
-        replaced = self._worker.offer(partial(self._localize, volume, time.monotonic(),
-                                              self._camera_at(volume)))
+    def _search(self, evidence: Evidence) -> None:
+        self._last = evidence
+        replaced = self._worker.offer(partial(self._localize, evidence, time.monotonic(),
+                                              self._camera_at(evidence)))
         if replaced is not None:
             self.dropped(f'capture {replaced.args[0].header.stamp_ns}: a newer one came before '
                          'it was searched')
 
-    def _camera_at(self, volume: DepthLikelihoodVolume) -> NDArray[np.float64] | None:
+    def _camera_at(self, evidence: Evidence) -> NDArray[np.float64] | None:
         if self._camera_poses is None:
             return None
         try:
-            return self._camera_poses.nearest(volume.header.stamp_ns, volume.header.frame_id,
+            return self._camera_poses.nearest(evidence.header.stamp_ns, evidence.header.frame_id,
                                               self._settings.track_max_age)
         except PoseUnavailableError as error:
             self.get_logger().warning(str(error))
@@ -207,30 +165,30 @@ class PmclNode(StageNode):
 
     # on the worker's thread
 
-    def _localize(self, volume: DepthLikelihoodVolume, began: float,
-                  camera: NDArray[np.float64] | None, localizer: Localizer | SceneLocalizer
-                  ) -> None:
+    def _localize(self, evidence: Evidence, began: float, camera: NDArray[np.float64] | None,
+                  localizer: AnyLocalizer[PoseEstimate] | AnyLocalizer[SceneEstimate]) -> None:
         def progress(_: float) -> bool:
             return not self._worker.stopping
 
         with self.watched('search'):
+            if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
+                evidence = edges_from_likelihood(evidence)
             found: PoseEstimate | SceneEstimate
-            if isinstance(localizer, SceneLocalizer):
-                found = localizer.localize(volume, self._random, progress)
-            elif self._tracker is not None:
-                found = self._tracker.track(volume, self._random, progress, camera)
+            if self._tracker is not None and isinstance(evidence, EdgeVolume):
+                found = self._tracker.track(evidence, self._random, progress, camera)
+            else:
+                found = localizer.localize(evidence, self._random, progress)
             latency = time.monotonic() - began
             if self._worker.stopping:
-                self.dropped(f'capture {volume.header.stamp_ns}: {_ENDED}')
+                self.dropped(f'capture {evidence.header.stamp_ns}: {_ENDED}')
             elif isinstance(found, PoseEstimate):
-                self._publish(found, volume, latency)
+                self._publish(found, evidence.pinhole, latency)
             elif self._several is not None:
-                self._several.publish(found, volume, latency)
+                self._several.publish(found, evidence.header, evidence.pinhole, latency)
 
     # out
 
-    def _publish(self, estimate: PoseEstimate, volume: DepthLikelihoodVolume,
-                 latency: float) -> None:
+    def _publish(self, estimate: PoseEstimate, pinhole: Pinhole, latency: float) -> None:
         name, stamp = self._model.name, estimate.header.stamp_ns
         self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
         if estimate.modes:
@@ -253,8 +211,8 @@ class PmclNode(StageNode):
                 publisher.publish(message)
             if self._frame is not None:
                 self._frame.tell(estimate)
-            self._overlays.publish(estimate.header, volume.pinhole, lambda picture, pinhole:
-                                   overlay(picture, pinhole, self._model, estimate.pose))
+            self._overlays.publish(estimate.header, pinhole, lambda picture, camera:
+                                   overlay(picture, camera, self._model, estimate.pose))
             self.done(latency, f'found {name} in capture {stamp}')
         self._list.tell([name], [estimate])
         if self._markers.get_subscription_count():

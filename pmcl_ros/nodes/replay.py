@@ -32,14 +32,23 @@ class Player:
         self._lines = {each.name: _Line(node, each) for each in topics}
 
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
-        """Return once every topic has `count` subscribers; BagError names those that have not."""
+        """Return once every topic has `count` subscribers; BagError names those that have not.
+
+        Of dlv and dlv/edges one is enough: pmcl_node subscribes to one of them.
+        """
         deadline = time.monotonic() + timeout
-        while missing := [line.name for line in self._lines.values()
-                          if line.subscribers() < count]:
+        while missing := self._missing(count):
             if time.monotonic() > deadline:
                 raise BagError(f'fewer than {count} subscribers to {", ".join(missing)} after '
                                f'{timeout:g} s; are the nodes active?')
             pause(0.05)
+
+    def _missing(self, count: int) -> list[str]:
+        heard = {line.name for line in self._lines.values() if line.subscribers() >= count}
+        for dlv in [each.name for each in self._lines.values() if each.name.endswith('/dlv')]:
+            if heard & {dlv, f'{dlv}/edges'}:
+                heard |= {dlv, f'{dlv}/edges'}
+        return [line.name for line in self._lines.values() if line.name not in heard]
 
     def play(self, messages: Iterable[Recorded], rate: float, progress: Progress,
              in_step: LockstepPlayer | None = None) -> None:

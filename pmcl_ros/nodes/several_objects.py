@@ -8,8 +8,9 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.lifecycle import LifecyclePublisher
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import outlines
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.marker import (
     mesh_to_marker,
     objects_to_markers,
@@ -73,9 +74,10 @@ class SeveralObjects:
         """Finds them; for the thread that uses it."""
         return SceneLocalizer(self._models, self._settings)
 
-    def publish(self, scene: SceneEstimate, volume: DepthLikelihoodVolume, latency: float) -> None:
-        """Tell where they are in one capture."""
-        health, stamp = self._node.health, volume.header.stamp_ns
+    def publish(self, scene: SceneEstimate, header: Header, pinhole: Pinhole, latency: float
+                ) -> None:
+        """Publish where they are in one capture; pinhole: of its evidence."""
+        health, stamp = self._node.health, header.stamp_ns
         health.extra = {'objects': len(self.names),
                         'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
         for k, (name, each) in enumerate(zip(self.names, scene.estimates, strict=True)):
@@ -90,8 +92,8 @@ class SeveralObjects:
         self._list.tell(self.names, scene.estimates)
         there = [(model, each.pose, name) for model, each, name
                  in zip(self._models, scene.estimates, self.names, strict=True) if not each.lost]
-        self._overlays.publish(volume.header, volume.pinhole,
-                               lambda picture, pinhole: outlines(picture, pinhole, there))
+        self._overlays.publish(header, pinhole,
+                               lambda picture, camera: outlines(picture, camera, there))
         if self._markers.get_subscription_count():
             self._meshes = self._meshes or [
                 mesh_to_marker(replace(model, name=name))

@@ -1,4 +1,4 @@
-"""One volume as a place to look for an object's contours in: scores, climbs, posteriors."""
+"""One edge volume as a place to look for an object's contours in: scores, climbs, posteriors."""
 
 import logging
 from collections.abc import Callable
@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import edges_from_likelihood
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.estimator import Contour, Volume
+from pmcl_ros.pmcl.estimator import Contour
 from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -40,9 +38,9 @@ Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ContourEvidence:
-    """What an object's contours, and creases, say of its poses in one volume.
+    """What an object's contours, and creases, say of its poses in one edge volume.
 
-    camera: of the volume. edges: where contours are looked for; profile: what their energies say.
+    edges: where contours are looked for; profile: what their energies say.
     creases: that count too. free: (n,) which of poses (n, 4, 4) are possible, beside being in the
     region. detail: what may be left out of the mesh at the image's own resolution [image px].
     """
@@ -51,7 +49,6 @@ class ContourEvidence:
     model: ObjectModel
     settings: PmclSettings
     region: Region
-    camera: Pinhole
     edges: EdgeVolume
     profile: ContourProfile
     creases: Creases | None
@@ -59,25 +56,23 @@ class ContourEvidence:
     detail: float = 0.0
 
     @classmethod
-    def of(cls, volume: Volume, renderer: Renderer, model: ObjectModel, settings: PmclSettings,
+    def of(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel, settings: PmclSettings,
            profile: ContourProfile, creases: Creases | None) -> 'ContourEvidence':
-        """In a volume's edges, or those of its likelihood.
+        """In an edge volume.
 
-        Tables were learned on sharp edge volumes: other edges are judged by their contrast.
+        Tables were learned on sharp edge volumes: those made of a likelihood are judged by their
+        contrast.
         """
-        edges = volume.edges
-        if edges is None:
+        if edges.from_likelihood:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-            whole = volume.read() if isinstance(volume, GlVolume) else volume
-            edges = edges_from_likelihood(whole)
             profile, creases = ContourProfile.contrast(), None
         region = Region(settings.roi_center, settings.roi_size)
-        return cls(renderer, model, settings, region, volume.pinhole, edges, profile, creases)
+        return cls(renderer, model, settings, region, edges, profile, creases)
 
     @property
     def window(self) -> Window:
         """The part of the image that the object can cover."""
-        return self.region.window(self.camera, self.model.radius)
+        return self.region.window(self.edges.pinhole, self.model.radius)
 
     def score(self) -> ContourScore:
         """The evidence of poses at the image's own resolution; to be closed."""
@@ -132,7 +127,7 @@ class ContourEvidence:
         return inside if self.free is None else inside & self.free(poses)
 
     def _scene(self, window: Window) -> Scene:
-        return scene(self.model, self.region, self.camera, window,
+        return scene(self.model, self.region, self.edges.pinhole, window,
                      _DETAIL if window.scale > 1 else self.detail)
 
 

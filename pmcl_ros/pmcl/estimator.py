@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -23,7 +23,6 @@ from pmcl_ros.pmcl.weights import Weights
 
 About = Callable[[NDArray[np.float64], bool], LocalModel]
 Contour = Callable[[NDArray[np.float64]], ContourPoints]
-Volume = DepthLikelihoodVolume | GlVolume
 
 
 @dataclass(frozen=True)
@@ -34,7 +33,7 @@ class Estimator:
     region: Region
     settings: PmclSettings
 
-    def of_posterior(self, volume: Volume, posterior: Posterior, about: About, contour: Contour,
+    def of_posterior(self, edges: EdgeVolume, posterior: Posterior, about: About, contour: Contour,
                      least: float, rng: np.random.Generator,
                      share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
                      ) -> PoseEstimate:
@@ -57,29 +56,30 @@ class Estimator:
         modes = tuple(PoseMode(
             self._representative(symmetry.canonical_spin(posterior.modes[k].pose)),
             float(shares[k]), posterior.modes[k].local.evidence) for k in order)
-        in_view = share_in_view(self.model, pose, volume.pinhole)
+        in_view = share_in_view(self.model, pose, edges.pinhole)
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # No part must be missing, and the whole must rather be there than not.
         partly, absent = support < self.settings.least_support, evidence < least
-        return PoseEstimate(volume.header, pose, spread,
+        return PoseEstimate(edges.header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent, self.settings.mode, modes, support, evidence,
                             incomplete=partly and not absent, in_view=in_view)
 
-    def of_prior(self, volume: Volume, prior: Gaussian, count: int,
+    def of_prior(self, edges: EdgeVolume, prior: Gaussian, count: int,
                  rng: np.random.Generator) -> PoseEstimate:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))
         poses = retract(prior.pose, prior.deviations(normal))
         spread = self.model.symmetry.covariance(poses, prior.pose)
-        return PoseEstimate(volume.header, prior.pose, spread, poses,
+        return PoseEstimate(edges.header, prior.pose, spread, poses,
                             np.full(count, -np.log(count)), 0.0, True, self.settings.mode,
                             support=-np.inf, evidence=-np.inf)
 
-    def of_particles(self, volume: Volume, poses: NDArray[np.float64], weights: Weights,
-                     score: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PoseEstimate:
+    def of_particles(self, volume: DepthLikelihoodVolume, poses: NDArray[np.float64],
+                     weights: Weights, score: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+                     ) -> PoseEstimate:
         """By the paper's likelihood: the mode about the best of weighted particles (n, 4, 4).
 
         score: the likelihoods (n,) of poses.

@@ -1,4 +1,4 @@
-"""DepthLikelihoodVolume -> PoseEstimate."""
+"""EdgeVolume -> PoseEstimate: the default mode, by the object's contour."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,22 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene, where
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.estimator import Estimator, Volume
-from pmcl_ros.pmcl.history import Generation, Watch, recorder
+from pmcl_ros.pmcl.estimator import Estimator
+from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.particle_filter import particle_filter
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
-from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
@@ -31,9 +30,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
-from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
-from pmcl_ros.runtime.gl import GlContext
 
 FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
 # image px: what may be left out of the mesh of what is followed, which seems as much too near
@@ -44,10 +41,10 @@ Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
 class Localizer:
-    """Finds one object in volumes.
+    """Finds one object by its contour in edge volumes: the mode default.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
-    profile: of the contour, in the mode default; by default the learned one.
+    profile: of the contour; by default the learned one.
     creases: that count too; by default the model's where `profile` is left out, else none.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
@@ -61,11 +58,10 @@ class Localizer:
         self._creases = creases or (Creases.of(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._estimator = Estimator(model, self._region, settings)
-        self._renderer = make_renderer(settings.renderer, settings.mode == 'faithful')
+        self._renderer = make_renderer(settings.renderer, likelihoods=False)
         self.renderer = self._renderer.name
         try:
-            if settings.mode == 'default':
-                GaussNewton.warm_up()
+            GaussNewton.warm_up()
             self._proposals = Proposals(self._renderer, model, self._region)
         except BaseException:
             self._renderer.close()
@@ -81,67 +77,57 @@ class Localizer:
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    @property
-    def context(self) -> GlContext | None:
-        """Where poses are scored; a volume made there (`build_gl_volume`) is read where it is."""
-        return self._renderer.context if isinstance(self._renderer, GlRenderer) else None
-
-    def localize(self, volume: Volume, rng: np.random.Generator,
+    def localize(self, edges: EdgeVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None, free: Free | None = None) -> PoseEstimate:
-        """The object's pose in one volume, in memory or on the GPU in this localizer's context.
-
-        start: (k, 4, 4) where to look first, in the mode default; proposed from the volume if not
-            given.
+        """The object's pose in one capture.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
-        watch: told every generation of particles; the pose is the same with it and without.
-        free: (n,) which of poses (n, 4, 4) are possible, beside being in the region, in the mode
-            default.
-        Raises LocalizationError when the volume does not reach the region of interest, and with
-        the renderer gl RenderError in another thread, after `close`, or when the GL refuses its
-        work.
+        start: (k, 4, 4) where to look first; proposed from the edges if not given.
+        watch: called with every generation of poses; the pose is the same with it and without.
+        free: (n,) which of poses (n, 4, 4) are possible, beside being in the region.
+        Raises LocalizationError when the edges' labels do not reach the region of interest, and
+        with the renderer gl RenderError in another thread, after `close`, or when the GL refuses
+        its work.
         """
         self._renderer.use()
-        self._check_range(volume)
+        self._region.check_depths(edges.depths)
         try:
-            if self._settings.mode == 'faithful':
-                return self._by_likelihood(volume, rng, progress or (lambda _: True), watch)
-            return self._by_contour(volume, rng, progress or (lambda _: True), start, watch,
-                                    free)
+            return self._search(edges, rng, progress or (lambda _: True), start, watch, free)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def contour(self, volume: Volume, pose: NDArray[np.float64]) -> ContourPoints:
-        """The contour of a pose (4, 4) and its evidence, as the mode default judges it.
+    def contour(self, edges: EdgeVolume, pose: NDArray[np.float64]) -> ContourPoints:
+        """The contour of a pose (4, 4) and its evidence, as the search judges it.
 
         Raises as `localize` does.
         """
         self._renderer.use()
-        with replace(self._evidence(volume), creases=None).score() as exact:
+        with replace(self._evidence(edges), creases=None).score() as exact:
             return exact.points(pose)
 
-    def log_likelihoods(self, volume: Volume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) of poses (n, 4, 4), nat: their evidence by contours and creases, in mode default.
+    def log_likelihoods(self, edges: EdgeVolume, poses: NDArray[np.float64]
+                        ) -> NDArray[np.float64]:
+        """(n,) of poses (n, 4, 4), nat: their evidence by contours and creases.
 
         It is scaled as for a posterior about the best of them. Raises as `localize` does.
         """
         self._renderer.use()
-        evidence = self._evidence(volume)
+        evidence = self._evidence(edges)
         with evidence.score() as exact:
             values = exact(poses)
             about = evidence.posterior(exact, exact.points, exact.creases).about
             return about(poses[values.argmax()], True).scale * values
 
-    def _evidence(self, volume: Volume) -> ContourEvidence:
-        return ContourEvidence.of(volume, self._renderer, self._model, self._settings,
+    def _evidence(self, edges: EdgeVolume) -> ContourEvidence:
+        return ContourEvidence.of(edges, self._renderer, self._model, self._settings,
                                   self._profile, self._creases)
 
-    def _by_contour(self, volume: Volume, rng: np.random.Generator,
-                    progress: Progress, start: NDArray[np.float64] | None,
-                    watch: Watch | None, free: Free | None) -> PoseEstimate:
-        evidence = replace(self._evidence(volume), free=free)
+    def _search(self, edges: EdgeVolume, rng: np.random.Generator, progress: Progress,
+                start: NDArray[np.float64] | None, watch: Watch | None, free: Free | None
+                ) -> PoseEstimate:
+        evidence = replace(self._evidence(edges), free=free)
         if start is not None and not len(start):
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
@@ -158,20 +144,20 @@ class Localizer:
                 evidence.ascent(climbs[1], judge=judge), evidence.ascent(climbs[2]),
                 posterior).run(start, rng, progress, watch)
             estimate = self._estimator.of_posterior(
-                volume, sample, posterior.about, exact.points, evidence.profile.least, rng)
+                edges, sample, posterior.about, exact.points, evidence.profile.least, rng)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def follow(self, volume: Volume, prior: Gaussian, rng: np.random.Generator,
+    def follow(self, edges: EdgeVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
-        """The object's pose in one volume, by its contour, near where a prior expects it.
+        """The object's pose in one capture, by its contour, near where a prior expects it.
 
         prior: in the space that the symmetry leaves. It is a part of the posterior. The rest as in
         `localize`; the object is lost where no contour of it is in view.
         """
         self._renderer.use()
-        self._check_range(volume)
-        evidence = replace(self._evidence(volume), detail=_FINEST)
+        self._region.check_depths(edges.depths)
+        evidence = replace(self._evidence(edges), detail=_FINEST)
         climbs = evidence.climbs(2)
         with evidence.score() as exact:
             search = evidence.posterior(exact, exact.points, exact.creases)
@@ -181,21 +167,21 @@ class Localizer:
                 evidence.ascent(climbs[1], judge=judge), search, particles, candidates
             ).run(prior, rng)
             if posterior is None:
-                return replace(self._estimator.of_prior(volume, prior, particles, rng),
+                return replace(self._estimator.of_prior(edges, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.of_posterior(
-                volume, posterior, search.about, exact.points, evidence.profile.least, rng)
+                edges, posterior, search.about, exact.points, evidence.profile.least, rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def looks(self, volume: Volume, poses: Sequence[NDArray[np.float64]]) -> list[Observation]:
-        """What the object shows of itself at each of poses (4, 4), by the mode default.
+    def looks(self, edges: EdgeVolume, poses: Sequence[NDArray[np.float64]]) -> list[Observation]:
+        """What the object shows of itself at each of poses (4, 4), to the search.
 
         Raises as `localize` does.
         """
         self._renderer.use()
-        evidence = replace(self._evidence(volume), creases=None, detail=_FINEST)
-        camera = volume.pinhole
+        evidence = replace(self._evidence(edges), creases=None, detail=_FINEST)
+        camera = edges.pinhole
         whole = scene(self._model, self._region, camera,
                       Window(0, 0, (camera.width, camera.height)), _FINEST)
         depths = [self._renderer.depths(whole, each[None])[0] for each in poses]
@@ -207,7 +193,7 @@ class Localizer:
                      share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
-    def refine(self, volume: Volume, pose: NDArray[np.float64], rng: np.random.Generator,
+    def refine(self, edges: EdgeVolume, pose: NDArray[np.float64], rng: np.random.Generator,
                shown: Shown) -> PoseEstimate:
         """The object's pose near one (4, 4), where a part of its contour does not count.
 
@@ -215,7 +201,7 @@ class Localizer:
         The rest as in `localize`.
         """
         self._renderer.use()
-        evidence = replace(self._evidence(volume), creases=None)
+        evidence = replace(self._evidence(edges), creases=None)
         with evidence.score() as exact:
             def contour(each: NDArray[np.float64]) -> ContourPoints:
                 points = exact.points(each)
@@ -234,26 +220,7 @@ class Localizer:
 
             posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
             estimate = self._estimator.of_posterior(
-                volume, posterior, search.about, contour, evidence.profile.least, rng,
+                edges, posterior, search.about, contour, evidence.profile.least, rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
-
-    def _by_likelihood(self, volume: Volume, rng: np.random.Generator,
-                       progress: Progress, watch: Watch | None) -> PoseEstimate:
-        window = self._region.window(volume.pinhole, self._model.radius)
-        drawn = scene(self._model, self._region, volume.pinhole, window)
-        with self._renderer.likelihood_score(drawn, volume) as score:
-            poses, scores = particle_filter(
-                where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
-                self._region, self._settings, rng, progress, recorder(watch, 'filter'))
-            estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)
-            return replace(estimate, evaluations=score.evaluations)
-
-    def _check_range(self, volume: Volume) -> None:
-        far, near = volume.depths[0], volume.depths[-1]
-        if far <= self._region.near or near >= self._region.far:
-            raise LocalizationError(
-                f'the volume spans {near:.3f} to {far:.3f} m, the region of interest '
-                f'{self._region.near:.3f} to {self._region.far:.3f} m; set near and far of the '
-                'volume around the region')

@@ -1,18 +1,78 @@
-"""The paper's filter, literally: the baseline that every improvement is measured against."""
+"""DepthLikelihoodVolume -> PoseEstimate: the paper's particle filter, literally (section V).
+
+It is the baseline that every improvement is measured against: the mode faithful.
+"""
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.history import Record
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.pmcl.contour_evidence import scene, where
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimator import Estimator
+from pmcl_ros.pmcl.history import Record, Watch, recorder
 from pmcl_ros.pmcl.motion import perturb, uniform_poses
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.runtime.errors import RenderError
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Progress = Callable[[float], bool]
+
+
+class ParticleFilterLocalizer:
+    """Finds one object by the mean likelihood of its rendered pixels: the mode faithful.
+
+    With the renderer gl it owns a headless GL context: make, use, close it in one thread.
+    Raises RenderError when there is no GL, LocalizationError when the region is impossible.
+    """
+
+    def __init__(self, model: ObjectModel, settings: PmclSettings) -> None:
+        self._model, self._settings = model, settings
+        self._region = Region(settings.roi_center, settings.roi_size)
+        self._estimator = Estimator(model, self._region, settings)
+        self._renderer = make_renderer(settings.renderer, likelihoods=True)
+        self.renderer = self._renderer.name
+
+    def __enter__(self) -> 'ParticleFilterLocalizer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Release the GL context, if there is one."""
+        self._renderer.close()
+
+    def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+                 progress: Progress | None = None, watch: Watch | None = None) -> PoseEstimate:
+        """The object's pose in one volume.
+
+        progress: called with 0..1; returning False ends the search with what was found so far.
+        watch: called with the particles of every iteration; the pose is the same with it.
+        Raises as `Localizer.localize` does.
+        """
+        self._renderer.use()
+        self._region.check_depths(volume.depths)
+        window = self._region.window(volume.pinhole, self._model.radius)
+        drawn = scene(self._model, self._region, volume.pinhole, window)
+        try:
+            with self._renderer.likelihood_score(drawn, volume) as score:
+                poses, scores = particle_filter(
+                    where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
+                    self._region, self._settings, rng, progress or (lambda _: True),
+                    recorder(watch, 'filter'))
+                estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)
+                return replace(estimate, evaluations=score.evaluations)
+        except moderngl.Error as error:
+            raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
 
 def particle_filter(score: Score, region: Region, settings: PmclSettings,

@@ -70,6 +70,15 @@ class Region:
             raise self.out_of_view(pinhole)
         return Window(int(left), int(top), (int(right - left), int(bottom - top)))
 
+    def check_depths(self, depths: NDArray[np.float64]) -> None:
+        """Raise LocalizationError unless labels (far to near) reach into the region [m]."""
+        far, near = depths[0], depths[-1]
+        if far <= self.near or near >= self.far:
+            raise LocalizationError(
+                f'the volume spans {near:.3f} to {far:.3f} m, the region of interest '
+                f'{self.near:.3f} to {self.far:.3f} m; set near and far of the volume around the '
+                'region')
+
     def out_of_view(self, pinhole: Pinhole) -> LocalizationError:
         """The error to raise when nothing of the object can be seen wherever in the box it is."""
         return LocalizationError(

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.contour_points import ContourPoints

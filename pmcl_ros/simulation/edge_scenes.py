@@ -18,7 +18,8 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filte
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -44,14 +45,14 @@ _NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbour
 
 @dataclass(frozen=True)
 class EdgeScene:
-    """A volume of nothing but edges, and what is in it.
+    """A random edge volume, and what is in it.
 
     pose: (4, 4), object to camera [m]. roi_center, roi_size: where it is looked for [m].
     """
 
     model: ObjectModel
     pose: NDArray[np.float64]
-    volume: DepthLikelihoodVolume
+    edges: EdgeVolume
     roi_center: tuple[float, float, float]
     roi_size: tuple[float, float, float]
 
@@ -72,10 +73,8 @@ def random_edge_scene(rng: np.random.Generator, draw: Draw, error: ModelError) -
     depth = np.asarray(draw(model, pose, camera), float)
     tensor += _contour(rng, depth, depths, 0.2 * model.radius, error)
     edges = EdgeVolume(Header(), _normalised(tensor), depths, _CAMERA)
-    likelihood = np.zeros((_CAMERA.height, _CAMERA.width, 2), np.float32)
-    volume = DepthLikelihoodVolume(Header(), likelihood, depths[[0, -1]], _CAMERA, edges)
     x, y, z = (float(each) for each in centre)
-    return EdgeScene(model, pose, volume, (x, y, z), (_SIDE,) * 3)
+    return EdgeScene(model, pose, edges, (x, y, z), (_SIDE,) * 3)
 
 
 def random_solid(rng: np.random.Generator) -> ObjectModel:

@@ -50,15 +50,13 @@ def test_all_interpolations_find_the_same_label_on_smooth_texture(planes):
     assert (neutral == phase).mean() > 0.95
 
 
-def test_volume_carries_capture_labels_and_edges(planes):
-    options = DlvSettings(labels=9, edge_labels=5, views=3)
+def test_volume_carries_capture_and_labels(planes):
+    options = DlvSettings(labels=9, views=3)
     volume = build_volume(planes, options)
     assert volume.header is planes.header
     assert volume.likelihood.shape == (60, 120, 9)
     assert volume.likelihood.dtype == np.float32
     np.testing.assert_allclose(volume.depths[[0, -1]], [0.9, 0.3])
-    assert volume.edges.tensor.shape == (60, 120, 5, 3)
-    assert volume.edges.header is planes.header
 
 
 def test_truncated_volume_keeps_the_best_label(planes):
@@ -178,9 +176,7 @@ def test_crop_and_stride_carry_their_camera(planes):
     part = build_volume(planes, DlvSettings(labels=9, edge_labels=5, views=3, window=1, stride=2,
                                             crop=(20, 10, 61, 40)))
     assert part.pinhole == planes.grid.pinhole.crop(20, 10, 61, 40).subsample(2)
-    assert part.edges.pinhole == part.pinhole
     np.testing.assert_allclose(part.likelihood, whole.likelihood[10:50:2, 20:81:2], atol=1e-5)
-    np.testing.assert_array_equal(part.edges.tensor, whole.edges.tensor[10:50:2, 20:81:2])
 
 
 def test_warm_up_needs_no_light_field():
@@ -202,6 +198,5 @@ def test_too_few_labels_for_a_wide_baseline_are_told_once(caplog):
 def test_a_volume_that_fits_no_memory_is_refused():
     grid = make_grid((1, 2), (2000, 2000), 0.0001)
     field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
-    with pytest.raises(VolumeError, match=r'300 labels of 2000x2000 px and 24 edge labels of '
-                       r'2000x2000 px take 5\.5 GiB'):
+    with pytest.raises(VolumeError, match=r'300 labels of 2000x2000 px take 4\.5 GiB, more'):
         build_volume(field, DlvSettings(labels=300))

@@ -7,9 +7,9 @@ import pytest
 from pmcl_scenes import cup
 from tiny_capture import light_field, pose, write_capture
 
-from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.variants import Variant, sweep
+from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -58,20 +58,18 @@ def test_the_centre_view_alone_knows_no_depth(capture):
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4')
     chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
-    volume = variant.build(field, chosen)
-    assert volume.edges.tensor.max() > 0.5
+    edges = variant.build(field, chosen)
+    assert edges.tensor.max() > 0.5
     for label in range(1, 4):
-        np.testing.assert_array_equal(volume.edges.tensor[:, :, label],
-                                      volume.edges.tensor[:, :, 0])
-    assert np.ptp(volume.likelihood) == 0
+        np.testing.assert_array_equal(edges.tensor[:, :, label], edges.tensor[:, :, 0])
     other = field.views.copy()
     other[[0, 0, 2], [0, 1, 2]] = 0.5
     again = variant.build(light_field_of(field, other), chosen)
-    np.testing.assert_array_equal(again.edges.tensor, volume.edges.tensor)
-    whole = build_volume(field, chosen)
-    assert whole.edges.tensor.shape == volume.edges.tensor.shape
-    assert (whole.edges.tensor[:, :, 0] != whole.edges.tensor[:, :, 3]).any()
-    assert (whole.depths == volume.depths).all()
+    np.testing.assert_array_equal(again.tensor, edges.tensor)
+    whole = build_edges(field, chosen)
+    assert whole.tensor.shape == edges.tensor.shape
+    assert (whole.tensor[:, :, 0] != whole.tensor[:, :, 3]).any()
+    assert (whole.depths == edges.depths).all()
 
 
 def light_field_of(field, views):
@@ -82,9 +80,9 @@ def test_a_crop_is_the_centre_views_too(capture):
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4,crop=[10,20,40,30],stride=2')
     chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
-    volume, whole = variant.build(field, chosen), build_volume(field, chosen)
-    assert volume.likelihood.shape == whole.likelihood.shape
-    assert volume.pinhole == whole.pinhole
+    edges, whole = variant.build(field, chosen), build_edges(field, chosen)
+    assert edges.tensor.shape == whole.tensor.shape
+    assert edges.pinhole == whole.pinhole
     assert len({variant, variant}) == 1
 
 

@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evidence.edges import edge_volume, edges_from_likelihood
+from pmcl_ros.evidence.edges import build_edges, edge_volume, edges_from_likelihood
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import VolumeError
@@ -198,6 +199,32 @@ def test_volume_carries_the_capture():
     np.testing.assert_array_equal(volume.depths, DEPTHS)
 
 
+def test_crop_and_stride_carry_their_camera():
+    field = noise_field(make_grid(size=(120, 60)))
+    options = DlvSettings(edge_labels=5, views=3)
+    whole = build_edges(field, options)
+    part = build_edges(field, options.model_copy(update={'stride': 2, 'crop': (20, 10, 61, 40)}))
+    assert whole.tensor.shape == (60, 120, 5, 3)
+    assert whole.header is field.header
+    assert not whole.from_likelihood
+    np.testing.assert_allclose(whole.depths[[0, -1]], [0.9, 0.3])
+    assert part.pinhole == field.grid.pinhole.crop(20, 10, 61, 40).subsample(2)
+    np.testing.assert_array_equal(part.tensor, whole.tensor[10:50:2, 20:81:2])
+
+
+def test_an_edge_volume_that_fits_no_memory_is_refused():
+    grid = make_grid((1, 2), (2000, 2000), 0.0001)
+    field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
+    with pytest.raises(VolumeError, match=r'50 edge_labels of 2000x2000 px take 2\.2 GiB, more'):
+        build_edges(field, DlvSettings(edge_labels=50, stride=4))
+
+
+def test_too_few_labels_for_a_wide_baseline_are_logged(caplog):
+    field = noise_field(make_grid((3, 3), (90, 80), 0.05, focal=(400, 400)))
+    build_edges(field, DlvSettings(near=0.4, far=0.6, edge_labels=9, views=3))
+    assert 'set edge_labels to 18 (it is 9), or near and far closer' in caplog.text
+
+
 def likelihood(values, labels):
     pinhole = make_grid(size=values.shape[1::-1]).pinhole
     return DepthLikelihoodVolume(Header(3), values, depth_labels(0.3, 0.9, labels), pinhole)
@@ -207,6 +234,7 @@ def likelihood(values, labels):
 def test_edges_from_likelihood_are_at_every_nth_label(labels, most, step):
     volume = likelihood(np.random.default_rng(0).random((9, 11, labels), np.float32), labels)
     edges = edges_from_likelihood(volume, most)
+    assert edges.from_likelihood
     np.testing.assert_array_equal(edges.depths, volume.depths[::step])
     assert edges.tensor.shape == (9, 11, len(edges.depths), 3)
     assert edges.header is volume.header

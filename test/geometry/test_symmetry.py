@@ -9,7 +9,7 @@ import trimesh
 import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmcl_scenes import CAMERA, bracket, depth_of, edges_seen, model_of, random_poses, volume_with
+from pmcl_scenes import CAMERA, bracket, depth_of, edges_seen, model_of, random_poses
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
@@ -236,7 +236,7 @@ def test_an_object_is_found_whichever_of_its_poses_is_the_truth(context, name):
     edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius, strength=2.0)
     tensor = edges.tensor + np.array([0.05, 0.05, 0], np.float32)
     with Localizer(model, SETTINGS) as localizer:
-        estimates = [localizer.localize(volume_with(replace(edges, tensor=tensor)),
+        estimates = [localizer.localize(replace(edges, tensor=tensor),
                                         np.random.default_rng(seed)) for seed in (0, 1)]
     for estimate in estimates:
         assert not estimate.lost

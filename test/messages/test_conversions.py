@@ -20,8 +20,9 @@ from visualization_msgs.msg import Marker
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.bench.result import best_ms
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import VIEW_WHITE, LightField, ViewGrid, nominal_positions
@@ -44,7 +45,6 @@ from pmcl_ros.messages.volume import (
     edges_to_message,
     volume_from,
     volume_to_message,
-    with_edges,
 )
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -167,7 +167,6 @@ def test_volume_round_trip(volume):
     found = volume_from(wired(volume_to_message(volume)))
     assert found.header == HEADER
     assert found.pinhole == PINHOLE
-    assert found.edges is None
     np.testing.assert_array_equal(found.depths, volume.depths)
     np.testing.assert_array_equal(found.likelihood, volume.likelihood)
 
@@ -191,12 +190,11 @@ def test_numbers_before_the_data_say_what_the_labels_say(volume):
     np.testing.assert_allclose(numbers[8:], volume.depths)
 
 
-def test_edges_round_trip_and_join_their_volume(volume, edges):
+def test_edges_round_trip(edges):
     found = edges_from(wired(edges_to_message(edges)))
     assert (found.header, found.pinhole) == (HEADER, PINHOLE)
     np.testing.assert_array_equal(found.depths, edges.depths)
     np.testing.assert_array_equal(found.tensor, edges.tensor)
-    assert with_edges(volume, found).edges is found
 
 
 def test_a_volume_read_from_its_bytes_is_the_same(volume, edges):
@@ -211,18 +209,6 @@ def test_a_volume_read_from_its_bytes_is_the_same(volume, edges):
     np.testing.assert_array_equal(edges_from(multi_array_from(cdr)).tensor, edges.tensor)
     with pytest.raises(MessageError, match='0 dimensions'):
         volume_from(multi_array_from(serialize_message(Float32MultiArray())))
-
-
-def test_a_volume_that_has_these_edges_is_left_alone(volume, edges):
-    both = replace(volume, edges=edges)
-    assert with_edges(both, edges) is both
-
-
-def test_edges_of_another_capture_or_camera_are_refused(volume, edges):
-    with pytest.raises(MessageError, match='one capture'):
-        with_edges(volume, replace(edges, header=Header(5)))
-    with pytest.raises(MessageError, match=r'Pinhole.*but dlv of that stamp: Pinhole'):
-        with_edges(volume, replace(edges, pinhole=replace(PINHOLE, cx=0.0)))
 
 
 @pytest.mark.parametrize('frame', ['', 'a;fx=3', 'é/=;'])

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
@@ -78,5 +79,11 @@ def small_light_field():
 
 @pytest.fixture(scope='session')
 def small_volume(small_light_field):
-    """Its volume, with edges."""
-    return build_volume(small_light_field, DlvSettings(labels=16, edge_labels=8, views=3))
+    """Its volume."""
+    return build_volume(small_light_field, DlvSettings(labels=16, views=3))
+
+
+@pytest.fixture(scope='session')
+def small_edges(small_light_field):
+    """Its edge volume."""
+    return build_edges(small_light_field, DlvSettings(edge_labels=8, views=3))

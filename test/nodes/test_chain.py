@@ -16,6 +16,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import layers_picture, overlay
+from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.messages import bags
@@ -30,7 +31,6 @@ from pmcl_ros.messages.volume import (
     edges_to_message,
     volume_from,
     volume_to_message,
-    with_edges,
 )
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -120,11 +120,14 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
         layers = user.listen(Image, 'dlv/layers', SMALL)
         with play(tmp_path, recorded):
             user.wait(lambda: volumes and edges and depths and layers, 'a volume')
-        found = with_edges(volume_from(volumes[0]), edges_from(edges[0]))
+        found, seen = volume_from(volumes[0]), edges_from(edges[0])
     assert found.header == volume.header
     assert found.pinhole == volume.pinhole
     np.testing.assert_array_equal(found.depths, volume.depths)
-    np.testing.assert_array_equal(found.edges.tensor, volume.edges.tensor)
+    expected = build_edges(light_field, DlvSettings())
+    assert (seen.header, seen.pinhole) == (expected.header, expected.pinhole)
+    np.testing.assert_array_equal(seen.depths, expected.depths)
+    np.testing.assert_array_equal(seen.tensor, expected.tensor)
     np.testing.assert_array_equal(found.likelihood, volume.likelihood)
     np.testing.assert_allclose(depth_from(depths[0]), found.depth_map())
     settings = DlvSettings()
@@ -134,10 +137,10 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
 
 
 @pytest.mark.parametrize('alone', [False, True], ids=['with edges', 'dlv alone'])
-def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, volume, bag, alone):
-    # The edges first, as the player goes on when they have arrived: the node waits for them for
-    # seconds only, which may be too few for so many bytes where much else is at work.
-    messages = {} if alone else {'/dlv/edges': edges_to_message(volume.edges)}
+def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, light_field, volume,
+                                        bag, alone):
+    messages = {} if alone else {
+        '/dlv/edges': edges_to_message(build_edges(light_field, DlvSettings()))}
     recorded = bag(messages | {'/dlv': volume_to_message(volume)})
     with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=parameters['pmcl_node']) as node:
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE))

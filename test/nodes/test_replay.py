@@ -137,7 +137,7 @@ def test_a_stage_of_a_bag_can_be_chosen_in_any_namespace(tmp_path, user):
 STAMPS = [1_700_000_000_000_000_001 + 10 ** 7 * number for number in range(3)]
 
 
-def captures(stage, light_field, volume):
+def captures(stage, light_field, volume, edges):
     """Three captures, 10 ms apart, as `views` (some before what belongs to them), or as `dlv`."""
     for stamp in STAMPS:
         header = Header(stamp)
@@ -145,9 +145,9 @@ def captures(stage, light_field, volume):
             *others, views = bags.light_field_messages(replace(light_field, header=header))
             yield from (others[0], views, *others[1:])
         else:
-            whole = replace(volume, header=header, edges=replace(volume.edges, header=header))
-            for topic, message in (('/dlv', volume_to_message(whole)),
-                                   ('/dlv/edges', edges_to_message(whole.edges))):
+            for topic, message in (
+                    ('/dlv', volume_to_message(replace(volume, header=header))),
+                    ('/dlv/edges', edges_to_message(replace(edges, header=header)))):
                 yield bags.Recorded(topic, 'std_msgs/msg/Float32MultiArray', stamp,
                                     serialize_message(message))
 
@@ -156,9 +156,9 @@ def captures(stage, light_field, volume):
     ('views', ('views/camera_info', 'views/pupil', 'center/camera_info', 'center/image')),
     ('dlv', ('dlv/edges',))])
 def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
-        tmp_path, user, small_light_field, small_volume, stage, topics):
+        tmp_path, user, small_light_field, small_volume, small_edges, stage, topics):
     bag = tmp_path / 'bag'
-    bags.record(bag, captures(stage, small_light_field, small_volume))
+    bags.record(bag, captures(stage, small_light_field, small_volume, small_edges))
     types = {each.name: message_type(each.type) for each in bags.topics(bag)}
     came = {topic: [] for topic in (stage, *topics)}
     for topic, messages in came.items():

@@ -141,23 +141,43 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
 
 def test_edges_that_do_not_come_are_not_waited_for_forever(search, user):
     process, publish = search({'particles': 16, 'proposals': 4})
-    user.publisher(Float32MultiArray, 'dlv/edges', BIG)  # the node knows: it waits longer
     publish(8)
+    user.publisher(Float32MultiArray, 'dlv/edges', BIG)  # the node knows: it waits longer
     user.wait(lambda: 'its dlv/edges do not come' in process.log, 'the search')
     assert user.change('pmcl_node', DEACTIVATE)
 
 
-def test_edges_are_taken_with_the_volume_of_their_capture(search, user, small_volume):
-    process, publish = search({'particles': 16, 'proposals': 4})
+def test_dlv_is_listened_to_only_while_nobody_publishes_edges(search, user, small_edges):
+    process, publish = search({'particles': 16, 'proposals': 4})  # the node listens to dlv
+
+    def listeners():
+        return user.node.count_subscribers('dlv')
+
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
     publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
-    broken = edges_to_message(small_volume.edges)
+    user.wait(lambda: not listeners(), 'the end of the subscription')
+    publisher.publish(edges_to_message(replace(small_edges, header=Header(4))))
+    user.wait(lambda: states and 'capture 4' in states[-1].status[0].message, 'the result')
+    assert 'from dlv alone' not in process.log
+    user.node.destroy_publisher(publisher)
+    user.wait(listeners, 'the subscription')
+    publish(5)
+    user.wait(lambda: 'capture 5' in states[-1].status[0].message, 'the result')
+    assert 'localizes from dlv alone: nobody publishes dlv/edges' in process.log
+    assert frames_in(states) == '2'
+    assert 'dropped' not in process.log
+    assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_edges_are_searched_and_broken_ones_refused(search, user, small_edges):
+    process, _ = search({'particles': 16, 'proposals': 4})
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+    broken = edges_to_message(small_edges)
     broken.data[-1] = float('nan')
     publisher.publish(broken)
     user.wait(lambda: 'dlv/edges: the data hold NaN' in process.log, 'the error')
-    publisher.publish(edges_to_message(replace(small_volume.edges, header=Header(3))))
-    user.delivered(publisher)  # the node gives up waiting after seconds
-    publish(3)
+    publisher.publish(edges_to_message(replace(small_edges, header=Header(3))))
     user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')
     assert 'from dlv alone' not in process.log
     assert user.change('pmcl_node', DEACTIVATE)

@@ -9,7 +9,7 @@ import trimesh
 import yaml
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, Process
-from pmcl_scenes import CAMERA, cup, edges_seen, pose_of, volume_with
+from pmcl_scenes import CAMERA, cup, edges_seen, pose_of
 from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
@@ -20,7 +20,7 @@ from visualization_msgs.msg import MarkerArray
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.pose import pose_from
-from pmcl_ros.messages.volume import edges_to_message, volume_to_message
+from pmcl_ros.messages.volume import edges_to_message
 from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -48,8 +48,8 @@ def files(tmp_path_factory):
 
 
 @pytest.fixture(scope='module')
-def volume(files):
-    """Two cups."""
+def seen(files):
+    """The edge volume of two cups."""
     model, depths = ObjectModel.load(files[0]), depth_labels(0.3, 0.6, 16)
     window = Window(0, 0, (CAMERA.width, CAMERA.height))
     tensor = np.array([0.05, 0.05, 0], np.float32)
@@ -58,11 +58,11 @@ def volume(files):
         edges = edges_seen(depth, CAMERA, depths, 0.2 * model.radius, zoom=1, strength=3.0)
         tensor = tensor + edges.tensor
     header = Header(1_700_000_000_000_000_003)
-    return volume_with(replace(edges, header=header, tensor=tensor.astype(np.float32)))
+    return replace(edges, header=header, tensor=tensor.astype(np.float32))
 
 
 def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
-        tmp_path, user, files, volume):
+        tmp_path, user, files, seen):
     cup_file, carton = map(str, files)
     names = ['tea_cup', 'carton', 'tea_cup_2']
     with Process(tmp_path, f'pmcl_ros.nodes.{NODE}',
@@ -72,10 +72,8 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
         spreads = [user.listen(PoseWithCovarianceStamped, f'objects/{name}/pose_with_covariance',
                                SMALL) for name in names]
         assert '/pose' not in user.publishers_of(NODE)
-        first = user.publisher(Float32MultiArray, 'dlv', BIG)
-        second = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
-        second.publish(edges_to_message(volume.edges))
-        first.publish(volume_to_message(volume))
+        publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+        publisher.publish(edges_to_message(seen))
         user.wait(lambda: poses['tea_cup_2'] and spreads[2], 'poses')
         late = user.listen(MarkerArray, 'objects', LATCHED)
         user.wait(lambda: late, 'the list')
@@ -84,7 +82,7 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
     assert poses['carton'] == []
     for name, truth in (('tea_cup', LEFT), ('tea_cup_2', RIGHT)):
         header, pose = pose_from(poses[name][0])
-        assert header == volume.header
+        assert header == seen.header
         assert np.linalg.norm(pose[:3, 3] - truth[:3, 3]) < 0.01
     told = late[0].markers
     assert [(each.ns, each.id, each.text) for each in told] == [

@@ -13,7 +13,7 @@ from pmcl_ros.evaluation.studies.tracking import edges_of
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.pose import pose_from
-from pmcl_ros.messages.volume import edges_to_message, volume_to_message
+from pmcl_ros.messages.volume import edges_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.simulation.files import FIXED_FRAME
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
@@ -32,19 +32,15 @@ class Session:
             'object': f'{folder}/model.obj', 'roi_center': list(sequence.roi_center),
             'roi_size': list(sequence.roi_size), **values})
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), self.process.log
-        self._publishers = [user.publisher(Float32MultiArray, topic, BIG)
-                            for topic in ('dlv/edges', 'dlv')]
+        self._publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
         self.states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
         self.poses = user.listen(PoseStamped, 'pose', SMALL)
 
     def show(self, number):
         """Publish a frame; what the node then says of it: level, message, values."""
-        volume = edges_of(self.sequence, self.sequence.frame(number))
-        edges, likelihood = self._publishers
-        edges.publish(edges_to_message(volume.edges))
-        self._user.delivered(edges)
-        likelihood.publish(volume_to_message(volume))
-        stamp = volume.header.stamp_ns
+        edges = edges_of(self.sequence, self.sequence.frame(number))
+        self._publisher.publish(edges_to_message(edges))
+        stamp = edges.header.stamp_ns
 
         def told():
             return [each.status[0] for each in self.states

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 import trimesh
-from pmcl_scenes import CAMERA, cup, model_of, pose_of, random_poses, volume_with
+from pmcl_scenes import CAMERA, cup, model_of, pose_of, random_poses
 from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
@@ -237,7 +238,7 @@ def test_creases_tell_look_alikes_that_outlines_cannot():
     settings = PmclSettings(roi_center=(0, 0, 0.7), roi_size=(0.04, 0.04, 0.08),
                             renderer='numba', particles=48)
     with Localizer(model, settings) as localizer:
-        found = localizer.localize(volume_with(edges), np.random.default_rng(0),
+        found = localizer.localize(edges, np.random.default_rng(0),
                                    start=np.stack([other, truth])).pose
     nearest = FAR.project(mesh.vertices @ found[:3, :3].T + found[:3, 3])[
         (mesh.vertices @ found[2, :3]).argmin()]

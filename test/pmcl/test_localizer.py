@@ -1,6 +1,7 @@
 """The whole arrow, on edge volumes that show one object and nothing else."""
 
 import gc
+import logging
 import os
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -18,13 +19,14 @@ from pmcl_scenes import (
     edges_seen,
     model_of,
     random_poses,
-    volume_with,
 )
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pipeline import make_localizer
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -45,7 +47,7 @@ def scene(context, model, seed):
     edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius, strength=2.0)
     # No picture is without any edges: faint ones, the same every way.
     tensor = edges.tensor + np.array([0.05, 0.05, 0], np.float32)
-    return truth, volume_with(replace(edges, tensor=tensor))
+    return truth, replace(edges, tensor=tensor)
 
 
 def localized(model, volume, seed=0, settings=SETTINGS, progress=None):
@@ -147,8 +149,8 @@ def test_localizers_in_two_threads_at_once_do_not_meet(cup_volume):
 
 @pytest.mark.parametrize('level', [0.0, 1.0])
 def test_without_edges_the_object_is_lost(cup_volume, level):
-    tensor = np.full_like(cup_volume.edges.tensor, level) * np.array([1, 1, 0], np.float32)
-    volume = volume_with(EdgeVolume(cup_volume.header, tensor, DEPTHS, CAMERA))
+    tensor = np.full_like(cup_volume.tensor, level) * np.array([1, 1, 0], np.float32)
+    volume = EdgeVolume(cup_volume.header, tensor, DEPTHS, CAMERA)
     estimate = localized(CUP, volume, 0, SMALL)
     assert estimate.lost
     assert_valid(estimate, CUP)
@@ -162,7 +164,7 @@ def test_texture_everywhere_is_no_object(context, cup_volume, seed):
     across, along = (cv2.GaussianBlur(each, (0, 0), 2.0) for each in picture)
     tensor = np.stack([across ** 2, along ** 2, across * along], axis=-1)
     tensor = np.repeat(tensor[:, :, None] / tensor.mean(), len(DEPTHS), axis=2).astype(np.float32)
-    texture = volume_with(replace(cup_volume.edges, tensor=0.5 * tensor))
+    texture = replace(cup_volume, tensor=0.5 * tensor)
     estimate = localized(CUP, texture, seed, settings)
     assert estimate.lost
     assert -5 < estimate.support < estimate.evidence < ContourProfile.learned().least
@@ -178,12 +180,14 @@ def test_an_object_that_is_not_there_is_lost(context):
     assert localized(CUP, volume).lost
 
 
-def test_a_likelihood_alone_will_do(context):
+def test_a_likelihood_alone_will_do(context, caplog):
     # What a message of the volume without its edges gives: high on contours at their depth.
     truth, volume = scene(context, CUP, 1)
-    energy = volume.edges.tensor[..., 0] + volume.edges.tensor[..., 1]
+    energy = volume.tensor[..., 0] + volume.tensor[..., 1]
     bare = DepthLikelihoodVolume(volume.header, np.sqrt(energy), DEPTHS, CAMERA)
-    estimate = localized(CUP, bare)
+    with caplog.at_level(logging.INFO):
+        estimate = localized(CUP, edges_from_likelihood(bare))
+    assert 'no edge volume was given: contours are looked for in the likelihood' in caplog.text
     error = pose_error(estimate.pose, truth, CUP.symmetry)
     assert error.translation < 0.01
     assert error.rotation < np.deg2rad(5)
@@ -193,10 +197,12 @@ def test_a_likelihood_alone_will_do(context):
 @pytest.mark.parametrize('mode', ['default', 'faithful'])
 def test_a_volume_that_does_not_reach_the_region_is_refused(cup_volume, near, far, mode):
     depths = depth_labels(near, far, len(DEPTHS))
-    edges = replace(cup_volume.edges, depths=depths)
+    edges = replace(cup_volume, depths=depths)
+    likelihood = DepthLikelihoodVolume(edges.header, edges.tensor[..., 0].copy(), depths, CAMERA)
     settings = SMALL.model_copy(update={'mode': mode})
-    with pytest.raises(LocalizationError, match=r'the volume spans .* set near and far'):
-        localized(CUP, volume_with(edges), 0, settings)
+    with make_localizer(CUP, settings) as localizer, pytest.raises(
+            LocalizationError, match=r'the volume spans .* set near and far'):
+        localizer.localize(edges if mode == 'default' else likelihood, np.random.default_rng(0))
 
 
 def test_a_region_outside_the_image_is_refused(cup_volume):
@@ -256,7 +262,7 @@ def test_what_a_search_holds_is_given_back(cup_volume):
     def search(localizer):
         localizer.localize(cup_volume, np.random.default_rng(0), lambda _: False)
 
-    textures = cup_volume.edges.tensor.nbytes / 2 ** 20  # one of two that a search holds
+    textures = cup_volume.tensor.nbytes / 2 ** 20  # one of two that a search holds
     with Localizer(CUP, SMALL) as localizer:
         for _ in range(4):
             search(localizer)

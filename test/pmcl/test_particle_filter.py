@@ -7,8 +7,7 @@ from pmcl_scenes import cup, depth_of, model_of, random_poses, surface_seen
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.particle_filter import particle_filter
+from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer, particle_filter
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -85,7 +84,7 @@ def test_it_finds_the_rendered_surface(context, seed):
         mode='faithful', roi_center=tuple(truth[:3, 3] + [0.004, -0.003, 0.005]),
         roi_size=(0.04, 0.04, 0.04), faithful_iterations=30, faithful_threshold=0.9,
         faithful_sigma_translation=0.003, faithful_sigma_rotation=0.15)
-    with Localizer(CUP, settings) as localizer:
+    with ParticleFilterLocalizer(CUP, settings) as localizer:
         estimate = localizer.localize(volume, np.random.default_rng(seed))
     error = pose_error(estimate.pose, truth, CUP.symmetry)
     assert error.translation < 0.008
@@ -106,7 +105,7 @@ def test_it_finds_the_rendered_surface(context, seed):
 def test_where_no_ray_supports_it_the_object_is_lost():
     volume = surface_seen(np.zeros((81, 97)), CAMERA, depth_labels(0.3, 0.6, 5))
     settings = PmclSettings(mode='faithful', roi_center=(0, 0, 0.45), faithful_iterations=2)
-    with Localizer(CUP, settings) as localizer:
+    with ParticleFilterLocalizer(CUP, settings) as localizer:
         estimate = localizer.localize(volume, np.random.default_rng(0))
     assert estimate.lost
     assert estimate.score == 0

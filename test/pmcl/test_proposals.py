@@ -7,7 +7,8 @@ import pytest
 import trimesh
 from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of, random_poses
 
-from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
-from pmcl_scenes import CAMERA, cup, edges_seen, model_of, pose_of, volume_with
+from pmcl_scenes import CAMERA, cup, edges_seen, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
@@ -54,4 +54,4 @@ def seen_together(things, through=False):
     for each in depths:
         edges = edges_seen(each, CAMERA, DEPTHS, 0.2 * radius, strength=2.0)
         tensor = tensor + edges.tensor
-    return volume_with(replace(edges, tensor=tensor.astype(np.float32)))
+    return replace(edges, tensor=tensor.astype(np.float32))

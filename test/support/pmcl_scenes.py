@@ -5,7 +5,8 @@ import trimesh
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -91,13 +92,6 @@ def edges_seen(depth, pinhole, depths, jump, zoom=4, strength=1.6):
     tensor = np.stack([both * n[..., :1] ** 2, both * n[..., 1:] ** 2,
                        both * n[..., :1] * n[..., 1:]], axis=-1)
     return EdgeVolume(Header(stamp_ns=7), tensor.astype(np.float32), depths, pinhole)
-
-
-def volume_with(edges):
-    """A volume that holds nothing but its edges."""
-    likelihood = np.zeros((*edges.tensor.shape[:2], 3), np.float32)
-    depths = depth_labels(edges.depths[-1], edges.depths[0], 3)
-    return DepthLikelihoodVolume(edges.header, likelihood, depths, edges.pinhole, edges)
 
 
 def surface_seen(depth, pinhole, depths, width=1.0):

@@ -1,7 +1,6 @@
 """Times of the whole chain without ROS: from the bytes of a raw picture to the pose."""
 
 import tempfile
-import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,31 +11,26 @@ from pmcl_ros.camera.files import read_picture
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.variants import volume_settings
-from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.resident import volume_for
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
 _ROOT = Path(__file__).parents[3]
-_STAGES = ('decode', 'volume', 'pose', 'total')
 _WANTED = {'pose': 1000.0, 'total': 1500.0}  # ms, on two quiet cores
 
 
 @dataclass(frozen=True)
 class ChainBench:
-    """ms: medians of several runs, the first not counted; `edges` is a part of `volume`.
+    """ms: medians of several runs, the first not counted.
 
     geometry: what was worked on. ratio_to_wanted: of what is wanted on two quiet cores.
     error_mm: of the poses, the largest. evaluations: poses drawn and scored, the median.
@@ -58,7 +52,7 @@ class ChainBench:
 
 
 def bench_chain(repeats: int = 9, bag: Path = _ROOT / 'bags' / 'wine_glass') -> ChainBench:
-    """The raw picture of a shipped bag: packed bytes to views, volume with edges, and pose.
+    """The raw picture of a shipped bag: packed bytes to views, evidence and pose.
 
     What belongs to the camera and the object is made before, as nodes make it when they are
     configured; so is what is compiled. Back ends are those that settings choose by themselves, and
@@ -76,14 +70,14 @@ def bench_chain(repeats: int = 9, bag: Path = _ROOT / 'bags' / 'wine_glass') -> 
     settings = PmclSettings(roi_center=truth.roi_center, roi_size=truth.roi_size)
     decoders = Decoders(Calibration.load(calibration), white)
     runs, estimates = [], []
-    with Localizer(model, settings) as localizer:
-        once = partial(_run, raw, text, decoders, localizer, model, settings)
+    with Pipeline.for_object(model, settings) as pipeline:
+        once = partial(_run, raw, text, decoders, pipeline)
         once(0)
         for seed in range(repeats):
             times, estimate = once(seed)
             runs.append(times)
             estimates.append(estimate)
-        renderer = localizer.renderer
+        renderer = pipeline.localizer.renderer
     ms = {name: 1e3 * float(np.median([each[name] for each in runs])) for name in runs[0]}
     errors = [pose_error(each.pose, truth.pose, model.symmetry).translation for each in estimates]
     return ChainBench(
@@ -97,21 +91,14 @@ def _picture(bag: Path) -> tuple[bytes, str]:
         return read_picture(extract_captures(bag, folder)[0])
 
 
-def _run(raw: bytes, text: str, decoders: Decoders, localizer: Localizer, model: ObjectModel,
-         settings: PmclSettings, seed: int) -> tuple[dict[str, float], PoseEstimate]:
-    """Seconds of each stage, of all, and of the edges alone (made once more); the estimate."""
-    clock = [time.perf_counter()]
-    metadata = CameraMetadata.parse(text)
-    counts = unpack12(raw, metadata.image.width, metadata.image.height)
-    light_field = decoders.decode(RawFrame(Header(), counts, metadata))
-    clock.append(time.perf_counter())
-    near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
-    wanted = volume_settings(settings.mode, near, far, light_field.grid)
-    with volume_for(localizer, light_field, wanted) as volume:
-        clock.append(time.perf_counter())
-        estimate = localizer.localize(volume, np.random.default_rng(seed))
-        clock.append(time.perf_counter())
-    seconds = dict(zip(_STAGES, [*np.diff(clock), clock[-1] - clock[0]], strict=True))
-    begun = time.perf_counter()
-    edge_volume(light_field, depth_labels(near, far, wanted.edge_labels), wanted.views)
-    return seconds | {'edges': time.perf_counter() - begun}, estimate
+def _run(raw: bytes, text: str, decoders: Decoders, pipeline: Pipeline[PoseEstimate], seed: int
+         ) -> tuple[dict[str, float], PoseEstimate]:
+    """Seconds of each stage and of all; the estimate."""
+    def decode() -> LightField:
+        metadata = CameraMetadata.parse(text)
+        counts = unpack12(raw, metadata.image.width, metadata.image.height)
+        return decoders.decode(RawFrame(Header(), counts, metadata))
+
+    run = pipeline.run(decode, np.random.default_rng(seed))
+    return {'decode': run.seconds['views'], 'evidence': run.seconds['evidence'],
+            'pose': run.seconds['pose'], 'total': sum(run.seconds.values())}, run.estimate

@@ -16,23 +16,21 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain, print_json
 from pmcl_ros.evaluation.captures import Truth
-from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.bags import extract_captures
 from pmcl_ros.nodes.runtime.running import ros
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import PmclError
 
 _ROOT = Path(__file__).parents[3]
 _CALIBRATION = _ROOT / 'config' / 'cameras' / 'demo.yaml'
 _QUICK = {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}
+_PLAIN = {'interpolation': 'neutral', 'truncate': False, 'view_weights': 'light'}
 _WHITE = _ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz'
 
 
@@ -58,22 +56,24 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
         pmcl = PmclSettings.make({'object': str(_ROOT / 'models' / f'{bag.name}.obj'),
                                   'roi_center': truth.roi_center, 'roi_size': truth.roi_size,
                                   **(_QUICK if quick else {})})
-        near, far = Region(pmcl.roi_center, pmcl.roi_size).grown(model.radius)
         decoders = Decoders(Calibration.load(_CALIBRATION), _WHITE)
-        dlv = volume_settings('default', near, far, decoders.of(frame.metadata).grid)
-        parameters = {
-            'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
-            'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
-            'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}
         random = np.random.default_rng(pmcl.seed)
-        with Localizer(model, pmcl) as localizer, Graph(parameters, folder, arguments) as graph:
-            def offline() -> NDArray[np.float64]:
-                light_field = decoders.decode(read_raw_frame(raw))
-                return localizer.localize(build_volume(light_field, dlv), random).pose
+        # The nodes make the volume as in the mode default, in both modes.
+        with Pipeline.for_object(model, pmcl, _PLAIN) as pipeline:
+            dlv = pipeline.settings_for(decoders.of(frame.metadata).grid)
+            parameters = {
+                'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
+                'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
+                'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}
 
-            result = _compare(graph, offline, captures)
-            if result['equal'] != captures:  # the nodes' own log tells why
-                sys.stderr.write(graph.log)
+            def offline() -> NDArray[np.float64]:
+                run = pipeline.run(lambda: decoders.decode(read_raw_frame(raw)), random)
+                return run.estimate.pose
+
+            with Graph(parameters, folder, arguments) as graph:
+                result = _compare(graph, offline, captures)
+                if result['equal'] != captures:  # the nodes' own log says why
+                    sys.stderr.write(graph.log)
     if not result:
         raise GraphError('interrupted')
     return result

@@ -9,9 +9,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.bench.result import best_ms
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.localizer import Localizer
@@ -128,18 +129,16 @@ def plain_scores(zbuffers: ZBuffers, volume: DepthLikelihoodVolume, poses: NDArr
 
 def _stages(model: ObjectModel, region: Region, edges: EdgeVolume, repeats: int
             ) -> dict[str, float]:
-    """ms of the stages of a localisation in a volume that shows the vessel's contour alone."""
-    few = DepthLikelihoodVolume(edges.header, np.zeros((328, 328, 2), np.float32),
-                                edges.depths[[0, -1]], edges.pinhole, edges)
+    """ms of the stages of a localisation where the vessel's contour alone is seen."""
     settings = PmclSettings(roi_center=region.center, roi_size=region.size)
     proposals = Proposals(NumbaRenderer(), model, region)
     proposals.propose(edges, settings.proposals)
     with Localizer(model, settings) as localizer:
-        localizer.localize(few, np.random.default_rng(0))
+        localizer.localize(edges, np.random.default_rng(0))
         steps: dict[str, Callable[[], object]] = {
             'templates': lambda: Proposals(NumbaRenderer(), model, region),
             'proposals': lambda: proposals.propose(edges, settings.proposals),
-            'localisation in all': lambda: localizer.localize(few, np.random.default_rng(0))}
+            'localisation in all': lambda: localizer.localize(edges, np.random.default_rng(0))}
         return {name: best_ms(step, repeats) for name, step in steps.items()}
 
 

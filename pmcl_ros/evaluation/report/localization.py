@@ -9,12 +9,12 @@ from importlib.metadata import PackageNotFoundError, version
 import numpy as np
 
 import pmcl_ros
-from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import Truth
-from pmcl_ros.evaluation.variants import volume_settings
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pipeline import Pipeline, Progress
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
@@ -24,7 +24,6 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _LIBRARIES = ('numpy', 'scipy', 'opencv-python-headless', 'numba', 'moderngl', 'trimesh')
-Progress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -66,32 +65,21 @@ def localize(read: Callable[[], LightField], model: ObjectModel, settings: PmclS
     The pose is that of `pmcl localize` with the same settings. progress: called with the stage and
     how much of it is done, 0 to 1. Raises what the stages raise.
     """
-    near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
     history: list[Generation] = []
-    with Localizer(model, settings) as localizer:
-        times = [time.perf_counter()]
-        progress('views', 0.0)
-        light_field = read()
-        times.append(time.perf_counter())
-        progress('volume', 0.0)
-        of_volume = volume_settings(settings.mode, near, far, light_field.grid)
-        volume = build_volume(light_field, of_volume)
-        times.append(time.perf_counter())
-
-        def show(part: float) -> bool:
-            progress('pose', part)
-            return True
-
-        rng = np.random.default_rng(settings.seed)
-        estimate = localizer.localize(volume, rng, show, watch=history.append)
-        times.append(time.perf_counter())
-        contour = (localizer.contour(volume, estimate.pose) if settings.mode == 'default'
+    with Pipeline.for_object(model, settings) as pipeline:
+        run = pipeline.run(read, np.random.default_rng(settings.seed), progress, history.append,
+                           with_volume=True)
+        ended = time.perf_counter()
+        localizer, evidence = pipeline.localizer, run.evidence
+        contour = (localizer.contour(evidence, run.estimate.pose)
+                   if isinstance(localizer, Localizer) and isinstance(evidence, EdgeVolume)
                    else None)
-        seconds = {'views': times[1] - times[0], 'volume': times[2] - times[1],
-                   **_stages(times[2], history, times[3])}
-        return Localization(light_field, model, of_volume, settings, volume, estimate,
-                            tuple(history), contour, seconds, localizer.renderer, source, serial,
-                            truth)
+    seconds = dict(run.seconds)
+    seconds |= _stages(ended - seconds.pop('pose'), history, ended)
+    assert run.volume is not None
+    return Localization(run.light_field, model, run.settings, settings, run.volume, run.estimate,
+                        tuple(history), contour, seconds, localizer.renderer, source, serial,
+                        truth)
 
 
 def _stages(begin: float, history: list[Generation], end: float) -> dict[str, float]:

@@ -22,7 +22,7 @@ from pmcl_ros.runtime.settings import Settings, default_of
 
 _UNKNOWN = 'unknown'
 _STAGES = {
-    'views': 'views, from the picture', 'volume': 'volume and edges',
+    'views': 'views, from the picture', 'evidence': 'edge volume',
     'estimate': 'summary of the posterior',
     'proposals': 'proposals', 'coarse': 'refined, by coarse contours',
     'fine': 'the best, by fine contours', 'rivals': 'with ambiguous poses',

@@ -48,7 +48,7 @@ def run_coverage(count: int, seed: int = 0, whole: bool = True) -> Iterator[Cove
                                 renderer='numba', particles=192 if whole else 96)
         start = perturb(np.tile(scene.pose, (_STARTS, 1, 1)), *_NEAR, rng)
         with Localizer(scene.model, settings) as localizer:
-            estimate = localizer.localize(scene.volume, rng, start=None if whole else start)
+            estimate = localizer.localize(scene.edges, rng, start=None if whole else start)
         symmetry = scene.model.symmetry
         error = pose_error(estimate.pose, scene.pose, symmetry)
         level = symmetry.credible_level(scene.pose, estimate.pose, estimate.covariance)

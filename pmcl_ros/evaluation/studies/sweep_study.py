@@ -7,16 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.evaluation.variants import volume_settings
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -84,12 +82,13 @@ def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settin
             poses = [poses[middle], *poses[:middle], *poses[middle + 1:]]
             told = [_told(each, arm, rng) for each in photographs(scene, poses, rng)]
             fields[f'sweep of {1e3 * width:g} mm'] = assemble(told, of, 'camera').light_field
+        search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
         for name, light_field in fields.items():
-            volume = build_volume(light_field, volume_settings('default', near, far,
-                                                               light_field.grid))
-            search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
-            with Localizer(model, search) as localizer:
-                estimate = localizer.localize(volume, np.random.default_rng(number))
+            with Pipeline.for_object(model, search) as pipeline:
+                run = pipeline.run(lambda: light_field,  # noqa: B023
+                                   np.random.default_rng(number), with_volume=True)
+            estimate, volume = run.estimate, run.volume
+            assert volume is not None
             error = pose_error(estimate.pose, target.pose, model.symmetry)
             ray = target.pose[:3, 3] / np.linalg.norm(target.pose[:3, 3])
             yield Found(number, scene.name, name, _depth_error(volume, capture, light_field),

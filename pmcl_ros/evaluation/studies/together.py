@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.errors import is_right, pose_error
-from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
@@ -96,10 +96,10 @@ def together(seed: int, count: int, settings: SceneSettings, samples: int) -> To
     target = capture.targets[0]
     search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size,
                           renderer='numba')
-    volume = _volume(capture, [*models, missing], search)
+    edges = _edges(capture, [*models, missing], search)
     with SceneLocalizer([*models, missing], search) as localizer:
         started = time.perf_counter()
-        found = localizer.localize(volume, np.random.default_rng(seed))
+        found = localizer.localize(edges, np.random.default_rng(seed))
         seconds = time.perf_counter() - started
     truths = [[each.pose for each, same in zip(capture.targets, group.copies, strict=True)
                if same == copy] for copy in group.copies]
@@ -112,17 +112,14 @@ def together(seed: int, count: int, settings: SceneSettings, samples: int) -> To
                     _picture(capture, found, [*models, missing]))
 
 
-def _volume(capture: SyntheticCapture, models: Sequence[ObjectModel], search: PmclSettings
-            ) -> DepthLikelihoodVolume:
-    """A volume of nothing but edges, for all of the models in the region."""
+def _edges(capture: SyntheticCapture, models: Sequence[ObjectModel], search: PmclSettings
+           ) -> EdgeVolume:
+    """The evidence for all of the models in the region."""
     region = Region(search.roi_center, search.roi_size)
     labels = depth_labels(*region.grown(max(each.radius for each in models)),
                           DlvSettings().edge_labels)
     views = capture.light_field.views.shape[0]
-    edges = edge_volume(capture.light_field, labels, views)
-    nothing = np.zeros((edges.pinhole.height, edges.pinhole.width, 2), np.float32)
-    return DepthLikelihoodVolume(edges.header, nothing, edges.depths[[0, -1]], edges.pinhole,
-                                 edges)
+    return edge_volume(capture.light_field, labels, views)
 
 
 def _matched(estimates: Sequence[PoseEstimate], truths: Sequence[Sequence[NDArray[np.float64]]],

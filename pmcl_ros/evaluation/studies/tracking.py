@@ -9,9 +9,9 @@ from typing import TypeVar
 import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import is_right, pose_error
-from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.region import Region
@@ -72,13 +72,13 @@ def play(sequence: Sequence, tracking: Tracking, every: int, seed: int = 0,
     with Localizer(sequence.model, settings) as localizer:
         tracker = Tracker(localizer, sequence.model, settings)
         for number, frame in enumerate(sequence):
-            volume, seconds, _ = _timed(partial(edges_of, sequence, frame))
-            tracked = _judged(partial(tracker.track, volume, rng, camera=frame.camera), frame,
+            edges, seconds, _ = _timed(partial(edges_of, sequence, frame))
+            tracked = _judged(partial(tracker.track, edges, rng, camera=frame.camera), frame,
                               sequence)
             single = None
             if every and number % every == 0:
                 own = np.random.default_rng([seed, number])
-                single = _judged(partial(localizer.localize, volume, own), frame, sequence)
+                single = _judged(partial(localizer.localize, edges, own), frame, sequence)
             done.append(Played(number, frame.occluded, tracked, single, seconds))
             told(done[-1])
     return done
@@ -94,13 +94,11 @@ def _judged(look: Callable[[], PoseEstimate], frame: Frame, sequence: Sequence) 
                    seconds, cpu)
 
 
-def edges_of(sequence: Sequence, frame: Frame) -> DepthLikelihoodVolume:
-    """The volume of a frame: its edges, which are all that contours are looked for in."""
+def edges_of(sequence: Sequence, frame: Frame) -> EdgeVolume:
+    """The evidence of a frame."""
     near, far = Region(sequence.roi_center, sequence.roi_size).grown(sequence.model.radius)
     labels = depth_labels(near, far, DlvSettings().edge_labels)
-    edges = edge_volume(frame.light_field, labels, max(frame.light_field.grid.shape))
-    likelihood = np.zeros((*edges.tensor.shape[:2], 2), np.float32)
-    return DepthLikelihoodVolume(edges.header, likelihood, labels[[0, -1]], edges.pinhole, edges)
+    return edge_volume(frame.light_field, labels, max(frame.light_field.grid.shape))
 
 
 def _timed(work: Callable[[], T]) -> tuple[T, float, float]:

@@ -85,8 +85,11 @@ class StageNode(LifecycleNode):
 
     def subscribe(self, kind: type, topic: str, callback: Callable[[Any], None],
                   qos: QoSProfile, raw: bool = False,
-                  missed: Callable[[int], None] = lambda _: None) -> Subscription:
+                  missed: Callable[[int], None] = lambda _: None,
+                  scope: ExitStack | None = None) -> Subscription:
         """A subscription while the node is active; errors of `callback` are logged and counted.
+
+        scope: closed when the subscription is to end; default: when the node is deactivated.
 
         raw: the callback gets the serialised message. missed: told how many messages came and were
         overwritten before this one was taken, where there were some.
@@ -104,7 +107,7 @@ class StageNode(LifecycleNode):
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
             subscription = self.create_subscription(kind, topic, received, profile, raw=raw,
                                                     qos_overriding_options=options)
-        self.active.callback(self.destroy_subscription, subscription)
+        (self.active if scope is None else scope).callback(self.destroy_subscription, subscription)
         return subscription
 
     def every(self, period: float, callback: Callable[[], None]) -> Timer:

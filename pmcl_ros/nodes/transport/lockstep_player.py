@@ -11,7 +11,7 @@ from visualization_msgs.msg import MarkerArray
 from pmcl_ros.messages.bags import Recorded, Topic
 from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.volume import volume_from
+from pmcl_ros.messages.volume import edges_from, volume_from
 from pmcl_ros.nodes.runtime.base import LATCHED
 from pmcl_ros.nodes.runtime.message_types import message_type
 from pmcl_ros.nodes.runtime.running import pause
@@ -20,7 +20,8 @@ from pmcl_ros.runtime.errors import BagError
 
 _TYPES = {each.name: each.type for each in TOPICS}
 _LATCHED_COMES = 0.5  # s
-_STAMPED = ('image_raw', 'views', 'dlv')  # a message of each capture, that knows its stamp
+# a message of each capture, that knows its stamp
+_STAMPED = ('image_raw', 'views', 'dlv', 'dlv/edges')
 _PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
 
 
@@ -93,6 +94,8 @@ class LockstepPlayer:
         read = message_from(message.cdr, message_type(message.type))
         if self._kind == 'dlv':
             return volume_from(read).header.stamp_ns
+        if self._kind == 'dlv/edges':
+            return edges_from(read).header.stamp_ns
         return header_from(read.header).stamp_ns
 
 

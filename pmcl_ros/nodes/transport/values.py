@@ -1,6 +1,7 @@
 """Publishers and subscriptions of values: by reference in the process, as messages elsewhere."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, Generic, Protocol, TypeVar
 
 from rclpy.duration import Duration
@@ -91,13 +92,16 @@ class ValuePublisher(Generic[T]):
 
 def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any], T],
                     callback: Callable[[T], None], qos: QoSProfile,
-                    each_a_capture: bool = True, announced: bool = False) -> Subscription:
+                    each_a_capture: bool = True, announced: bool = False,
+                    scope: ExitStack | None = None) -> Subscription:
     """As `node.subscribe`, for `start` of a node, to values: `read` makes them of messages.
 
     each_a_capture: whether a value that is overwritten before it was taken is a capture lost,
     which counts as dropped; false where that shows in another topic. announced: captures are
     joined from several topics, and what did not come as a message counts there, by its stamp.
+    scope: closed when the subscription is to end; default: when the node is deactivated.
     """
+    scope = node.active if scope is None else scope
     ways: set[str] = set()
 
     def tell(way: str) -> None:
@@ -126,9 +130,9 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
     # What is handed over may be sent to others too, and so come twice: one of the two counts.
     subscription = node.subscribe(kind, topic, received, qos, raw=True,
                                   missed=lambda count: missed(
-                                      0 if announced or taker.given else count))
+                                      0 if announced or taker.given else count), scope=scope)
     bell = node.create_guard_condition(woken)
-    node.active.callback(node.destroy_guard_condition, bell)
-    taker = node.active.enter_context(node.hand_over.taking(
+    scope.callback(node.destroy_guard_condition, bell)
+    taker = scope.enter_context(node.hand_over.taking(
         node.resolve_topic_name(topic), node.get_fully_qualified_name(), bell.trigger))
     return subscription

@@ -1,4 +1,4 @@
-"""A volume without the edges that objects account for, to look for more in it."""
+"""An edge volume without the edges that objects account for, to look for more in it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -7,15 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
 _WIDTH = 2.5  # px: of what goes on both sides of a contour, a standard deviation
 
 
-def unexplained(volume: DepthLikelihoodVolume, edges: EdgeVolume,
-                contours: Sequence[ContourPoints]) -> DepthLikelihoodVolume:
-    """The volume with the energy of its edges taken away along contours, at all depths.
+def unexplained(edges: EdgeVolume, contours: Sequence[ContourPoints]) -> EdgeVolume:
+    """The edge volume with its energy taken away along contours, at all depths.
 
     Depth is told by edges' places in the views alone, so that an edge has energy at most labels.
     """
@@ -28,5 +27,4 @@ def unexplained(volume: DepthLikelihoodVolume, edges: EdgeVolume,
         off.shape, np.inf)
     kept = (1 - np.exp(-0.5 * (away / _WIDTH) ** 2)).astype(np.float32)
     # The tensor is of squares.
-    return replace(volume, edges=replace(edges,
-                                         tensor=edges.tensor * (kept ** 2)[..., None, None]))
+    return replace(edges, tensor=edges.tensor * (kept ** 2)[..., None, None])

@@ -1,11 +1,11 @@
-"""DepthLikelihoodVolume -> SceneEstimate: several objects in one volume."""
+"""EdgeVolume -> SceneEstimate: several objects in one capture."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.names import distinct_names
@@ -21,7 +21,7 @@ _MOST = 8  # objects
 
 
 class SceneLocalizer:
-    """Finds several objects in volumes; one may be listed several times: copies.
+    """Finds several objects in edge volumes; one may be listed several times: copies.
 
     Each is searched for alone; then poses, at most one of each object's, are chosen jointly; what
     is not found is searched for once more in what the others leave unexplained (see
@@ -66,18 +66,19 @@ class SceneLocalizer:
         for each in self._localizers:
             each.close()
 
-    def localize(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def localize(self, edges: EdgeVolume, rng: np.random.Generator,
                  progress: Progress | None = None) -> SceneEstimate:
-        """Where the listed objects are in one volume, which has an edge volume.
+        """Where the listed objects are in one capture.
 
         progress: called with 0..1; once it returns False what was found so far is summed up.
-        Raises LocalizationError without an edge volume, else what `Localizer.localize` raises.
+        Raises LocalizationError for edges made of a likelihood, else what `Localizer.localize`
+        raises.
         """
-        if volume.edges is None:
-            raise LocalizationError('several objects are told apart by their contours: the volume '
-                                    'needs its edges (dlv/edges)')
-        search = SceneSearch(self._localizers, self._distinct, self._solids, self._listed, volume,
-                         volume.edges, rng, progress or (lambda _: True), self._least,
+        if edges.from_likelihood:
+            raise LocalizationError('several objects are told apart by their contours: they '
+                                    'need an edge volume (dlv/edges)')
+        search = SceneSearch(self._localizers, self._distinct, self._solids, self._listed, edges,
+                         rng, progress or (lambda _: True), self._least,
                          self._settings.least_support)
         found = search.run()
         estimates = self._in_order(found)

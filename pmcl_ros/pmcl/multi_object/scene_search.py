@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_evidence import Free
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -36,11 +36,11 @@ class SceneSearch:
     """
 
     def __init__(self, localizers: Sequence[Localizer], models: Sequence[ObjectModel],
-                 solids: Sequence[Solid], listed: Sequence[int], volume: DepthLikelihoodVolume,
-                 edges: EdgeVolume, rng: np.random.Generator, progress: Progress, least: float,
-                 least_support: float) -> None:
+                 solids: Sequence[Solid], listed: Sequence[int], edges: EdgeVolume,
+                 rng: np.random.Generator, progress: Progress, least: float, least_support: float
+                 ) -> None:
         self._localizers, self._models, self._solids = localizers, models, solids
-        self._listed, self._volume, self._edges, self._rng = listed, volume, edges, rng
+        self._listed, self._edges, self._rng = listed, edges, rng
         self._progress, self._done, self._stopped = progress, 0.0, False
         self._least, self._least_support = least, least_support
         self._candidates = Candidates(models, solids, listed, least, least_support)
@@ -50,7 +50,7 @@ class SceneSearch:
     def run(self) -> list[PoseEstimate]:
         """Of the listed objects."""
         for number in range(len(self._models)):
-            self.alone.append(self._look(number, self._volume, None, _ALONE / len(self._models)))
+            self.alone.append(self._look(number, self._edges, None, _ALONE / len(self._models)))
         chosen = self._searched_again(self._candidates.chosen())
         while True:
             estimates = self._estimates(chosen)
@@ -70,7 +70,7 @@ class SceneSearch:
                               if each is None and looked.get(number, set()) != there})
             if not missing or not there or self._stopped:
                 break
-            left = unexplained(self._volume, self._edges, [self._shown(each, chosen)
+            left = unexplained(self._edges, [self._shown(each, chosen)
                                                            for each in sorted(there)])
             for number in missing:
                 _LOG.info('%s is searched for in what %d objects leave unexplained',
@@ -80,7 +80,7 @@ class SceneSearch:
             chosen = self._candidates.chosen()
         return chosen
 
-    def _look(self, number: int, volume: DepthLikelihoodVolume, free: Free | None, part: float
+    def _look(self, number: int, edges: EdgeVolume, free: Free | None, part: float
               ) -> PoseEstimate:
         """Search for one object by itself; what is found is a candidate."""
         begin = self._done
@@ -91,9 +91,9 @@ class SceneSearch:
             return not self._stopped
 
         localizer = self._localizers[number]
-        found = localizer.localize(volume, self._rng.spawn(1)[0], progress, free=free)
+        found = localizer.localize(edges, self._rng.spawn(1)[0], progress, free=free)
         modes = [each.pose for each in found.modes]
-        members = self._candidates.add(number, localizer.looks(self._volume, modes))
+        members = self._candidates.add(number, localizer.looks(self._edges, modes))
         self._searches[number].append((found, members[0]))
         return found
 
@@ -145,11 +145,11 @@ class SceneSearch:
                 alone.modes[0].pose, look.pose):
             return alone  # nothing is known now that was not before
         return self._localizers[number].refine(
-            self._volume, look.pose, self._rng.spawn(1)[0],
+            self._edges, look.pose, self._rng.spawn(1)[0],
             lambda points: sight(points, others, scale).weights)
 
     def _at(self, member: Member, pose: NDArray[np.float64]) -> Observation:
-        return self._localizers[member[0]].looks(self._volume, [pose])[0]
+        return self._localizers[member[0]].looks(self._edges, [pose])[0]
 
     def _apart(self, found: dict[Member, PoseEstimate], looks: dict[Member, Observation]
                ) -> dict[Member, PoseEstimate]:

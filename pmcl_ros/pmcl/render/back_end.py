@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.back_end import is_software
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.crease_lines import CreasePoints
@@ -95,12 +95,8 @@ class Renderer(Protocol):
         """
         ...
 
-    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
-                         ) -> LikelihoodScore:
-        """Of a volume; each pixel is read at its centre in the image, or just above and left.
-
-        One on a GPU is read where it is, by gl in the same context, else copied.
-        """
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume) -> LikelihoodScore:
+        """Of a volume; each pixel is read at its centre in the image, or just above and left."""
         ...
 
     def use(self) -> None:

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError

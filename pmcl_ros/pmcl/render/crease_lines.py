@@ -17,8 +17,8 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, energy, evidence

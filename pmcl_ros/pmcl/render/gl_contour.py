@@ -4,8 +4,8 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import EdgeVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.gl_cost import GlArray
-from pmcl_ros.dlv.gl_volume import GlVolume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.pmcl.render.contour import label_scale
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
@@ -65,16 +64,14 @@ void main() {
 class GlLikelihoodScore:
     """See `LikelihoodScore`. capacity: poses drawn at once.
 
-    volume: one that is in this context already is read where it is, and stays its owner's.
-    Raises RenderError when the volume is larger than this GL can hold, or in another context.
+    Raises RenderError when the volume is larger than this GL can hold.
     """
 
-    def __init__(self, context: GlContext, scene: Scene,
-                 volume: DepthLikelihoodVolume | GlVolume, capacity: int = 96) -> None:
+    def __init__(self, context: GlContext, scene: Scene, volume: DepthLikelihoodVolume,
+                 capacity: int = 96) -> None:
         context.use()
         self.evaluations = 0
-        self._likelihood = _resident(context, volume)
-        self._owned = not isinstance(volume, GlVolume)
+        self._likelihood = _uploaded(context, volume)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._sums = context.gl.buffer(reserve=self.zbuffers.capacity * 8)
         self._program = context.gl.compute_shader(_COMPUTE)
@@ -113,20 +110,12 @@ class GlLikelihoodScore:
 
     def release(self) -> None:
         """Free what this score holds on the GPU."""
-        self.zbuffers.release()
-        if self._owned:
-            self._likelihood.release()
-        for each in (self._sums, self._program):
+        for each in (self.zbuffers, self._likelihood, self._sums, self._program):
             each.release()
 
 
-def _resident(context: GlContext, volume: DepthLikelihoodVolume | GlVolume) -> GlArray:
+def _uploaded(context: GlContext, volume: DepthLikelihoodVolume) -> GlArray:
     """The likelihoods in a buffer of the context."""
-    if isinstance(volume, GlVolume):
-        if volume.likelihood.context is not context:
-            raise RenderError('this volume is in another OpenGL context than the poses are drawn '
-                              'in; make it in that one, or read it')
-        return volume.likelihood
     values = volume.likelihood
     most = context.limit('GL_MAX_SHADER_STORAGE_BLOCK_SIZE')
     if values.nbytes > most:

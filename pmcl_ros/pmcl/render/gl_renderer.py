@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore
 from pmcl_ros.pmcl.render.gl_likelihood import GlLikelihoodScore
@@ -42,9 +42,8 @@ class GlRenderer:
         """See `Renderer`."""
         return GlContourScore(self.context, scene, edges, profile, creases=creases)
 
-    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
-                         ) -> GlLikelihoodScore:
-        """See `Renderer`. A volume in this context is not read back."""
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume) -> GlLikelihoodScore:
+        """See `Renderer`."""
         return GlLikelihoodScore(self.context, scene, volume)
 
     def use(self) -> None:

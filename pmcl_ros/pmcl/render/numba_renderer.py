@@ -9,9 +9,9 @@ from numba import prange
 from numba.np.ufunc import parallel
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.creases import Creases
@@ -43,7 +43,7 @@ class NumbaRenderer:
         """See `Renderer`."""
         return NumbaContourScore(scene, edges, profile, creases)
 
-    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume
+    def likelihood_score(self, scene: Scene, volume: DepthLikelihoodVolume
                          ) -> 'NumbaLikelihoodScore':
         """See `Renderer`."""
         return NumbaLikelihoodScore(scene, volume)
@@ -141,12 +141,10 @@ class NumbaContourScore:
 class NumbaLikelihoodScore:
     """See `LikelihoodScore`."""
 
-    def __init__(self, scene: Scene, volume: DepthLikelihoodVolume | GlVolume) -> None:
+    def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
         self.evaluations = 0
         self._drawing = Drawing.of(scene)
         self._room = _room(self._drawing)
-        if isinstance(volume, GlVolume):
-            volume = volume.read()
         self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
         self._labels = label_scale(volume.depths)
         self._window = (scene.window.left, scene.window.top, scene.window.scale)

@@ -10,7 +10,7 @@ Tracking = Literal['none', 'constant_pose', 'constant_velocity', 'camera']
 
 
 class TrackingSettings(PmclSettings):
-    """DepthLikelihoodVolume after DepthLikelihoodVolume -> PoseEstimate after PoseEstimate."""
+    """EdgeVolume after EdgeVolume -> PoseEstimate after PoseEstimate."""
 
     tracking: Tracking = Field(
         'none', description='none: every capture is searched by itself. Else the search starts '

@@ -1,4 +1,4 @@
-"""DepthLikelihoodVolume after DepthLikelihoodVolume -> PoseEstimate after PoseEstimate."""
+"""EdgeVolume after EdgeVolume -> PoseEstimate after PoseEstimate."""
 
 import logging
 from dataclasses import replace
@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer, Progress
 from pmcl_ros.pmcl.modes import MODE_EXTENT
@@ -67,7 +67,7 @@ class Tracker:
         self._state, self._seen, self._confirmed = None, False, 0
         self._usual.forget()
 
-    def track(self, volume: DepthLikelihoodVolume, rng: np.random.Generator,
+    def track(self, edges: EdgeVolume, rng: np.random.Generator,
               progress: Progress | None = None, camera: NDArray[np.float64] | None = None
               ) -> PoseEstimate:
         """The object's pose in the next capture.
@@ -79,11 +79,11 @@ class Tracker:
         Raises what `Localizer.localize` raises; the track goes on with the next capture then.
         """
         if self._action is None:
-            return self._localizer.localize(volume, rng, progress)
-        expected = self._expected(volume.header.stamp_ns, camera, rng)
+            return self._localizer.localize(edges, rng, progress)
+        expected = self._expected(edges.header.stamp_ns, camera, rng)
         if expected is None:  # what is found begins a track, but how it looks is known
             self._confirmed = 0
-        estimate, there = self._looked(volume, expected, rng, progress)
+        estimate, there = self._looked(edges, expected, rng, progress)
         was_seen, self._seen = self._seen, there
         if there:
             again = not was_seen or estimate.mode != FOLLOWED
@@ -91,24 +91,24 @@ class Tracker:
                 self._confirmed = 0
             self._usual.remember(estimate)
             if not was_seen:
-                _LOG.info('found in capture %d', volume.header.stamp_ns)
+                _LOG.info('found in capture %d', edges.header.stamp_ns)
             self._state = self._updated(estimate, expected if was_seen else None, camera, rng)
             return replace(estimate, lost=False)
         if was_seen:
             _LOG.info('lost in capture %d: the whole region is searched until it is found',
-                      volume.header.stamp_ns)
+                      edges.header.stamp_ns)
         self._usual.fade()
         self._state = expected
         lost = replace(estimate, lost=True)
         return lost if expected is None else self._predicted(lost, expected)
 
-    def _looked(self, volume: DepthLikelihoodVolume, expected: State | None,
+    def _looked(self, edges: EdgeVolume, expected: State | None,
                 rng: np.random.Generator, progress: Progress | None
                 ) -> tuple[PoseEstimate, bool]:
         """What the likelier way finds, or else the other; whether it is the object."""
         def search() -> PoseEstimate:
             self._followed = 0
-            return self._localizer.localize(volume, rng, progress)
+            return self._localizer.localize(edges, rng, progress)
 
         if expected is None:
             return (found := search()), self._believed(found, None)
@@ -117,16 +117,16 @@ class Tracker:
         def follow() -> PoseEstimate:
             self._followed += 1
             return self._localizer.follow(
-                volume, prior, rng, settings.track_particles, settings.track_candidates)
+                edges, prior, rng, settings.track_particles, settings.track_candidates)
 
         # A prediction of long ago is wide: it holds other things that look like the object.
         if not self._seen:
             if self._believed(found := search(), expected):
                 return found, True
-            return self._weighed(volume, follow(), found, expected)
+            return self._weighed(edges, follow(), found, expected)
         if self._believed(followed := follow(), expected) and not self._due(followed):
             return followed, True
-        return self._weighed(volume, followed, search(), expected)
+        return self._weighed(edges, followed, search(), expected)
 
     def _due(self, followed: PoseEstimate) -> bool:
         """Whether the whole region is to be searched although the object is followed."""
@@ -134,14 +134,14 @@ class Tracker:
             self._followed >= self._settings.track_check * 2 ** min(self._confirmed, 20)
             or (self._followed >= _PAUSE and not self._usual.held(followed, _DOUBTED)[1]))
 
-    def _weighed(self, volume: DepthLikelihoodVolume, followed: PoseEstimate,
+    def _weighed(self, edges: EdgeVolume, followed: PoseEstimate,
                  found: PoseEstimate, expected: State) -> tuple[PoseEstimate, bool]:
         """The likelier of what was followed and what the region holds; whether it is the object.
 
         The other one is, too, where it passes as any object does and the likelier one as nothing.
         """
         here, there = self._localizer.log_likelihoods(
-            volume, np.stack([followed.pose, found.pose]))
+            edges, np.stack([followed.pose, found.pose]))
         same = self._same(followed, found)
         # What is lost is foreseen no better by what is followed than by what is found.
         stays = same or there - here < (_BEFOREHAND if self._seen else 0)
@@ -155,7 +155,7 @@ class Tracker:
                 self._confirmed += 1
             elif self._seen and tracked:
                 _LOG.warning('capture %d: something else was followed: the object is elsewhere, '
-                             'likelier by %.0f nat', volume.header.stamp_ns, there - here)
+                             'likelier by %.0f nat', edges.header.stamp_ns, there - here)
                 self._state, self._seen, self._confirmed = None, False, 0
             return likelier, True
         if not other.incomplete and self._believed(other, expected):

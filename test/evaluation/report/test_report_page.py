@@ -10,12 +10,12 @@ from browser import WIDTHS, browser, look
 from pmcl_scenes import bracket, model_of
 from runs import MODEL, field, run, settings, truth_of
 
-from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.report.drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
 from pmcl_ros.evaluation.report.slices import outlines
+from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.pmcl.localizer import Localizer
 
 
@@ -114,8 +114,8 @@ def test_every_mode_of_the_search_and_kind_of_object_has_a_page():
 
 def test_the_pose_is_the_same_with_a_history_and_without(found):
     with Localizer(MODEL, settings()) as localizer:
-        volume = build_volume(field(), found.volume_settings)
-        plain = localizer.localize(volume, np.random.default_rng(0))
+        edges = build_edges(field(), found.volume_settings)
+        plain = localizer.localize(edges, np.random.default_rng(0))
     np.testing.assert_array_equal(plain.pose, found.estimate.pose)
     np.testing.assert_array_equal(plain.particles, found.estimate.particles)
 
@@ -128,7 +128,7 @@ def test_a_history_tells_the_stages_in_their_order(found):
     assert {'proposals', 'coarse', 'modes', 'posterior'} <= set(stages)
     times = [each.time for each in found.history]
     assert times == sorted(times)
-    assert set(found.seconds) == {'views', 'volume', 'estimate', *stages}
+    assert set(found.seconds) == {'views', 'evidence', 'volume', 'estimate', *stages}
     for each in found.history:
         assert each.poses.shape == (len(each.scores), 4, 4)
     last = found.history[-1]

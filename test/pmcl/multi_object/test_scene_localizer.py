@@ -97,4 +97,4 @@ def test_what_is_impossible_is_told(overlapping):
     with pytest.raises(LocalizationError, match='faithful'):
         SceneLocalizer([CUP], SETTINGS.model_copy(update={'mode': 'faithful'}))
     with pytest.raises(LocalizationError, match='edges'):
-        located([CUP], replace(overlapping, edges=None))
+        located([CUP], replace(overlapping, from_likelihood=True))

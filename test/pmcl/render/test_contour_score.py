@@ -7,8 +7,9 @@ from numba import config, set_num_threads
 from pmcl_scenes import bracket, cup, model_of, random_poses
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from pmcl_ros.dlv.volume import EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore

@@ -5,24 +5,18 @@ import os
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from pmcl_scenes import CAMERA, cup, model_of, random_poses
 
 from pmcl_ros.dlv.back_end import is_software
-from pmcl_ros.dlv.gl_cost import GlArray
-from pmcl_ros.dlv.gl_volume import GlVolume
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.geometry.header import Header
 from pmcl_ros.pmcl.render import back_end
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import RenderError, SettingsError
-from pmcl_ros.runtime.gl import GlContext
 
 SCENE = Scene(model_of(cup()), CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), 0.2, 0.8)
 
@@ -77,25 +71,27 @@ import logging, sys
 import numpy as np
 sys.path.insert(0, sys.argv[1])
 from pmcl_scenes import CAMERA, cup, model_of, random_poses
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pipeline import make_localizer
 from pmcl_ros.pmcl.settings import PmclSettings
 logging.basicConfig(level=logging.INFO, stream=sys.stdout)
 depths = depth_labels(0.3, 0.6, 4)
 shape = CAMERA.height, CAMERA.width, 4
 tensor = np.random.default_rng(0).random((*shape, 3), np.float32)
 edges = EdgeVolume(Header(), tensor * np.float32([1, 1, 0.1]), depths, CAMERA)
-volume = DepthLikelihoodVolume(Header(), tensor[..., 0].copy(), depths, CAMERA, edges)
+volume = DepthLikelihoodVolume(Header(), tensor[..., 0].copy(), depths, CAMERA)
 for renderer in ('numba', 'auto', 'gl'):
     for mode in ('default', 'faithful'):
         settings = PmclSettings(mode=mode, renderer=renderer, roi_center=(0, 0, 0.4),
                                 roi_size=(0.05, 0.05, 0.03), proposals=4, particles=16, moves=1,
                                 faithful_iterations=1)
         try:
-            with Localizer(model_of(cup(), [0, 0, 1]), settings) as localizer:
-                localizer.localize(volume, np.random.default_rng(0))
+            with make_localizer(model_of(cup(), [0, 0, 1]), settings) as localizer:
+                evidence = edges if mode == 'default' else volume
+                localizer.localize(evidence, np.random.default_rng(0))
                 print(renderer, mode, 'ended with', localizer.renderer)
         except RenderError as error:
             print(renderer, mode, 'refused:', error)
@@ -113,24 +109,3 @@ def test_without_opengl_numba_localises_and_gl_is_refused():
         assert f'numba {mode} ended with numba' in before
         assert f'auto {mode} ended with numba' in after
         assert f'gl {mode} refused: no headless OpenGL 4.3 context (/nowhere/libEGL.so' in after
-
-
-def test_a_volume_on_the_gpu_is_read_where_it_is(context):
-    values = np.random.default_rng(0).random((CAMERA.height, CAMERA.width, 9), np.float32)
-    depths = depth_labels(0.3, 0.7, 9)
-    resident = GlVolume(Header(), GlArray(context, context.gl.buffer(values), values.shape),
-                        depths, CAMERA)
-    poses = random_poses(5, 0)
-    renderer = GlRenderer(context)
-    scores = []
-    for volume in (DepthLikelihoodVolume(Header(), values, depths, CAMERA), resident, resident):
-        with renderer.likelihood_score(SCENE, volume) as score:
-            scores.append(score(poses))
-    np.testing.assert_array_equal(scores[1:], [scores[0]] * 2)
-    np.testing.assert_array_equal(resident.likelihood.read(), values)  # still its owner's
-    other = GlContext()
-    stranger = replace(resident, likelihood=replace(resident.likelihood, context=other))
-    with pytest.raises(RenderError, match='in another OpenGL context'):
-        renderer.likelihood_score(SCENE, stranger)
-    other.close()
-    resident.release()

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, pose_of, volume_with
+from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
@@ -42,8 +42,7 @@ def volume(context, pose, number, hidden=False, strength=2.0):
     depth = depth_of(context, CUP, pose, CAMERA, 2)
     edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=strength)
     tensor = (0.0 if hidden else 1.0) * edges.tensor + np.array([0.05, 0.05, 0], np.float32)
-    return volume_with(replace(edges, header=Header(number * PERIOD),
-                               tensor=tensor.astype(np.float32)))
+    return replace(edges, header=Header(number * PERIOD), tensor=tensor.astype(np.float32))
 
 
 @pytest.fixture(scope='module')
@@ -147,8 +146,7 @@ def test_what_has_less_evidence_than_usual_is_looked_for_elsewhere(context):
     frames = [(volume(context, START, number, strength=3.0), START) for number in range(12)]
     weaker = volume(context, START, 12, strength=2.0)
     there = volume(context, other, 12, strength=3.0)
-    both = replace(weaker, edges=replace(weaker.edges, tensor=np.maximum(
-        weaker.edges.tensor, there.edges.tensor)))
+    both = replace(weaker, tensor=np.maximum(weaker.tensor, there.tensor))
     for check, truth in ((10_000, other), (0, START)):  # long before it is due; never
         found = tracked([*frames, (both, truth)], settings('constant_pose', track_check=check))
         assert [each.mode for each in found[1:-1]] == ['followed'] * 11
@@ -164,8 +162,7 @@ def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
     other[:3, 3] += 0.09, -0.03, 0.04
     alone = [volume(context, START, number, strength=1.5) for number in range(2)]
     second = [volume(context, other, number, strength=strength) for number in range(2, 8)]
-    both = [replace(each, edges=replace(each.edges, tensor=np.maximum(
-        each.edges.tensor, alone[0].edges.tensor))) for each in second]
+    both = [replace(each, tensor=np.maximum(each.tensor, alone[0].tensor)) for each in second]
     frames = [(each, START) for each in (*alone, *both)]
     estimates = tracked(frames, settings('constant_pose', track_check=check))
     # The fourth is the third that is followed; then it goes on from where the object is.
@@ -182,8 +179,7 @@ def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
 
 def test_a_track_ends_when_the_prediction_says_no_more_than_the_region(context, frames):
     (first, pose), empty = frames[0], frames[3][0]
-    late = replace(empty, header=Header(400 * PERIOD),
-                   edges=replace(empty.edges, header=Header(400 * PERIOD)))
+    late = replace(empty, header=Header(400 * PERIOD))
     estimates = tracked([(first, pose), (late, pose)], settings('constant_pose'))
     assert [each.mode for each in estimates] == ['default', 'default']
     assert estimates[1].lost
@@ -245,10 +241,10 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     columns = np.flatnonzero(depth_of(context, CUP, START, CAMERA, 1).any(axis=0))
 
     def covered(part, number):
-        tensor = whole.edges.tensor.copy()
+        tensor = whole.tensor.copy()
         tensor[:, :round(columns[0] + part * np.ptp(columns))] = 0.05, 0.05, 0
         header = Header(number * PERIOD)
-        return volume_with(replace(whole.edges, header=header, tensor=tensor)), START
+        return replace(whole, header=header, tensor=tensor), START
 
     parts = [0, 0.03, 0.05] * 4 + [0.25] * 8
     of = settings('constant_pose', track_check=check)
@@ -335,8 +331,7 @@ def test_a_faint_mode_does_not_draw_particles_from_the_object(context):
     other[:3, 3] += 0.09, -0.03, 0.04
     here, there = (volume(context, pose, 0, strength=strength)
                    for pose, strength in ((START, 1.5), (other, 2.0)))
-    both = replace(there, edges=replace(there.edges, tensor=np.maximum(
-        there.edges.tensor, here.edges.tensor)))
+    both = replace(there, tensor=np.maximum(there.tensor, here.tensor))
     spread = np.diag(np.repeat([0.01 ** 2, 0.06 ** 2], 3))
     with Localizer(CUP, settings('constant_pose')) as localizer:
         for seed in (44, 46, 73, 126, 141, 158, *range(6)):  # the first six went astray

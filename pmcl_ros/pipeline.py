@@ -1,0 +1,189 @@
+"""Source -> LightField -> evidence -> pose: the one way of the data.
+
+    with Pipeline.for_object(model, settings) as pipeline:
+        run = pipeline.run(read_light_field, np.random.default_rng(settings.seed))
+    print(run.estimate.describe())
+
+The evidence is an EdgeVolume, which the contour search reads, or in the mode faithful the
+DepthLikelihoodVolume, which the paper's particle filter reads.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.history import Watch
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.settings import Mode, PmclSettings
+
+_MOST_LABELS = 1000  # that the settings allow; where more are needed a warning is logged
+
+Evidence = EdgeVolume | DepthLikelihoodVolume
+Progress = Callable[[str, float], object]  # called with a stage, and how much of it is done (0..1)
+Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
+Found = TypeVar('Found', covariant=True)  # the same
+
+
+class AnyLocalizer(Protocol[Found]):
+    """Finds an object, or several, in the evidence of a capture (`Localizer.localize`)."""
+
+    @property
+    def renderer(self) -> str:
+        """What draws and scores poses."""
+        ...
+
+    @property
+    def localize(self) -> Callable[..., Found]:
+        """Evidence, random numbers, progress -> estimate."""
+        ...
+
+    def close(self) -> None:
+        """Release the GL context, if there is one."""
+        ...
+
+
+def make_localizer(model: ObjectModel, settings: PmclSettings
+                   ) -> Localizer | ParticleFilterLocalizer:
+    """What finds one object in the settings' mode; use and close it in the calling thread."""
+    if settings.mode == 'faithful':
+        return ParticleFilterLocalizer(model, settings)
+    return Localizer(model, settings)
+
+
+def build_evidence(light_field: LightField, settings: DlvSettings, mode: Mode) -> Evidence:
+    """What the localizer of a mode reads of a capture. Raises VolumeError, RenderError."""
+    if mode == 'faithful':
+        return build_volume(light_field, settings)
+    return build_edges(light_field, settings)
+
+
+def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
+                    changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
+                    ) -> DlvSettings:
+    """The settings of evidence and volume for depths `near` to `far` [m].
+
+    In the mode faithful those of the paper: views shifted by phase, truncated, not weighted. There
+    are as many labels as by default, or more where the views are farther apart.
+    changes: values that are wanted otherwise. origin: of them, for errors (SettingsError).
+    """
+    default = DlvSettings()
+    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
+    values: dict[str, Any] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
+                              'edge_labels': max(default.edge_labels, needed)}
+    if mode == 'faithful':
+        values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
+    return DlvSettings.make(values | dict(changes or {}), origin)
+
+
+@dataclass(frozen=True)
+class Run(Generic[Estimate]):
+    """One capture's way through the pipeline.
+
+    settings: of evidence and volume. volume: None where nothing asked for it.
+    seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
+    """
+
+    light_field: LightField
+    settings: DlvSettings
+    evidence: Evidence
+    volume: DepthLikelihoodVolume | None
+    estimate: Estimate
+    seconds: dict[str, float]
+
+
+class Pipeline(Generic[Estimate]):
+    """Finds an object, or several, in light fields; use and close it in one thread.
+
+    localizer: closed with this. near, far: depths that can hold a part of an object [m].
+    changes: parameters of evidence and volume that differ from `volume_settings`; origin: where
+    they are from, for errors.
+    """
+
+    def __init__(self, localizer: AnyLocalizer[Estimate], mode: Mode, near: float, far: float,
+                 changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
+                 ) -> None:
+        self.localizer = localizer
+        self.mode, self.near, self.far = mode, near, far
+        self._changes, self._origin = changes, origin
+
+    @classmethod
+    def for_object(cls, model: ObjectModel, settings: PmclSettings,
+                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
+                   ) -> 'Pipeline[PoseEstimate]':
+        """One object. Raises RenderError, LocalizationError (`Localizer`)."""
+        localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings)
+        near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
+        return Pipeline(localizer, settings.mode, near, far, changes, origin)
+
+    @classmethod
+    def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
+                    changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
+                    ) -> 'Pipeline[SceneEstimate]':
+        """Several objects together. Raises as `SceneLocalizer`."""
+        localizer: AnyLocalizer[SceneEstimate] = SceneLocalizer(models, settings)
+        near, far = Region(settings.roi_center, settings.roi_size).grown(
+            max(each.radius for each in models))
+        return Pipeline(localizer, settings.mode, near, far, changes, origin)
+
+    def __enter__(self) -> 'Pipeline[Estimate]':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.localizer.close()
+
+    def settings_for(self, grid: ViewGrid) -> DlvSettings:
+        """The settings of evidence and volume for views of a grid."""
+        return volume_settings(self.mode, self.near, self.far, grid, self._changes, self._origin)
+
+    def run(self, read: Callable[[], LightField], rng: np.random.Generator,
+            progress: Progress = lambda *_: None, watch: Watch | None = None,
+            with_volume: bool = False) -> Run[Estimate]:
+        """Read a light field and find the objects in it.
+
+        watch: as of `Localizer.localize`, for one object. with_volume: make the volume too where
+        the mode reads none. Raises what the stages raise.
+        """
+        seconds: dict[str, float] = {}
+        begun = time.perf_counter()
+
+        def finished(stage: str) -> None:
+            nonlocal begun
+            now = time.perf_counter()
+            seconds[stage], begun = now - begun, now
+
+        def show(part: float) -> bool:
+            progress('pose', part)
+            return True
+
+        progress('views', 0.0)
+        light_field = read()
+        finished('views')
+        progress('evidence', 0.0)
+        settings = self.settings_for(light_field.grid)
+        evidence = build_evidence(light_field, settings, self.mode)
+        finished('evidence')
+        volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
+        if with_volume and volume is None:
+            progress('volume', 0.0)
+            volume = build_volume(light_field, settings)
+            finished('volume')
+        progress('pose', 0.0)
+        options = {} if watch is None else {'watch': watch}
+        estimate = self.localizer.localize(evidence, rng, show, **options)
+        finished('pose')
+        return Run(light_field, settings, evidence, volume, estimate, seconds)

@@ -1,0 +1,85 @@
+"""One way for the data: a light field in, evidence and a pose out; a volume only where asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pmcl_scenes import CAMERA, cup, model_of
+
+from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.pipeline import Pipeline, make_localizer, volume_settings
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
+
+CUP = model_of(cup(), [0, 0, 1])
+FEW = {'labels': 9, 'edge_labels': 5, 'views': 3}
+SETTINGS = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.1, 0.1, 0.1), renderer='numba',
+                        proposals=4, particles=16, moves=1, faithful_particles=8,
+                        faithful_iterations=2)
+
+
+def light_field():
+    views = np.random.default_rng(0).random((3, 3, CAMERA.height, CAMERA.width, 3), np.float32)
+    grid = ViewGrid(CAMERA, 0.001, nominal_positions(3, 3), np.ones((3, 3), np.float32))
+    return LightField(Header(stamp_ns=5), views, grid)
+
+
+def run(mode, **options):
+    stages = []
+    settings = SETTINGS.model_copy(update={'mode': mode})
+    with Pipeline.for_object(CUP, settings, FEW) as pipeline:
+        found = pipeline.run(light_field, np.random.default_rng(1),
+                             lambda stage, _: stages.append(stage), **options)
+    return found, list(dict.fromkeys(stages)), settings
+
+
+@pytest.mark.parametrize(('mode', 'kind'), [('default', EdgeVolume),
+                                            ('faithful', DepthLikelihoodVolume)])
+def test_the_evidence_is_what_the_mode_reads(mode, kind):
+    found, stages, settings = run(mode)
+    assert isinstance(found.evidence, kind)
+    assert found.volume is (found.evidence if mode == 'faithful' else None)
+    assert stages == list(found.seconds) == ['views', 'evidence', 'pose']
+    with make_localizer(CUP, settings) as localizer:
+        again = localizer.localize(found.evidence, np.random.default_rng(1))
+    np.testing.assert_array_equal(again.pose, found.estimate.pose)
+    np.testing.assert_array_equal(again.particles, found.estimate.particles)
+    assert found.estimate.header.stamp_ns == 5
+
+
+def test_a_volume_that_is_asked_for_changes_no_pose():
+    plain, _, _ = run('default')
+    found, stages, _ = run('default', with_volume=True)
+    assert stages == list(found.seconds) == ['views', 'evidence', 'volume', 'pose']
+    np.testing.assert_array_equal(found.estimate.pose, plain.estimate.pose)
+    np.testing.assert_array_equal(found.volume.likelihood,
+                                  build_volume(light_field(), found.settings).likelihood)
+    np.testing.assert_array_equal(found.evidence.tensor,
+                                  build_edges(light_field(), found.settings).tensor)
+
+
+def test_several_objects_are_found_in_one_edge_volume():
+    other = replace(model_of(cup().apply_scale(0.6), [0, 0, 1]), name='other')
+    with Pipeline.for_objects([CUP, other], SETTINGS, FEW) as pipeline:
+        found = pipeline.run(light_field, np.random.default_rng(1))
+        assert (pipeline.near, pipeline.far) == (found.settings.near, found.settings.far)
+    assert isinstance(found.evidence, EdgeVolume)
+    assert len(found.estimate.estimates) == 2
+
+
+def test_settings_reach_around_the_region_with_labels_as_close_as_views_need():
+    grid = light_field().grid
+    plain = volume_settings('default', 0.3, 0.5, grid)
+    assert (plain.near, plain.far, plain.labels, plain.edge_labels) == (0.3, 0.5, 75, 24)
+    assert (plain.interpolation, plain.truncate, plain.view_weights) == ('neutral', False, 'light')
+    paper = volume_settings('faithful', 0.3, 0.5, grid)
+    assert (paper.interpolation, paper.truncate, paper.view_weights) == ('phase', True, 'equal')
+    wide = ViewGrid(CAMERA, 0.2, grid.positions, grid.weights)
+    assert volume_settings('default', 0.3, 0.5, wide).edge_labels > 24
+    assert volume_settings('default', 0.3, 0.5, grid, {'window': 7}).window == 7
+    with pytest.raises(SettingsError, match='--set'):
+        volume_settings('default', 0.3, 0.5, grid, {'window': 4}, '--set')
