@@ -78,7 +78,7 @@ def test_settings_reach_around_the_region_with_labels_as_close_as_views_need():
     assert (plain.interpolation, plain.truncate, plain.view_weights) == ('neutral', False, 'light')
     paper = volume_settings('faithful', 0.3, 0.5, grid)
     assert (paper.interpolation, paper.truncate, paper.view_weights) == ('phase', True, 'equal')
-    wide = ViewGrid(CAMERA, 0.2, grid.positions, grid.weights)
+    wide = ViewGrid(CAMERA, 0.05, grid.positions, grid.weights)
     assert volume_settings('default', 0.3, 0.5, wide).edge_labels > 24
     assert volume_settings('default', 0.3, 0.5, grid, {'window': 7}).window == 7
     with pytest.raises(SettingsError, match='--set'):
