@@ -6,7 +6,7 @@ import click
 
 from pmcl_ros.cli.base import FOLDER, PATH
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
-from pmcl_ros.messages.bags import extract_captures, record_capture, record_light_field
+from pmcl_ros.messages.bag_captures import extract_captures, record_capture, record_light_field
 
 
 @click.group()

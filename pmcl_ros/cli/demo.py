@@ -25,7 +25,7 @@ from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.drawing.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL

@@ -16,7 +16,8 @@ from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.bag_captures import is_bag, read_bag
+from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import PmclError, SettingsError

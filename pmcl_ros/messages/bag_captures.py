@@ -1,81 +1,114 @@
-"""What a bag's first capture was: a RawFrame or a LightField, read without ROS."""
+"""Captures in bags: the messages that the nodes would publish, written and read without ROS."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.typesys import Stores, get_typestore
 
-from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.camera.files import read_raw_frame, write_picture
+from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid, views_of_mosaic
-from pmcl_ros.messages.bags import read
-from pmcl_ros.runtime.errors import BagError
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.messages.bags import LATCHED, VOLATILE, Qos, Recorded, read, record
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.cdr import cdr_from, message_from, type_name
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
+from pmcl_ros.messages.pose import poses_to_messages
+from pmcl_ros.messages.raw_frame import (
+    counts_from,
+    metadata_from,
+    raw_frame_from,
+    raw_frame_to_messages,
+)
+from pmcl_ros.messages.types import PoseStamped
+from pmcl_ros.runtime.errors import BagError, MessageError
 
-_TYPES = get_typestore(Stores.ROS2_JAZZY)
 _RAW = ('/metadata', '/image_raw')
 _VIEWS = ('/views/camera_info', '/views/pupil', '/views')
-_PIXELS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), '32FC3': ('<f4', 3)}
-
-
-def is_bag(path: Path | str) -> bool:
-    """Whether `path` is the folder of a bag."""
-    path = Path(path)
-    return path.is_dir() and (path / 'metadata.yaml').is_file() and any(path.glob('*.mcap*'))
 
 
 def read_bag(bag: Path | str) -> RawFrame | LightField:
-    """The first complete capture of a bag, as `pmcl bag record` writes.
+    """The first complete capture of a bag, as `pmcl bag record` writes it.
 
     The raw picture where there is one, else the views.
     Raises BagError where there is neither, or a message is not what its topic promises.
     """
     messages: dict[str, Any] = {}
-    for each in read(bag):
-        if each.topic in (*_RAW, *_VIEWS):
-            messages.setdefault(each.topic, _TYPES.deserialize_cdr(each.cdr, each.type))
-        if all(topic in messages for topic in _RAW):
-            return _raw_frame(*(messages[topic] for topic in _RAW))
-    if all(topic in messages for topic in _VIEWS):
-        return _light_field(*(messages[topic] for topic in _VIEWS))
+    try:
+        for each in read(bag):
+            if each.topic in (*_RAW, *_VIEWS):
+                messages.setdefault(each.topic, message_from(each.cdr, each.type))
+            if all(topic in messages for topic in _RAW):
+                text, image = (messages[topic] for topic in _RAW)
+                return raw_frame_from(image, metadata_from(text))
+        if all(topic in messages for topic in _VIEWS):
+            return light_field_from(*(messages[topic] for topic in _VIEWS))
+    except MessageError as error:
+        raise BagError(f'{bag}: {error}') from None
     raise BagError(f'{bag} holds neither {" with ".join(reversed(_RAW))} nor '
                    f'{", ".join(_VIEWS)}: it takes the picture or its views')
 
 
-def _raw_frame(text: Any, image: Any) -> RawFrame:
-    return RawFrame(_header(image), _pixels(image, 'bayer_bggr16', '/image_raw'),
-                    CameraMetadata.parse(text.data))
+def record_capture(picture: Path | str, bag: Path | str, header: Header | None = None) -> None:
+    """Make a bag of `/metadata` and `/image_raw` from a raw picture and its .TXT."""
+    record(bag, capture_messages(read_raw_frame(picture, header)))
 
 
-def _light_field(info: Any, pupil: Any, views: Any) -> LightField:
-    pinhole = Pinhole(info.width, info.height, *(float(info.k[k]) for k in (0, 4, 2, 5)))
-    light = _pixels(pupil, '32FC3', '/views/pupil')
-    mosaic = _pixels(views, 'rgb16', '/views')
-    (rows, columns), (height, width) = light.shape[:2], (pinhole.height, pinhole.width)
-    if mosaic.shape[:2] != (rows * height, columns * width):
-        raise BagError(f'/views is {mosaic.shape[1]}x{mosaic.shape[0]} pixels, expected '
-                       f'{columns}x{rows} views of {width}x{height}')
-    grid = ViewGrid(pinhole, -float(info.p[3] / info.k[0]), light[..., 1:].astype(float),
-                    light[..., 0].copy())
-    return LightField(_header(views), views_of_mosaic(mosaic, rows, columns), grid)
+def capture_messages(frame: RawFrame) -> list[Recorded]:
+    """What `lytro_driver` would publish for a raw frame, in its order."""
+    metadata, image = raw_frame_to_messages(frame)
+    return [_recorded('/metadata', metadata, frame.header, LATCHED),
+            _recorded('/image_raw', image, frame.header)]
 
 
-def _header(message: Any) -> Header:
-    stamp = message.header.stamp
-    return Header(stamp.sec * 10**9 + stamp.nanosec, message.header.frame_id)
+def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
+    """Write each picture of a bag as the camera has it, RAW and TXT; their paths.
+
+    The inverse of `record_capture`, for every `/image_raw` with the `/metadata` before it. Raises
+    BagError when there is none, or a picture of that name is there already.
+    """
+    text = ''
+    paths: list[Path] = []
+    for each in read(bag, _RAW):
+        message = message_from(each.cdr, each.type)
+        if each.topic == '/metadata':
+            text = message.data
+        elif text:
+            paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
+            if paths[-1].exists():
+                raise BagError(f'{paths[-1]} is already there; choose another folder')
+            write_picture(paths[-1], pack12(counts_from(message)), text)
+    if not paths:
+        raise BagError(f'{bag} holds no /image_raw with /metadata before it')
+    return paths
 
 
-def _pixels(message: Any, encoding: str, topic: str) -> NDArray[Any]:
-    """(height, width[, channels]), its own memory."""
-    dtype, channels = _PIXELS[encoding]
-    shape = message.height, message.width, channels
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
-    if message.encoding != encoding or message.is_bigendian or len(message.data) != size:
-        raise BagError(f'{topic}: {message.width}x{message.height} pixels of '
-                       f'{message.encoding!r} in {len(message.data)} bytes; expected '
-                       f'little-endian {encoding!r}')
-    pixels = np.frombuffer(message.data, dtype).reshape(shape).copy()
-    return pixels if channels > 1 else pixels[..., 0]
+def record_light_field(light_field: LightField, bag: Path | str) -> None:
+    """Make a bag of `/views`, `/center/image` and what belongs to them."""
+    record(bag, light_field_messages(light_field))
+
+
+def light_field_messages(light_field: LightField) -> list[Recorded]:
+    """What `subaperture_node` would publish for a light field, in its order."""
+    header = light_field.header
+    info, pupil, views = light_field_to_messages(light_field)
+    return [_recorded('/center/camera_info', pinhole_to_message(header, light_field.grid.pinhole),
+                      header),
+            _recorded('/center/image', picture_to_message(header, light_field.picture()), header),
+            _recorded('/views/camera_info', info, header),
+            _recorded('/views/pupil', pupil, header),
+            _recorded('/views', views, header)]
+
+
+def pose_message(topic: str, header: Header, pose: NDArray[np.float64]) -> Recorded:
+    """A PoseStamped of a pose (4, 4) in the header's frame."""
+    message = PoseStamped(header=header_to_message(header), pose=poses_to_messages(pose[None])[0])
+    return _recorded(topic, message, header)
+
+
+def _recorded(topic: str, message: Any, header: Header, qos: Qos = VOLATILE) -> Recorded:
+    return Recorded(topic, type_name(type(message)), header.stamp_ns, cdr_from(message), qos)

@@ -1,14 +1,15 @@
-"""A rectified pinhole as CameraInfo."""
+"""CameraInfo: rectified pinholes, and the lenses of ordinary cameras."""
 
 from array import array
 
 import numpy as np
-from sensor_msgs.msg import CameraInfo
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.messages.header import header_to_message, promised_by
-from pmcl_ros.runtime.errors import MessageError
+from pmcl_ros.messages.types import CameraInfo, RegionOfInterest
+from pmcl_ros.runtime.errors import MessageError, PmclError
 
 
 def pinhole_to_message(header: Header, pinhole: Pinhole, baseline: float = 0) -> CameraInfo:
@@ -18,7 +19,10 @@ def pinhole_to_message(header: Header, pinhole: Pinhole, baseline: float = 0) ->
     p[:2, 3] = -pinhole.fx * baseline, -pinhole.fy * baseline
     return CameraInfo(header=header_to_message(header), height=pinhole.height, width=pinhole.width,
                       distortion_model='plumb_bob', d=array('d', bytes(40)),
-                      k=pinhole.matrix.ravel(), r=np.eye(3).ravel(), p=p.ravel())
+                      k=pinhole.matrix.ravel(), r=np.eye(3).ravel(), p=p.ravel(),
+                      binning_x=0, binning_y=0,
+                      roi=RegionOfInterest(x_offset=0, y_offset=0, height=0, width=0,
+                                           do_rectify=False))
 
 
 def pinhole_from(message: CameraInfo) -> Pinhole:
@@ -40,3 +44,29 @@ def baseline_from(message: CameraInfo) -> float:
         raise MessageError(f'views/camera_info: P[3] and P[7] say baselines of {across} m and '
                            f'{down} m; expected -fx B and -fy B of one positive B')
     return float(across)
+
+
+def lens_from(message: CameraInfo, rectified: bool) -> Lens:
+    """The camera that a camera_info tells; rectified: that of its image_rect.
+
+    MessageError when the camera is not calibrated, or its pictures are cut or binned.
+    """
+    roi = message.roi
+    cut = roi.x_offset or roi.y_offset or (
+        roi.width and (roi.width, roi.height) != (message.width, message.height))
+    if message.binning_x > 1 or message.binning_y > 1 or cut:
+        raise MessageError('camera_info: binning or a region of interest is set; let the camera '
+                           'send whole images')
+    numbers = np.reshape(message.p, (3, 4))[:, :3] if rectified else np.reshape(message.k, (3, 3))
+    if not numbers[0, 0] > 0:
+        raise MessageError('camera_info: the focal length is 0: calibrate the camera '
+                           '(camera_calibration)')
+    fx, fy, cx, cy = (float(each) for each in numbers[[0, 1, 0, 1], [0, 1, 2, 2]])
+    coefficients = () if rectified else tuple(float(each) for each in message.d)
+    try:
+        pinhole = Pinhole(message.width, message.height, fx, fy, cx, cy)
+        if not any(coefficients):
+            return Lens(pinhole)
+        return Lens(pinhole, coefficients, message.distortion_model)
+    except PmclError as error:
+        raise MessageError(f'camera_info: {error}') from None

@@ -4,10 +4,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from builtin_interfaces.msg import Time
-from std_msgs.msg import Header as HeaderMessage
-
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.types import HeaderMessage, Time
 from pmcl_ros.runtime.errors import MessageError, PmclError
 
 

@@ -1,18 +1,36 @@
-"""Pictures and depths as images."""
+"""Image: pictures, depths, and the images of ordinary cameras."""
 
+from typing import Any
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.types import Buffer, Image
 from pmcl_ros.runtime.errors import MessageError
 
-# encoding: type of one value, values per pixel
+# What this package publishes. encoding: type of one value, values per pixel
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
               '32FC1': ('<f4', 1), '32FC3': ('<f4', 3)}
+# What other cameras publish. encoding: bits, channels, OpenCV's code to make it RGB (None: it is
+# RGB). OpenCV's Bayer codes of four letters name the first pixels, as ROS does; those of two
+# letters name the second.
+_CAMERA_ENCODINGS: dict[str, tuple[int, int, int | None]] = {
+    'rgb8': (8, 3, None), 'rgb16': (16, 3, None),
+    'bgr8': (8, 3, cv2.COLOR_BGR2RGB), 'bgr16': (16, 3, cv2.COLOR_BGR2RGB),
+    '8UC3': (8, 3, cv2.COLOR_BGR2RGB),
+    'rgba8': (8, 4, cv2.COLOR_RGBA2RGB), 'bgra8': (8, 4, cv2.COLOR_BGRA2RGB),
+    'mono8': (8, 1, cv2.COLOR_GRAY2RGB), 'mono16': (16, 1, cv2.COLOR_GRAY2RGB),
+    '8UC1': (8, 1, cv2.COLOR_GRAY2RGB),
+    'yuv422': (8, 2, cv2.COLOR_YUV2RGB_UYVY), 'uyvy': (8, 2, cv2.COLOR_YUV2RGB_UYVY),
+    'yuv422_yuy2': (8, 2, cv2.COLOR_YUV2RGB_YUY2), 'yuyv': (8, 2, cv2.COLOR_YUV2RGB_YUY2),
+    **{f'bayer_{pattern}{bits}': (bits, 1, code) for bits in (8, 16) for pattern, code in (
+        ('rggb', cv2.COLOR_BayerRGGB2RGB), ('bggr', cv2.COLOR_BayerBGGR2RGB),
+        ('gbrg', cv2.COLOR_BayerGBRG2RGB), ('grbg', cv2.COLOR_BayerGRBG2RGB))},
+}
 
 
 def picture_to_message(header: Header, picture: NDArray[np.uint8],
@@ -70,3 +88,28 @@ def pixels_of(message: Image, encoding: str, topic: str) -> NDArray:
             f'{step * height} bytes, and at least one pixel')
     shape = (height, width, channels) if channels > 1 else (height, width)
     return np.frombuffer(message.data, dtype).reshape(shape)
+
+
+def colours_from(message: Image) -> NDArray[Any]:
+    """(height, width, 3) RGB, uint8 or uint16, of an image in one of the usual encodings.
+
+    Its own memory. MessageError for other encodings, or when data are missing.
+    """
+    if message.encoding not in _CAMERA_ENCODINGS:
+        raise MessageError(f'image: encoding {message.encoding!r} is none of '
+                           f'{", ".join(_CAMERA_ENCODINGS)}; convert it with image_proc or '
+                           'cv_bridge')
+    bits, channels, code = _CAMERA_ENCODINGS[message.encoding]
+    width, height, size = message.width, message.height, bits // 8
+    needed = width * channels * size
+    if not width or not height or message.step < needed or (
+            len(message.data) < message.step * height):
+        raise MessageError(f'image: {width}x{height} px of {message.encoding} in rows of '
+                           f'{message.step} bytes with {len(message.data)} bytes of data; rows '
+                           f'need {needed} bytes')
+    rows = np.frombuffer(message.data, np.uint8)[:message.step * height]
+    rows = np.ascontiguousarray(rows.reshape(height, message.step)[:, :needed])
+    kind = np.dtype(f'{">" if message.is_bigendian else "<"}u{size}')
+    pixels = rows.view(kind).astype(kind.newbyteorder('='), copy=False)
+    pixels = pixels.reshape((height, width, channels) if channels > 1 else (height, width))
+    return pixels.copy() if code is None else np.asarray(cv2.cvtColor(pixels, code))

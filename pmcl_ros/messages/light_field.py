@@ -4,13 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.lightfield.light_field import VIEW_WHITE, LightField, ViewGrid, views_of_mosaic
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import baseline_from, pinhole_from, pinhole_to_message
 from pmcl_ros.messages.header import check_same, header_from, promised_by
 from pmcl_ros.messages.image import image_message, pixels_of
+from pmcl_ros.messages.types import Buffer, CameraInfo, Image
 from pmcl_ros.runtime.errors import MessageError
 
 

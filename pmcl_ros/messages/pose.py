@@ -4,7 +4,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import (
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.header import header_from, header_to_message
+from pmcl_ros.messages.types import (
     Point,
     Pose,
     PoseArray,
@@ -16,11 +21,6 @@ from geometry_msgs.msg import (
     TransformStamped,
     Vector3,
 )
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
-
-from pmcl_ros.geometry.header import Header
-from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.runtime.errors import MessageError
 

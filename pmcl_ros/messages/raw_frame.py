@@ -4,14 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
-from std_msgs.msg import String
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.header import header_from, promised_by
 from pmcl_ros.messages.image import image_message, pixels_of
+from pmcl_ros.messages.types import Buffer, Image, String
 
 
 class RawMessages(NamedTuple):

@@ -5,14 +5,18 @@ from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
-from std_msgs.msg import Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.header import promised_by, time_to_message
+from pmcl_ros.messages.types import (
+    Buffer,
+    Float32MultiArray,
+    MultiArrayDimension,
+    MultiArrayLayout,
+)
 from pmcl_ros.runtime.errors import MessageError
 
 _VOLUME, _EDGES = ('height', 'width', 'depth'), ('height', 'width', 'depth', 'tensor')

@@ -14,11 +14,11 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import pinhole_from
 from pmcl_ros.messages.header import Part, part_from
 from pmcl_ros.messages.image import depth_to_message, picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_from
+from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run

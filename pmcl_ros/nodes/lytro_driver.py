@@ -22,9 +22,9 @@ from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.sources import CameraSettings, NoMorePictures, open_camera
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages
+from pmcl_ros.messages.types import Buffer
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DISCOVERY

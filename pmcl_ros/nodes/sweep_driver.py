@@ -14,8 +14,9 @@ from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
-from pmcl_ros.messages.camera_image import colours_from, lens_from
+from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import colours_from
 from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run

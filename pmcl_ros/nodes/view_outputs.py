@@ -6,10 +6,10 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.buffer import Buffer
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import pupil_to_message, views_to_message
+from pmcl_ros.messages.types import Buffer
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.transport.deferred_publisher import Output
 from pmcl_ros.nodes.transport.values import ValuePublisher

@@ -13,7 +13,8 @@ import yaml
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers.npz import write_npz
-from pmcl_ros.messages.bags import Recorded, light_field_messages, pose_message, record
+from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
+from pmcl_ros.messages.bags import Recorded, record
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.simulation.scenes.render import SyntheticCapture
 from pmcl_ros.simulation.scenes.scene import Scene, Target

@@ -16,8 +16,8 @@ from pmcl_scenes import bracket
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.lightfield.readers.read import read_light_field
-from pmcl_ros.messages.bag_captures import read_bag
-from pmcl_ros.messages.bags import capture_messages, record, record_light_field
+from pmcl_ros.messages.bag_captures import capture_messages, read_bag, record_light_field
+from pmcl_ros.messages.bags import record
 
 ROOT = Path(__file__).parents[2]
 

@@ -11,18 +11,12 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
-from pmcl_ros.messages.bags import (
-    LATCHED,
-    VOLATILE,
-    Recorded,
-    Topic,
+from pmcl_ros.messages.bag_captures import (
     capture_messages,
     light_field_messages,
-    read,
-    record,
     record_light_field,
-    topics,
 )
+from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, Topic, read, record, topics
 from pmcl_ros.runtime.errors import BagError
 
 SHIPPED = sorted((Path(__file__).parents[2] / 'bags').iterdir())

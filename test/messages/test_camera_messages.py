@@ -6,7 +6,8 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.messages.camera_image import colours_from, lens_from
+from pmcl_ros.messages.camera_info import lens_from
+from pmcl_ros.messages.image import colours_from
 from pmcl_ros.runtime.errors import MessageError
 
 RED, GREEN, BLUE = range(3)

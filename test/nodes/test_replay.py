@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages import bags
+from pmcl_ros.messages.bag_captures import light_field_messages
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED
@@ -142,7 +143,7 @@ def captures(stage, light_field, volume, edges):
     for stamp in STAMPS:
         header = Header(stamp)
         if stage == 'views':
-            *others, views = bags.light_field_messages(replace(light_field, header=header))
+            *others, views = light_field_messages(replace(light_field, header=header))
             yield from (others[0], views, *others[1:])
         else:
             for topic, message in (
@@ -191,7 +192,7 @@ def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, sm
     with Process(tmp_path, REPLAY, bag, '--in-step', status=1) as player:
         user.wait(lambda: not player.alive(), 'the end')
     assert 'in step needs captures, on one of the topics image_raw, views, dlv' in player.log
-    bags.record(tmp_path / 'views', bags.light_field_messages(small_light_field))
+    bags.record(tmp_path / 'views', light_field_messages(small_light_field))
     user.node.create_subscription(Image, 'views', lambda _: None, ALL)
     arguments = (tmp_path / 'views', '--topic', '/views', '--in-step', '--timeout')
     with Process(tmp_path, REPLAY, *arguments, 5, status=1) as player:

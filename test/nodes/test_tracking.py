@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.studies.tracking import edges_of
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.messages import bags
+from pmcl_ros.messages.bag_captures import pose_message
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.messages.volume import edges_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
@@ -104,14 +104,14 @@ def test_the_camera_s_poses_are_taken_from_their_topic(session, user, sequence):
     publisher = user.publisher(PoseStamped, 'camera_pose', BIG)  # acknowledged at once
     for number in (0, 1):
         stamp = sequence.header(number).stamp_ns
-        publisher.publish(bags.pose_message('/camera_pose', Header(stamp, FIXED_FRAME),
+        publisher.publish(pose_message('/camera_pose', Header(stamp, FIXED_FRAME),
                                             sequence.cameras[number]).cdr)
     user.delivered(publisher)
     assert [node.show(number)[2]['mode'] for number in (0, 1)] == ['default', 'followed']
     # Of the next one nothing is known: it is said, and the region is searched.
     assert node.show(4)[2]['mode'] == 'default'
     assert 'camera_pose: the pose nearest to the capture' in node.process.log
-    publisher.publish(bags.pose_message('/camera_pose', Header(1, 'map'),
+    publisher.publish(pose_message('/camera_pose', Header(1, 'map'),
                                         sequence.cameras[0]).cdr)
     refusal = "camera_pose is in frame 'map', expected track_frame 'odom'"
     user.wait(lambda: refusal in node.process.log, 'the refusal')

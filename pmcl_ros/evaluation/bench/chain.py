@@ -17,7 +17,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel

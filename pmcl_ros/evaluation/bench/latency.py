@@ -20,7 +20,7 @@ from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domai
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel

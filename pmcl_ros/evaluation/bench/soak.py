@@ -25,7 +25,7 @@ from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain
 from pmcl_ros.evaluation.bench.usage import Usage, files_shared_without, shared_files
 from pmcl_ros.evaluation.captures import Truth
-from pmcl_ros.messages.bags import extract_captures
+from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.nodes.table import NODES
 from pmcl_ros.runtime.errors import PmclError

@@ -23,8 +23,8 @@ from std_msgs.msg import Float32MultiArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.messages.buffer import Buffer
-from pmcl_ros.messages.cdr import multi_array_from
+from pmcl_ros.messages.cdr import message_from, type_name
+from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import volume_from, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG
 from pmcl_ros.nodes.runtime.running import pause, ros
@@ -165,7 +165,7 @@ def receive(descriptor: int, side: int, labels: int, out: TextIO) -> None:
 
 def _read(cdr: bytes) -> tuple[float, DepthLikelihoodVolume]:
     """As `subscribe_value` does, and when the data are there; the volume is checked afterwards."""
-    message = multi_array_from(cdr)
+    message = message_from(cdr, type_name(Float32MultiArray))
     at = time.monotonic()
     return at, volume_from(message)
 

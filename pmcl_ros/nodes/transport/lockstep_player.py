@@ -13,7 +13,6 @@ from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.volume import edges_from, volume_from
 from pmcl_ros.nodes.runtime.base import LATCHED
-from pmcl_ros.nodes.runtime.message_types import message_type
 from pmcl_ros.nodes.runtime.running import pause
 from pmcl_ros.nodes.topics import PRESETS, TOPICS
 from pmcl_ros.runtime.errors import BagError
@@ -91,7 +90,7 @@ class LockstepPlayer:
                            for each in message.markers}
 
     def _stamp_of(self, message: Recorded) -> int:
-        read = message_from(message.cdr, message_type(message.type))
+        read = message_from(message.cdr, message.type)
         if self._kind == 'dlv':
             return volume_from(read).header.stamp_ns
         if self._kind == 'dlv/edges':

@@ -9,8 +9,8 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.messages.buffer import Buffer
-from pmcl_ros.messages.cdr import message_from
+from pmcl_ros.messages.cdr import message_from, type_name
+from pmcl_ros.messages.types import Buffer
 from pmcl_ros.nodes.runtime.base import StageNode
 
 # s: after that who has not said that the first message came did not get it; likewise the next.
@@ -114,7 +114,7 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
             node.dropped(f'{count} of {topic}: newer came before they were taken', count)
 
     def received(cdr: bytes) -> None:
-        value = read(message_from(cdr, kind))
+        value = read(message_from(cdr, type_name(kind)))
         if not taker.had(value.header.stamp_ns):
             tell('as messages')
             callback(value)
