@@ -12,11 +12,12 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 .PHONY: demo test lint venv docs eval bench soak clean
 
 demo: $(RUN)
+	@$(BIN)/pmcl warm-up
 	@$(BIN)/python -m pmcl_ros.cli.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
 	@tools/system.sh test
-	@tools/compile.sh
+	@$(BIN)/pmcl warm-up --all
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 lint: $(TEST)

@@ -12,7 +12,7 @@ _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'bag', 'bench', 'calibrate', 'camera', 'coverage', 'decode', 'doctor', 'evaluate', 'figures',
     'grasps', 'lattice', 'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep', 'together',
     'track')}
-_MODULES['calibration-from-truth'] = 'pmcl_ros.cli.calibrate'
+_MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.calibrate', 'warm-up': 'pmcl_ros.cli.warm_up'}
 
 
 @click.group(cls=Commands, modules=_MODULES)

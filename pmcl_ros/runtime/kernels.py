@@ -1,15 +1,24 @@
-"""How loops over pixels are compiled and called."""
+"""Compiles kernels, the loops over pixels, keeps their machine code on disk, reports progress."""
 
+import fcntl
 import hashlib
+import logging
 import os
 import threading
-from collections.abc import Callable
-from functools import lru_cache
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from types import CodeType, FunctionType, ModuleType
+from typing import IO, Any
 
-import numba
+import numpy as np
 from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
+from numba.core.types import BaseTuple
+
+_LOG = logging.getLogger(__name__)
 
 # numba's workqueue threading layer aborts the process when two threads enter parallel kernels.
 LOCK = threading.Lock()
@@ -17,6 +26,11 @@ LOCK = threading.Lock()
 # Sums may be reordered and fused; NaN and infinities keep their meaning.
 _FASTMATH = {'nsz', 'arcp', 'contract', 'afn', 'reassoc'}
 _PACKAGE = Path(__file__).parents[1]
+_PATIENCE = 60.0  # s: after that a kernel is compiled although another process holds its lock
+
+Report = Callable[[str], None]
+_KERNELS: 'list[Kernel]' = []
+_REPORTS: list[Report] = []
 
 
 def compiled(parallel: bool = False, inlined: bool = False
@@ -27,49 +41,217 @@ def compiled(parallel: bool = False, inlined: bool = False
     Else there are copies of it, which sum in different orders, and which of them runs depends on
     what was compiled in this process and what came from the disk: so would the last digits.
     """
-    options: dict[str, Any] = {'nogil': True, 'fastmath': _FASTMATH, 'parallel': parallel,
-                               'forceinline': inlined}
-
-    def decorate(function: Callable[..., Any]) -> Any:
-        folder, before = cache_folder(), numba.config.CACHE_DIR  # type: ignore[attr-defined]
-        if folder is None:
-            return njit(**options)(function)
-        numba.config.CACHE_DIR = str(folder)  # type: ignore[attr-defined]
-        try:
-            return njit(cache=True, **options)(function)
-        except RuntimeError:  # a function without a file, as in a zip, has no place in the cache
-            return njit(**options)(function)
-        finally:
-            numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
-    return decorate
+    def decorate(function: FunctionType) -> Any:
+        dispatcher: Any = njit(nogil=True, fastmath=_FASTMATH, parallel=parallel,
+                               forceinline=inlined, no_cfunc_wrapper=True)(function)
+        dispatcher._cache = Kernel(function, (parallel, inlined))
+        return dispatcher
+    return decorate  # type: ignore[return-value]
 
 
 @lru_cache
 def cache_folder() -> Path | None:
-    """Where machine code is kept: a folder of its own for each state of the kernels' sources.
+    """The folder that machine code is kept in.
 
-    numba looks only whether the file of the function that is called has changed, not those of the
-    functions that this one calls. In NUMBA_CACHE_DIR if that is set, else beside the source, else
-    in the user's cache folder. None where none of them can be written: every process compiles.
+    NUMBA_CACHE_DIR if that is set, else beside the source, else in the user's cache folder.
+    None, with a warning, where none of them can be written: every process compiles.
     """
-    name, home = f'kernels-{_stamp()}', Path(os.environ.get('XDG_CACHE_HOME') or '~/.cache')
-    places = [_PACKAGE / '__pycache__', home.expanduser() / 'pmcl_ros']
+    places = [_PACKAGE / '__pycache__',
+              Path(os.environ.get('XDG_CACHE_HOME') or '~/.cache').expanduser() / 'pmcl_ros']
     if given := os.environ.get('NUMBA_CACHE_DIR'):
         places = [Path(given)]
     for place in places:
-        try:
-            (place / name).mkdir(parents=True, exist_ok=True)
-        except OSError:
-            continue
-        if os.access(place / name, os.W_OK):
-            return place / name
+        folder = place / 'kernels'
+        with suppress(OSError):
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder
+    _LOG.warning('compiled kernels cannot be kept, as %s cannot be written: every process '
+                 'compiles them anew; set NUMBA_CACHE_DIR to a folder that can be written',
+                 ' and '.join(str(place) for place in places))
     return None
 
 
-def _stamp() -> str:
-    digest = hashlib.sha1(usedforsecurity=False)
-    for path in sorted(_PACKAGE.rglob('*.py')):
-        source = path.read_bytes()
-        if b'compiled' in source:
-            digest.update(source)
-    return digest.hexdigest()[:12]
+def report_to(report: Report) -> None:
+    """Call `report` with the name of each kernel that is about to be compiled, in any thread."""
+    _REPORTS.append(report)
+
+
+@contextmanager
+def reporting(report: Report) -> Iterator[None]:
+    """`report_to`, as long as the context lasts."""
+    report_to(report)
+    try:
+        yield
+    finally:
+        _REPORTS.remove(report)
+
+
+def progress() -> tuple[int, int]:
+    """How many kernels of the modules imported so far are on disk, and how many there are."""
+    return sum(each.kept for each in _KERNELS), len(_KERNELS)
+
+
+def digest() -> str:
+    """Of the kernels of the modules imported so far: what `pmcl warm-up` remembers."""
+    keys = ''.join(each.key for each in _KERNELS)
+    return hashlib.sha1(keys.encode(), usedforsecurity=False).hexdigest()[:16]
+
+
+class Kernel(NullCache):  # type: ignore[misc]
+    """Machine code of one kernel on disk, as numba's dispatcher asks for it.
+
+    Its place follows from what the code depends on: its own byte code and constants, and those of
+    the kernels it calls. An edit recompiles what depends on it, whatever the folder of the source.
+    Of several processes that need a kernel one compiles it; the others wait for its code.
+    """
+
+    def __init__(self, function: FunctionType, options: object) -> None:
+        self.name = f'{function.__module__.removeprefix("pmcl_ros.")}.{function.__qualname__}'
+        self._function, self._options = function, options
+        self._lock: IO[bytes] | None = None
+        _KERNELS.append(self)
+
+    @cached_property
+    def key(self) -> str:
+        """Digest of all that the machine code depends on, but for the types of its arguments."""
+        options = self.name, self._options, sorted(_FASTMATH)
+        digest = hashlib.sha1(repr(options).encode(), usedforsecurity=False)
+        names: set[str] = set()
+        for code in _codes(self._function.__code__):
+            constants = [each for each in code.co_consts
+                         if not isinstance(each, CodeType) and each != self._function.__doc__]
+            digest.update(code.co_code + repr((constants, code.co_names)).encode())
+            names.update(code.co_names)
+        for name in sorted(names & self._function.__globals__.keys()):
+            digest.update(f'{name}={_described(self._function.__globals__[name])};'.encode())
+        return digest.hexdigest()[:16]
+
+    @property
+    def kept(self) -> bool:
+        """Whether there is machine code of it on disk, for some types of arguments."""
+        return self._disk is not None and self._disk.index.exists()
+
+    @cached_property
+    def _disk(self) -> '_Disk | None':
+        folder = cache_folder()
+        return None if folder is None else _Disk(self._function, folder, self.key)
+
+    # numba's interface
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code for these types, or None: then numba compiles it and calls `save_overload`."""
+        found = None
+        if self._disk is not None:
+            found = self._disk.load_overload(sig, target_context)
+            if found is None and self._acquire(self._disk.lock):
+                found = self._disk.load_overload(sig, target_context)
+        if found is None:
+            for report in tuple(_REPORTS):
+                report(self.name)
+        else:
+            self._release()
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep what was compiled."""
+        try:
+            if self._disk is not None:
+                self._disk.save_overload(sig, data)
+        except OSError as error:
+            _LOG.warning('cannot keep the compiled kernel %s: %s', self.name, error)
+        finally:
+            self._release()
+
+    def _acquire(self, path: Path) -> bool:
+        """Wait until no other process compiles this kernel; False where that was done before."""
+        if self._lock is not None:  # compiling failed, and is tried with other types
+            return False
+        deadline = time.monotonic() + _PATIENCE
+        with suppress(OSError):
+            self._lock = path.open('wb')
+            while time.monotonic() < deadline:
+                try:
+                    fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    break
+                except BlockingIOError:
+                    time.sleep(0.02)
+        return True
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            Path(self._lock.name).unlink(missing_ok=True)
+            self._lock.close()
+            self._lock = None
+
+
+class _Disk(FunctionCache):  # type: ignore[misc]
+    """numba's files of one function, under a name that says what they were made from."""
+
+    def __init__(self, function: FunctionType, folder: Path, key: str) -> None:
+        class Locator:
+            """Where the files are; numba makes one by `from_function`."""
+
+            def get_cache_path(self) -> str:
+                return str(folder)
+
+            def ensure_cache_path(self) -> None:
+                folder.mkdir(parents=True, exist_ok=True)
+
+            def get_source_stamp(self) -> str:
+                return key
+
+            def get_disambiguator(self) -> str:
+                return key
+
+            @classmethod
+            def from_function(cls, *_: object) -> 'Locator':
+                return cls()
+
+        class Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+            _locator_classes = (Locator,)
+
+        self._impl_class = Implementation
+        super().__init__(function)
+        self.index = folder / f'{self._impl.filename_base}.nbi'
+        self.lock = self.index.with_suffix('.lock')
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The code for these types, or None; an index of types that are gone is emptied."""
+        try:
+            return super().load_overload(sig, target_context)
+        except (ImportError, AttributeError):  # a type of an argument was moved or renamed
+            self.flush()
+            return None
+
+    def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
+        # numba compares named tuples without the names of their fields.
+        return *super()._index_key(sig, codegen), tuple(_fields(sig))
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for each in code.co_consts:
+        if isinstance(each, CodeType):
+            yield from _codes(each)
+
+
+def _described(value: object) -> str:
+    """What a kernel's machine code depends on of a global name's value."""
+    kernel = getattr(value, '_cache', None)
+    if isinstance(kernel, Kernel):
+        return kernel.key
+    if isinstance(value, np.ndarray):
+        return f'{value.dtype}{value.shape}{value.tobytes()!r}'
+    if isinstance(value, tuple):
+        return ','.join(map(_described, value))
+    if isinstance(value, ModuleType | type) or callable(value):
+        return f'{getattr(value, "__module__", "")}.{getattr(value, "__name__", "")}'
+    return repr(value)
+
+
+def _fields(types: Iterable[Any]) -> Iterator[tuple[str, ...]]:
+    for each in types:
+        if isinstance(each, BaseTuple):
+            yield getattr(each, 'fields', ())
+            yield from _fields(each)

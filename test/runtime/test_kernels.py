@@ -1,4 +1,4 @@
-"""Machine code is kept, and made anew when a function that a kernel calls has changed."""
+"""Machine code is kept, made anew when something it depends on changes, and made once."""
 
 import os
 import shutil
@@ -13,56 +13,121 @@ from dlv_fields import make_grid, noise_field
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.kernels import compiled
 
-PACKAGE = Path(__file__).parents[2] / 'pmcl_ros'
+KERNELS = Path(kernels.__file__)
 CALLER = """
+import sys
+from typing import NamedTuple
 from pmcl_ros.inner import inner
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime import kernels
 
-@compiled()
-def outer(x):
-    return inner(x)
+class Size(NamedTuple):
+    width: float
+    height: float
 
-print(outer(1.0), sum(outer.stats.cache_hits.values()))
+@kernels.compiled()
+def outer(x, size):
+    return inner(x) + size.width
+
+names = []
+with kernels.reporting(names.append):
+    print(outer(1.0, Size(0.0, 5.0)), *names, sep=',')
 """
 INNER = """
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.constant import SUMMAND
+from pmcl_ros.runtime import kernels
 
-@compiled()
+@kernels.compiled()
 def inner(x):
-    return x + {}
+    return x + SUMMAND
 """
 
 
 @pytest.fixture
 def package(tmp_path):
-    """A package of this name that holds nothing but `kernels` and two files of the test."""
+    """A package of this name that holds nothing but `kernels` and files of the test."""
     package = tmp_path / 'pmcl_ros'
-    package.mkdir()
+    (package / 'runtime').mkdir(parents=True)
     (package / '__init__.py').touch()
-    shutil.copy(PACKAGE / 'kernels.py', package)
+    shutil.copy(KERNELS, package / 'runtime')
     (package / 'outer.py').write_text(CALLER)
-    (package / 'inner.py').write_text(INNER.format(1))
+    (package / 'inner.py').write_text(INNER)
+    (package / 'constant.py').write_text('SUMMAND = 1\n')
     return package
 
 
+def start(package, **environment):
+    return subprocess.Popen([sys.executable, '-c', 'import pmcl_ros.outer'], cwd=package.parent,
+                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+                            env=os.environ | {'PYTHONPATH': '', 'NUMBA_CACHE_DIR': ''}
+                            | environment)
+
+
+def finish(process):
+    """What the kernel gives, the names of what was compiled, and what was logged."""
+    out, log = process.communicate(timeout=120)
+    assert not process.returncode, log
+    value, *names = out.strip().split(',')
+    return float(value), names, log
+
+
 def outer(package, **environment):
-    """What the kernel gives, and how often it was found on disk."""
-    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.outer'], cwd=package.parent,
-                          capture_output=True, text=True, env=os.environ | environment)
-    assert not done.returncode, done.stderr
-    value, hits = done.stdout.split()
-    return float(value), int(hits)
+    value, names, log = finish(start(package, **environment))
+    assert not log
+    return value, names
 
 
-def test_a_changed_callee_is_not_found_on_disk(package):
-    assert outer(package) == (2, 0)
-    assert outer(package) == (2, 1)
-    (package / 'inner.py').write_text(INNER.format(2))
-    assert outer(package) == (3, 0)
-    (package / 'inner.py').write_text(INNER.format(1))
-    assert outer(package)[0] == 2
+def rename(path, old, new):
+    path.write_text(path.read_text().replace(old, new))
+
+
+def test_what_is_on_disk_is_not_compiled(package):
+    value, names = outer(package)
+    assert (value, names) == (2, ['outer.outer', 'inner.inner'])
+    assert outer(package) == (2, [])
+
+
+@pytest.mark.parametrize(('file', 'old', 'new', 'value', 'compiled'), [
+    ('inner.py', 'x + SUMMAND', 'x + 2 * SUMMAND', 3, 2),
+    ('constant.py', '1', '4', 5, 2),  # though it holds no kernel
+    ('outer.py', 'inner(x) +', '3 * inner(x) +', 6, 1),  # not what it calls
+    ('outer.py', '    width: float\n    height: float', '    height: float\n    width: float',
+     7, 1),
+    ('outer.py', 'Size', 'Extent', 2, 1),
+    ('inner.py', '    return', '    """Says what it does."""\n    return', 2, 0),
+    ('outer.py', 'import sys\n', 'import sys\nLATER = 1\n\n', 2, 0),
+])
+def test_an_edit_recompiles_what_depends_on_it(package, file, old, new, value, compiled):
+    outer(package)
+    rename(package / file, old, new)
+    found, names = outer(package)
+    assert (found, len(names)) == (value, compiled)
+
+
+def test_what_was_compiled_before_an_edit_is_found_when_the_edit_is_undone(package):
+    outer(package)
+    rename(package / 'constant.py', '1', '2')
+    outer(package)
+    rename(package / 'constant.py', '2', '1')
+    assert outer(package) == (2, [])
+
+
+def test_the_same_sources_in_another_folder_need_no_compiling(package, tmp_path):
+    cache = str(tmp_path / 'cache')
+    outer(package, NUMBA_CACHE_DIR=cache)
+    moved = shutil.copytree(package, tmp_path / 'elsewhere' / 'pmcl_ros',
+                            ignore=shutil.ignore_patterns('__pycache__'))
+    os.utime(moved / 'inner.py', (0, 0))
+    assert outer(moved, NUMBA_CACHE_DIR=cache) == (2, [])
+
+
+def test_processes_that_start_together_compile_each_kernel_once(package):
+    both = [start(package) for _ in range(4)]
+    compiled = [name for each in both for name in finish(each)[1]]
+    assert sorted(compiled) == ['inner.inner', 'outer.outer']
+    assert not list(package.rglob('*.lock'))
 
 
 def test_the_folder_that_is_asked_for_is_used(package, tmp_path):
@@ -72,15 +137,42 @@ def test_the_folder_that_is_asked_for_is_used(package, tmp_path):
     assert not list(package.rglob('*.nbc'))
 
 
-def test_without_a_folder_everything_works(package):
-    assert outer(package, NUMBA_CACHE_DIR='/proc/nowhere') == (2, 0)
-    assert outer(package, NUMBA_CACHE_DIR='/proc/nowhere') == (2, 0)
+def test_without_a_folder_everything_works_and_it_is_said_once(package):
+    for _ in range(2):
+        value, names, log = finish(start(package, NUMBA_CACHE_DIR='/proc/nowhere'))
+        assert (value, len(names)) == (2, 2)
+        assert log.count('/proc/nowhere cannot be written') == 1
 
 
-def test_compiles_where_nothing_can_be_cached():
-    names = {}
-    exec('def twice(x): return 2 * x', names)  # a function without a file has no cache
+def test_a_full_disk_is_reported_and_the_result_is_right(package, tmp_path):
+    folder = tmp_path / 'cache'
+    outer(package, NUMBA_CACHE_DIR=str(folder))
+    shutil.rmtree(folder)
+    (folder / 'kernels').mkdir(parents=True)
+    limited = f'ulimit -f 0; exec {sys.executable} -c "import pmcl_ros.outer"'
+    done = subprocess.run(['bash', '-c', limited], cwd=package.parent, capture_output=True,
+                          text=True, env=os.environ | {'PYTHONPATH': '',
+                                                       'NUMBA_CACHE_DIR': str(folder)})
+    assert done.stdout.startswith('2.0,')
+    assert 'cannot keep the compiled kernel inner.inner' in done.stderr
+
+
+def test_a_function_without_a_file_is_compiled():
+    names = {'__name__': 'nowhere'}
+    exec('def twice(x): return 2 * x', names)
     assert compiled()(names['twice'])(21) == 42
+
+
+def test_progress_counts_what_is_on_disk():
+    count, total = kernels.progress()
+
+    @compiled()
+    def thrice(x):
+        return 3 * x
+
+    assert kernels.progress()[1] == total + 1
+    assert thrice(5) == 15
+    assert kernels.progress()[0] == count + 1
 
 
 def test_two_threads_may_build_at_once():

@@ -1,0 +1,133 @@
+"""`pmcl warm-up`: compiles kernels ahead, on all cores, for container images and robots."""
+
+import hashlib
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, wait
+from multiprocessing import get_context
+from multiprocessing.queues import SimpleQueue
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.cli.base import STDERR
+from pmcl_ros.dlv import build
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
+from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
+from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.runtime import kernels
+from pmcl_ros.runtime.resources import resolve
+
+_LINE_EVERY = 5.0  # s: where the output is a log, not a terminal
+
+
+def _decode() -> None:
+    """Decode the shipped white image as a picture."""
+    folder = resolve('package://pmcl_ros/config/cameras', 'config')
+    white = folder / 'demo_white.RAW.xz'
+    Decoders(Calibration.load(folder / 'demo.yaml'), white).decode(read_raw_frame(white))
+
+
+def _volume() -> None:
+    build.warm_up('numba')
+
+
+def _layers() -> None:
+    build.warm_up('numba', 'joint')
+
+
+def _evidence() -> None:
+    light_field = build.tiny_light_field()
+    edge_volume(light_field, depth_labels(0.5, 2.0, 2), 3)
+
+
+def _search(mode: Mode = 'default') -> None:
+    """Look for an object in noise."""
+    camera, depths = Pinhole(64, 64, 100.0, 100.0, 31.5, 31.5), depth_labels(0.4, 0.8, 8)
+    noise = np.random.default_rng(0).random((64, 64, 8, 4), np.float32)
+    edges = EdgeVolume(Header(), noise[..., 1:].copy(), depths, camera)
+    volume = DepthLikelihoodVolume(Header(), noise[..., 0].copy(), depths, camera, edges)
+    settings = PmclSettings(mode=mode, renderer='numba', proposals=20, particles=8, moves=1,
+                            faithful_particles=8, faithful_iterations=2)
+    model = ObjectModel.load(resolve('package://pmcl_ros/models/shaker.obj', 'object'))
+    with Localizer(model, settings) as localizer:
+        pose = localizer.localize(volume, np.random.default_rng(0)).pose
+        if mode == 'default':
+            localizer.contour(volume, pose)
+
+
+def _filter() -> None:
+    _search('faithful')
+
+
+def _scenes() -> None:
+    """Trace a generated scene."""
+    render_scene(make_scene(0), views=3, size=64, samples=1)
+
+
+Stages = tuple[Callable[[], None], ...]
+# The longest first.
+_CHAIN: Stages = (_volume, _search, _decode, GaussNewton.warm_up, _evidence)
+_ALL: Stages = (*_CHAIN, _filter, _layers, _scenes)
+
+
+@click.command('warm-up')
+@click.option('--all', 'everything', is_flag=True, help='Also what few users need: the mode '
+              'faithful, layers by superposition, generated scenes.')
+def warm_up(everything: bool) -> None:
+    """Compile the kernels of the chain from picture to pose, so that no later start waits.
+
+    On all cores, each kernel once, into NUMBA_CACHE_DIR if that is set. After an update, or on
+    another kind of processor, it is needed again; what is compiled already takes no time.
+    """
+    compile_ahead(STDERR, _ALL if everything else _CHAIN)
+
+
+def compile_ahead(console: Console, stages: Stages = _CHAIN) -> None:
+    """Compile what is not on disk yet, with a progress line."""
+    folder = kernels.cache_folder()
+    if folder is None:
+        return
+    done = folder / f'{kernels.digest()}.{len(stages)}.complete'
+    if done.exists():
+        return
+    started, before = time.monotonic(), kernels.progress()[0]
+    fork = get_context('fork')
+    names: SimpleQueue[str] = fork.SimpleQueue()
+    columns = TextColumn('compiling kernels'), BarColumn(), MofNCompleteColumn(), TextColumn(
+        '{task.description}')
+    with (ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (names,)) as pool,
+          Progress(*columns, console=console, transient=True) as bar):
+        task = bar.add_task('', total=kernels.progress()[1])
+        futures = [pool.submit(stage) for stage in stages]
+        line = started + _LINE_EVERY
+        name = ''
+        while wait(futures, 0.2).not_done:
+            while not names.empty():
+                name = names.get()
+            count, total = kernels.progress()
+            bar.update(task, completed=count, description=name)
+            if not console.is_terminal and time.monotonic() > line:
+                console.print(f'compiling kernels: {count} of {total}, {name}')
+                line += _LINE_EVERY
+        for each in futures:
+            each.result()
+    done.touch()
+    console.print(f'compiled {kernels.progress()[0] - before} kernels in '
+                  f'{time.monotonic() - started:.0f} s', highlight=False)
+
+
+def _begin(names: 'SimpleQueue[str]') -> None:
+    """In each process: say which kernel is being compiled."""
+    kernels.report_to(names.put)
