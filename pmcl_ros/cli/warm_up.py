@@ -1,10 +1,10 @@
 """`pmcl warm-up`: compiles kernels ahead, on all cores, for container images and robots."""
 
-import hashlib
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, wait
+from importlib import import_module
 from multiprocessing import get_context
 from multiprocessing.queues import SimpleQueue
 
@@ -72,14 +72,17 @@ def _filter() -> None:
 
 
 def _scenes() -> None:
-    """Trace a generated scene."""
-    render_scene(make_scene(0), views=3, size=64, samples=1)
+    rng = np.random.default_rng(0)
+    random_scene = import_module(f'{_SIMULATION}.random_scene')
+    scene = random_scene.random_scene(rng, random_scene.SceneSettings(views=3, size=64))
+    import_module(f'{_SIMULATION}.render').render(scene, rng, samples=1)
 
 
 Stages = tuple[Callable[[], None], ...]
 # The longest first.
 _CHAIN: Stages = (_volume, _search, _decode, GaussNewton.warm_up, _evidence)
-_ALL: Stages = (*_CHAIN, _filter, _layers, _scenes)
+_REST: Stages = (_filter, _layers, _scenes)
+_SIMULATION = 'pmcl_ros.simulation.scenes'
 
 
 @click.command('warm-up')
@@ -91,7 +94,11 @@ def warm_up(everything: bool) -> None:
     On all cores, each kernel once, into NUMBA_CACHE_DIR if that is set. After an update, or on
     another kind of processor, it is needed again; what is compiled already takes no time.
     """
-    compile_ahead(STDERR, _ALL if everything else _CHAIN)
+    if everything:
+        import_module(f'{_SIMULATION}.render')  # its kernels count
+        compile_ahead(STDERR, _CHAIN + _REST)
+    else:
+        compile_ahead(STDERR)
 
 
 def compile_ahead(console: Console, stages: Stages = _CHAIN) -> None:

@@ -6,7 +6,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -41,9 +41,11 @@ def compiled(parallel: bool = False, inlined: bool = False
     Else there are copies of it, which sum in different orders, and which of them runs depends on
     what was compiled in this process and what came from the disk: so would the last digits.
     """
+    options: dict[str, Any] = {'nogil': True, 'fastmath': _FASTMATH, 'parallel': parallel,
+                               'forceinline': inlined, 'no_cfunc_wrapper': True}
+
     def decorate(function: FunctionType) -> Any:
-        dispatcher: Any = njit(nogil=True, fastmath=_FASTMATH, parallel=parallel,
-                               forceinline=inlined, no_cfunc_wrapper=True)(function)
+        dispatcher: Any = njit(**options)(function)
         dispatcher._cache = Kernel(function, (parallel, inlined))
         return dispatcher
     return decorate  # type: ignore[return-value]
@@ -98,7 +100,7 @@ def digest() -> str:
     return hashlib.sha1(keys.encode(), usedforsecurity=False).hexdigest()[:16]
 
 
-class Kernel(NullCache):  # type: ignore[misc]
+class Kernel(NullCache):
     """Machine code of one kernel on disk, as numba's dispatcher asks for it.
 
     Its place follows from what the code depends on: its own byte code and constants, and those of
@@ -185,7 +187,7 @@ class Kernel(NullCache):  # type: ignore[misc]
             self._lock = None
 
 
-class _Disk(FunctionCache):  # type: ignore[misc]
+class _Disk(FunctionCache):
     """numba's files of one function, under a name that says what they were made from."""
 
     def __init__(self, function: FunctionType, folder: Path, key: str) -> None:
@@ -208,8 +210,11 @@ class _Disk(FunctionCache):  # type: ignore[misc]
             def from_function(cls, *_: object) -> 'Locator':
                 return cls()
 
-        class Implementation(CompileResultCacheImpl):  # type: ignore[misc]
-            _locator_classes = (Locator,)
+        class Implementation(CompileResultCacheImpl):
+            def __init__(self, function: FunctionType) -> None:
+                locators: list[Any] = [Locator]
+                self._locator_classes = locators
+                super().__init__(function)
 
         self._impl_class = Implementation
         super().__init__(function)
@@ -250,7 +255,7 @@ def _described(value: object) -> str:
     return repr(value)
 
 
-def _fields(types: Iterable[Any]) -> Iterator[tuple[str, ...]]:
+def _fields(types: Any) -> Iterator[tuple[str, ...]]:
     for each in types:
         if isinstance(each, BaseTuple):
             yield getattr(each, 'fields', ())
