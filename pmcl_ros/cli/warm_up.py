@@ -10,20 +10,23 @@ from multiprocessing.queues import SimpleQueue
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.dlv import build
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, EdgeVolume, depth_labels
-from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime import kernels
@@ -48,27 +51,36 @@ def _layers() -> None:
 
 
 def _evidence() -> None:
-    light_field = build.tiny_light_field()
-    edge_volume(light_field, depth_labels(0.5, 2.0, 2), 3)
+    build_edges(build.tiny_light_field(), DlvSettings(views=3, edge_labels=2))
 
 
-def _search(mode: Mode = 'default') -> None:
+def _search() -> None:
     """Look for an object in noise."""
-    camera, depths = Pinhole(64, 64, 100.0, 100.0, 31.5, 31.5), depth_labels(0.4, 0.8, 8)
-    noise = np.random.default_rng(0).random((64, 64, 8, 4), np.float32)
-    edges = EdgeVolume(Header(), noise[..., 1:].copy(), depths, camera)
-    volume = DepthLikelihoodVolume(Header(), noise[..., 0].copy(), depths, camera, edges)
-    settings = PmclSettings(mode=mode, renderer='numba', proposals=20, particles=8, moves=1,
-                            faithful_particles=8, faithful_iterations=2)
-    model = ObjectModel.load(resolve('package://pmcl_ros/models/shaker.obj', 'object'))
+    model, settings = _object('default')
+    edges = EdgeVolume(Header(), _noise(3), _DEPTHS, _CAMERA)
     with Localizer(model, settings) as localizer:
-        pose = localizer.localize(volume, np.random.default_rng(0)).pose
-        if mode == 'default':
-            localizer.contour(volume, pose)
+        localizer.contour(edges, localizer.localize(edges, np.random.default_rng(0)).pose)
 
 
 def _filter() -> None:
-    _search('faithful')
+    """Look for an object in noise by the paper's filter."""
+    model, settings = _object('faithful')
+    volume = DepthLikelihoodVolume(Header(), _noise(1)[..., 0].copy(), _DEPTHS, _CAMERA)
+    with ParticleFilterLocalizer(model, settings) as localizer:
+        localizer.localize(volume, np.random.default_rng(0))
+
+
+_CAMERA, _DEPTHS = Pinhole(64, 64, 100.0, 100.0, 31.5, 31.5), depth_labels(0.4, 0.8, 8)
+
+
+def _noise(components: int) -> NDArray[np.float32]:
+    return np.random.default_rng(0).random((64, 64, 8, components), np.float32)
+
+
+def _object(mode: Mode) -> tuple[ObjectModel, PmclSettings]:
+    return (ObjectModel.load(resolve('package://pmcl_ros/models/shaker.obj', 'object')),
+            PmclSettings(mode=mode, renderer='numba', proposals=20, particles=8, moves=1,
+                         faithful_particles=8, faithful_iterations=2))
 
 
 def _scenes() -> None:
