@@ -21,7 +21,7 @@ from visualization_msgs.msg import Marker
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.bench.result import best_ms
+from pmcl_ros.evaluation.bench.timing import best_ms
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole

@@ -6,7 +6,7 @@ from pmcl_ros.evaluation.bench.dlv import bench_dlv
 from pmcl_ros.evaluation.bench.driver import DriverBench, bench_driver
 from pmcl_ros.evaluation.bench.graph import GraphBench, bench_graph
 from pmcl_ros.evaluation.bench.pmcl import PmclBench, bench_pmcl
-from pmcl_ros.evaluation.bench.result import Bench
+from pmcl_ros.evaluation.bench.timing import Bench
 from pmcl_ros.evaluation.bench.transport import TransportBench, bench_transport
 
 __all__ = ['Bench', 'ChainBench', 'DriverBench', 'GraphBench', 'PmclBench', 'TransportBench',

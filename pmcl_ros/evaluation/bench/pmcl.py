@@ -1,4 +1,4 @@
-"""Times of the pose search: what a pose costs on either back end, and a whole localisation."""
+"""Times the pose search: a pose on either back end, and a whole localisation."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.bench.result import best_ms
+from pmcl_ros.evaluation.bench.timing import best_ms
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
@@ -26,7 +26,7 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
-_CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
+CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
 _POSES = 100
 _PAPER = 50_000  # evaluations: 100 particles, 500 iterations
 _PLACE = (0.0, 0.0, 0.55)
@@ -47,7 +47,7 @@ class PmclBench:
     ratio_to_reference: float
 
     def lines(self) -> list[str]:
-        """What to print."""
+        """The lines to print."""
         poses = [f'{name:>24}: {value:9.0f} us a pose, {1e6 / value:9.0f} poses a second'
                  for name, value in self.us.items()]
         stages = [f'{name:>24}: {value:9.0f} ms' for name, value in self.ms.items()]
@@ -63,15 +63,15 @@ def bench_pmcl(repeats: int = 5) -> PmclBench:
     it in numpy. The localisation is by the back end that settings choose by themselves.
     Raises RenderError where there is no OpenGL: the plain form needs one.
     """
-    model = _vessel()
+    model = vessel()
     region = Region(_PLACE, (0.16, 0.16, 0.16))
     near, far = region.grown(model.radius)
     depths = depth_labels(near, far, 75)
     likelihood = np.random.default_rng(0).random((328, 328, 75), np.float32)
-    volume = DepthLikelihoodVolume(Header(), likelihood, depths, _CAMERA)
-    poses = _poses(_POSES)
-    scene = Scene(model, _CAMERA, region.window(_CAMERA, model.radius), near, far)
-    half = Scene(model, _CAMERA, scene.window.coarser(2), near, far)
+    volume = DepthLikelihoodVolume(Header(), likelihood, depths, CAMERA)
+    poses = poses_beside(_POSES)
+    scene = Scene(model, CAMERA, region.window(CAMERA, model.radius), near, far)
+    half = Scene(model, CAMERA, scene.window.coarser(2), near, far)
     cpu, gpu = NumbaRenderer(), GlRenderer()
     covered = int((cpu.depths(scene, poses) > 0).sum() / _POSES)
     edges = _edges(cpu, scene, poses[0])
@@ -101,7 +101,7 @@ def _us(score: Callable[[NDArray[np.float64]], object], poses: NDArray[np.float6
 
 def _plain(renderer: GlRenderer, model: ObjectModel, volume: DepthLikelihoodVolume, near: float,
            far: float, poses: NDArray[np.float64], repeats: int) -> float:
-    scene = Scene(model, _CAMERA, Window(0, 0, (_CAMERA.width, _CAMERA.height)), near, far)
+    scene = Scene(model, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), near, far)
     with ZBuffers(renderer.context, scene, capacity=1) as zbuffers:
         return _us(lambda each: plain_scores(zbuffers, volume, each), poses, min(repeats, 3))
 
@@ -142,7 +142,7 @@ def _stages(model: ObjectModel, region: Region, edges: EdgeVolume, repeats: int
         return {name: best_ms(step, repeats) for name, step in steps.items()}
 
 
-def _vessel() -> ObjectModel:
+def vessel() -> ObjectModel:
     """A glass of 2,000 faces that covers about 9,000 pixels at 0.55 m."""
     height = np.linspace(-0.034, 0.034, 19)
     profile = np.stack([0.02 + 0.005 * np.cos(70 * height), height], axis=-1)
@@ -153,7 +153,7 @@ def _vessel() -> ObjectModel:
                        bool(mesh.is_volume))
 
 
-def _poses(count: int) -> NDArray[np.float64]:
+def poses_beside(count: int) -> NDArray[np.float64]:
     """(count, 4, 4) upright, a little aside and tilted."""
     rng = np.random.default_rng(0)
     upright = Rotation.from_euler('x', 100, degrees=True)
@@ -166,7 +166,7 @@ def _poses(count: int) -> NDArray[np.float64]:
 def _edges(renderer: Renderer, scene: Scene, pose: NDArray[np.float64]) -> EdgeVolume:
     """24 labels in which the silhouette of a pose is the only edge, at its own depth."""
     depths = depth_labels(scene.near, scene.far, 24)
-    whole = Scene(scene.model, _CAMERA, Window(0, 0, (_CAMERA.width, _CAMERA.height)), scene.near,
+    whole = Scene(scene.model, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), scene.near,
                   scene.far)
     mask = (renderer.depths(whole, pose[None])[0] > 0).astype(np.float32)
     smooth = cv2.GaussianBlur(mask, (0, 0), 1.0)
@@ -175,4 +175,4 @@ def _edges(renderer: Renderer, scene: Scene, pose: NDArray[np.float64]) -> EdgeV
     label = np.interp(1 / pose[2, 3], 1 / depths, np.arange(len(depths)))
     at_label = np.exp(-0.02 * (np.arange(len(depths)) - label) ** 2).astype(np.float32)
     return EdgeVolume(Header(), np.ascontiguousarray(tensor[:, :, None] * at_label[:, None]),
-                      depths, _CAMERA)
+                      depths, CAMERA)

@@ -12,11 +12,11 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 
 
 def test_the_plain_form_gives_the_same_scores(context):
-    camera = bench._CAMERA
-    scene = Scene(bench._vessel(), camera, Window(0, 0, (camera.width, camera.height)), 0.4, 0.7)
+    camera = bench.CAMERA
+    scene = Scene(bench.vessel(), camera, Window(0, 0, (camera.width, camera.height)), 0.4, 0.7)
     values = np.random.default_rng(0).random((camera.height, camera.width, 20), np.float32)
     volume = DepthLikelihoodVolume(Header(), values, depth_labels(0.4, 0.7, 20), camera)
-    poses = bench._poses(6)
+    poses = bench.poses_beside(6)
     with ZBuffers(context, scene, capacity=1) as zbuffers:
         plain = bench.plain_scores(zbuffers, volume, poses)
     with NumbaRenderer().likelihood_score(scene, volume) as score:

@@ -1,4 +1,4 @@
-"""What a bench tells."""
+"""Times steps, and prints times and memory."""
 
 import time
 from collections.abc import Callable
@@ -7,26 +7,24 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Bench:
-    """ms: per step, the least of several runs. ratio_to_reference: how many times faster than the
-    plain form. geometry: what was worked on. mb: memory, in 10^6 bytes. ratio_to_bound: how many
-    times the least time that this machine could need, where that was measured."""
+    """The result of a bench.
+
+    geometry: of the data. ms: per step, the least of several runs. ratio_to_reference: how many
+    times faster than the plain form. mb: memory [10^6 bytes].
+    """
 
     geometry: str
     ms: dict[str, float]
     ratio_to_reference: float
     mb: dict[str, float] = field(default_factory=dict)
-    ratio_to_bound: float | None = None
 
     def lines(self) -> list[str]:
-        """What to print."""
+        """The lines to print."""
         figures = [(name, value, 'ms') for name, value in self.ms.items()]
         figures += [(name, value, 'MB') for name, value in self.mb.items()]
-        lines = [self.geometry, *(f'{name:>16}: {value:9.1f} {unit}'
-                                  for name, value, unit in figures),
-                 f'{self.ratio_to_reference:.0f} times as fast as the plain form']
-        if self.ratio_to_bound is not None:
-            lines.append(f'{self.ratio_to_bound:.1f} times the least time for this machine')
-        return lines
+        return [self.geometry, *(f'{name:>16}: {value:9.1f} {unit}'
+                                 for name, value, unit in figures),
+                f'{self.ratio_to_reference:.0f} times as fast as the plain form']
 
 
 def best_ms(step: Callable[[], object], repeats: int) -> float:
