@@ -1,4 +1,4 @@
-"""Random things with sharp edges and without an axis: boxes, prisms, tapered ones, steps."""
+"""Draws random objects with sharp edges: boxes, prisms, tapered boxes, steps."""
 
 from collections.abc import Callable
 
@@ -13,8 +13,8 @@ from pmcl_ros.simulation.scenes.objects import SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
-Block = tuple[trimesh.Trimesh, NDArray[np.float64]]  # and the turns (k, 3, 3) it has
-_HOLLOW = 0.6  # share of glass blocks that can be hollow which are
+Block = tuple[trimesh.Trimesh, NDArray[np.float64]]  # mesh, rotations (k, 3, 3) it has
+_HOLLOW = 0.6  # share of the convex glass blocks that are hollow
 
 
 def random_block(rng: np.random.Generator, glass: bool) -> SceneObject:
@@ -29,8 +29,8 @@ def random_block(rng: np.random.Generator, glass: bool) -> SceneObject:
         corners, kind = np.concatenate([corners, _inset(outer, wall).triangles[:, ::-1]]), 'hollow'
     solid = Solid(Triangles(np.asarray(corners, float), 0, 1), (medium,), np.eye(4))
     return SceneObject(f'{kind if glass else "opaque"} {name}', (solid,),
-                 np.asarray(outer.vertices, float), np.asarray(outer.faces, np.int64), None,
-                 discrete=_about(turns, np.asarray(outer.center_mass, float)))
+                       np.asarray(outer.vertices, float), np.asarray(outer.faces, np.int64), None,
+                       discrete=_about(turns, np.asarray(outer.center_mass, float)))
 
 
 def _box(rng: np.random.Generator) -> Block:
@@ -46,7 +46,7 @@ def _prism(rng: np.random.Generator) -> Block:
 
 
 def _tapered(rng: np.random.Generator) -> Block:
-    """A box with a smaller top, not above the middle of its foot."""
+    """A box with a smaller top, which is off its centre."""
     half = rng.uniform(0.02, 0.05, 2)
     ring = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     part = rng.uniform(0.35, 0.8)
@@ -55,10 +55,10 @@ def _tapered(rng: np.random.Generator) -> Block:
 
 
 def _step(rng: np.random.Generator) -> Block:
-    """A box with a long notch along one edge: six sides of one profile, one edge inwards."""
+    """A box with a notch along one edge: an L-shaped prism."""
     width, height, length = rng.uniform(0.04, 0.1, 3)
     x, z = width * rng.uniform(0.3, 0.7), height * rng.uniform(0.3, 0.7)
-    # From the inward corner, which sees all of the profile, around it.
+    # It begins at the inward corner, so that a fan of triangles fills the profile.
     ring = np.array([[x, z], [x, height], [0, height], [0, 0], [width, 0], [width, z]])
     count = len(ring)
     fan = np.array([[0, k, k + 1] for k in range(1, count - 1)])
@@ -74,14 +74,14 @@ def _step(rng: np.random.Generator) -> Block:
 
 
 def _dihedral(fold: int) -> NDArray[np.float64]:
-    """(2 fold, 3, 3) turns about z, alone and after half a turn about x."""
+    """(2 fold, 3, 3) rotations of the dihedral group: about z, and those after a flip about x."""
     about = Rotation.from_rotvec(2 * np.pi / fold * np.outer(np.arange(fold), [0, 0, 1]))
     return np.concatenate([about.as_matrix(),
                            (about * Rotation.from_euler('x', np.pi)).as_matrix()])
 
 
 def _about(turns: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(k, 4, 4) turns (k, 3, 3) about a point."""
+    """(k, 4, 4) rotations (k, 3, 3) about a point [m]."""
     motions = np.tile(np.eye(4), (len(turns), 1, 1))
     motions[:, :3, :3] = turns
     motions[:, :3, 3] = middle - turns @ middle
@@ -89,14 +89,14 @@ def _about(turns: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[n
 
 
 def _hull(foot: NDArray[np.float64], top: NDArray[np.float64], height: float) -> trimesh.Trimesh:
-    """Of two rings (n, 2) [m], one above the other."""
+    """The convex hull of two rings (n, 2) [m], the top `height` [m] above the foot."""
     return trimesh.convex.convex_hull(np.concatenate([
         np.column_stack([foot, np.zeros(len(foot))]),
         np.column_stack([top, np.full(len(top), height)])]))
 
 
 def _inset(mesh: trimesh.Trimesh, wall: float) -> trimesh.Trimesh:
-    """A convex mesh about the origin whose faces are `wall` [m] inside those of another."""
+    """The convex mesh whose faces lie `wall` [m] inside those of a mesh about the origin."""
     normals = mesh.face_normals
     away = np.einsum('ni,ni->n', normals, mesh.triangles[:, 0])
     planes = np.unique(np.column_stack([normals, wall - away]).round(9), axis=0)

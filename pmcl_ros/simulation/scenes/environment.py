@@ -1,4 +1,4 @@
-"""The light of a room, from far away: a panorama with windows and lamps."""
+"""The light of a room: a panorama at infinity with windows, lamps and dark furniture."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ _HEIGHT = 256  # rows of a panorama
 
 @dataclass(frozen=True)
 class Environment:
-    """Radiance that comes from each direction.
+    """Radiance from every direction.
 
     panorama: (rows, 2 rows, 3) float32; row 0 is straight up (world +z), the last row down; column
         0 is -x, columns turn from there towards -y.
@@ -49,23 +49,26 @@ def _harmonics(n: NDArray[np.floating]) -> NDArray[np.float64]:
 
 
 def random_environment(rng: np.random.Generator) -> Environment:
-    """A grey room, darker towards the floor, one to five windows or lamps, and dark furniture."""
+    """Draw a grey room, darker towards the floor, with one to five lights and dark furniture."""
     rows, columns = _HEIGHT, 2 * _HEIGHT
     up = np.cos((np.arange(rows) + 0.5) * np.pi / rows)[:, None, None]
     tone = rng.uniform(0.25, 0.6) * (1 + 0.12 * rng.standard_normal(3))
     room = tone * (1 + rng.uniform(0, 0.6) * up)
     picture = np.broadcast_to(room, (rows, columns, 3)).copy()
     for _ in range(int(rng.integers(2, 10))):
-        _box(picture, rng, (0.35, 0.9), (0.05, 0.4), room.mean() * rng.uniform(0.1, 1.4, 3))
+        _paint(picture, rng, (0.35, 0.9), (0.05, 0.4), room.mean() * rng.uniform(0.1, 1.4, 3))
     for _ in range(int(rng.integers(1, 6))):
         light = np.exp(rng.uniform(np.log(2), np.log(30))) * (1 + 0.1 * rng.standard_normal(3))
-        _box(picture, rng, (0.05, 0.42), (0.02, 0.2), light, bars=int(rng.integers(0, 3)))
+        _paint(picture, rng, (0.05, 0.42), (0.02, 0.2), light, bars=int(rng.integers(0, 3)))
     return Environment(np.clip(picture, 0.005, None).astype(np.float32))
 
 
-def _box(picture: NDArray[np.float64], rng: np.random.Generator, between: tuple[float, float],
-         sizes: tuple[float, float], colour: NDArray[np.floating], bars: int = 0) -> None:
-    """Paint a rectangle of random place and size (parts of the height); bars: a window's frame."""
+def _paint(picture: NDArray[np.float64], rng: np.random.Generator, between: tuple[float, float],
+           sizes: tuple[float, float], colour: NDArray[np.floating], bars: int = 0) -> None:
+    """Paint a rectangle at a random place, of a random size (shares of the height).
+
+    bars: of a window's frame.
+    """
     rows, columns = picture.shape[:2]
     height, width = (max(3, int(rows * each)) for each in rng.uniform(*sizes, 2))
     top = int(rows * rng.uniform(*between))

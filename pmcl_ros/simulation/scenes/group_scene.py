@@ -1,4 +1,4 @@
-"""Scenes of several things close together, so that some are seen in front of others."""
+"""Draws scenes of several objects close together, some in front of others."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,86 +15,82 @@ from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, rando
 from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
+    nearest_depth,
+    placed,
     random_film,
     random_room,
     random_sensor,
     random_way,
 )
-from pmcl_ros.simulation.scenes.scene import Scene, Solid, Target
+from pmcl_ros.simulation.scenes.scene import Scene, Target
 
 _TRIES = 2000
-_GLASS, _COPY, _FILM = 0.6, 0.25, 0.2  # shares: of things, of scenes with two copies, behind film
+_GLASS, _COPY, _FILM = 0.6, 0.25, 0.2  # shares: of objects, of scenes with copies, with a film
 _GAP = 0.005, 0.05  # m between two neighbours
-_OVERLAP = 0.1  # of the smaller of two outlines, at least, in one pair; 0.6 at most, in all
-_MOST_OVERLAP = 0.6
-_MARGIN = 3  # px: that all things keep from the image's border
+_OVERLAP, _MOST_OVERLAP = 0.1, 0.6  # of the smaller outline: at least in one pair, at most in all
+_MARGIN = 3  # px: distance of all objects from the image's border
 
 
 @dataclass(frozen=True)
 class GroupScene:
-    """A scene, the things in it, and for each of them which thing it is a copy of, or itself."""
+    """A scene, and for each of its targets the index of the target that it is a copy of, or its
+    own.
+    """
 
     scene: Scene
-    things: tuple[SceneObject, ...]
     copies: tuple[int, ...]
 
 
 def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings) -> GroupScene:
-    """Draw things of glass and opaque ones on a table, near each other, all of them in view.
+    """Draw `count` objects of glass or opaque ones close together on a table, all of them in view.
 
-    Two of them, at least, overlap in the image, each pair by 60 % of the smaller at most. The
-    targets have one region of interest: it holds all their origins, with a margin of 3 to 6 cm.
+    At least two of them overlap in the image, each pair by 60 % of the smaller outline at most.
+    All targets have one region of interest: it holds their origins with a margin of 3 to 6 cm.
     """
     copies = list(range(count))
     if count > 1 and rng.random() < _COPY:
         copies[1] = 0
     made = [random_transparent(rng) if rng.random() < _GLASS else random_opaque(rng)
             for _ in range(count)]
-    things = tuple(made[k] for k in copies)
+    objects = [made[k] for k in copies]
     sensor = random_sensor(rng, settings)
+    pinhole = sensor.grid.pinhole
     for _ in range(_TRIES):
-        worlds = _placed(rng, things)
+        worlds = _beside_each_other(rng, objects)
         aim = np.mean([each[:3, 3] for each in worlds], axis=0)
         camera = camera_above(rng, aim, rng.uniform(settings.near, settings.far), (0.0, 0.0))
         poses = [camera @ each for each in worlds]
-        outlines = [_outline(thing.vertices, pose, sensor.grid.pinhole)
-                    for thing, pose in zip(things, poses, strict=True)]
-        if _overlapping(outlines, sensor.grid.pinhole):
+        if _overlapping([_outline(each.vertices, pose, pinhole)
+                         for each, pose in zip(objects, poses, strict=True)], pinhole):
             break
     else:
-        raise RuntimeError(f'{count} things never overlapped in view in {_TRIES} tries')
-    solids: list[Solid] = []
-    owners: list[int] = []
-    for number, (thing, pose) in enumerate(zip(things, poses, strict=True)):
-        solids += thing.placed(pose)
-        owners += [number] * len(thing.solids)
+        raise RuntimeError(f'{count} objects never overlapped in view in {_TRIES} tries')
+    solids, owners = placed(objects, poses)
     sheets = random_room(rng, camera)
     if rng.random() < _FILM:
-        sheets.append(random_film(rng, min(
-            float((thing.vertices @ pose[2, :3]).min() + pose[2, 3])
-            for thing, pose in zip(things, poses, strict=True))))
+        sheets.append(random_film(rng, nearest_depth(objects, poses)))
     origins = np.array([each[:3, 3] for each in poses])
     low = origins.min(axis=0) - rng.uniform(0.03, 0.06, 3)
     high = origins.max(axis=0) + rng.uniform(0.03, 0.06, 3)
     x, y, z = ((low + high) / 2).tolist()
     width, height, depth = (high - low).tolist()
-    targets = tuple(Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z),
+    targets = tuple(Target(each.vertices, each.faces, each.axis, pose, (x, y, z),
                            (width, height, depth), False)
-                    for thing, pose in zip(things, poses, strict=True))
-    scene = Scene(', '.join(each.name for each in things), tuple(solids), tuple(sheets),
+                    for each, pose in zip(objects, poses, strict=True))
+    scene = Scene(', '.join(each.name for each in objects), tuple(solids), tuple(sheets),
                   random_environment(rng), camera[:3, :3].T, sensor, targets, tuple(owners))
-    return GroupScene(scene, things, tuple(copies))
+    return GroupScene(scene, tuple(copies))
 
 
-def _placed(rng: np.random.Generator, things: tuple[SceneObject, ...]) -> list[Pose]:
-    """(4, 4) to the world: each beside an earlier one, their shadows from above apart."""
+def _beside_each_other(rng: np.random.Generator, objects: Sequence[SceneObject]) -> list[Pose]:
+    """Poses (4, 4), object to world: each beside an earlier one, their footprints apart."""
     worlds: list[Pose] = []
     circles: list[tuple[NDArray[np.float64], float]] = []
-    for thing in things:
-        rest = resting(rng, thing.vertices, random_way(rng, thing))
-        shadow = (thing.vertices @ rest[:3, :3].T)[:, :2]
-        middle = (shadow.min(axis=0) + shadow.max(axis=0)) / 2
-        radius = float(np.linalg.norm(shadow - middle, axis=1).max())
+    for each in objects:
+        rest = resting(rng, each.vertices, random_way(rng, each))
+        footprint = (each.vertices @ rest[:3, :3].T)[:, :2]
+        middle = (footprint.min(axis=0) + footprint.max(axis=0)) / 2
+        radius = float(np.linalg.norm(footprint - middle, axis=1).max())
         spot = np.zeros(2)
         while any(np.linalg.norm(spot - other) < radius + reach + _GAP[0]
                   for other, reach in circles):
@@ -108,13 +104,13 @@ def _placed(rng: np.random.Generator, things: tuple[SceneObject, ...]) -> list[P
 
 
 def _outline(vertices: NDArray[np.float64], pose: Pose, pinhole: Pinhole) -> NDArray[np.float32]:
-    """(n, 2) corners of the convex hull of what is seen of a thing [px]."""
+    """(n, 2) corners of the convex hull of an object in the image [px]."""
     pixels = pinhole.project(vertices @ pose[:3, :3].T + pose[:3, 3])
     return np.asarray(cv2.convexHull(pixels.astype(np.float32))[:, 0], np.float32)
 
 
 def _common(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
-    """Of the smaller of two outlines, what share the other covers."""
+    """Area that two outlines share, over that of the smaller one."""
     common = float(cv2.intersectConvexConvex(one, other)[0])
     return common / min(cv2.contourArea(one), cv2.contourArea(other))
 
@@ -128,6 +124,6 @@ def _overlapping(outlines: list[NDArray[np.float32]], pinhole: Pinhole) -> bool:
 
 
 def seen_overlap(targets: Sequence[Target], pinhole: Pinhole) -> float:
-    """The largest share of the smaller of two convex outlines that both cover, 0 to 1."""
+    """The largest area that two convex outlines share, over that of the smaller one: 0 to 1."""
     outlines = [_outline(each.vertices, each.pose, pinhole) for each in targets]
     return max((_common(one, other) for one, other in combinations(outlines, 2)), default=0.0)

@@ -11,7 +11,7 @@ from pmcl_ros.simulation.scenes.textures import Texture
 
 @dataclass(frozen=True)
 class Clear:
-    """A medium that light goes through.
+    """A transparent medium.
 
     index: refractive index. absorption: of red, green, blue [1/m].
     """
@@ -25,10 +25,11 @@ AIR = Clear()
 
 @dataclass(frozen=True)
 class Opaque:
-    """A matt ground of a texture's reflectance, under a clear coat unless coat is 1.
+    """A matt, textured surface under a clear coat.
 
-    texture: seen around the z axis of the object (columns) and along it (rows). side: of one
-    texture [m]. coat: refractive index of a smooth coat that mirrors as Fresnel says.
+    texture: reflectance around the z axis of the object (columns) and along it (rows). side: of
+    one period of the texture [m]. coat: refractive index of the coat, which reflects by Fresnel's
+    equations; 1: no coat.
     """
 
     texture: Texture
@@ -40,7 +41,7 @@ Medium = Clear | Opaque
 
 
 def random_glass(rng: np.random.Generator) -> Clear:
-    """Soda-lime to lead glass or clear plastic, sometimes tinted."""
+    """Draw soda-lime to lead glass or clear plastic, one in four tinted."""
     absorption = rng.uniform(0, 8) + rng.uniform(0, 4, 3)
     if rng.random() < 0.25:
         absorption += rng.uniform(0, 150, 3)
@@ -49,7 +50,7 @@ def random_glass(rng: np.random.Generator) -> Clear:
 
 
 def random_liquid(rng: np.random.Generator) -> Clear:
-    """Water, or something that colours it."""
+    """Draw clear (60 %) or coloured water."""
     absorption = rng.uniform(0, 25, 3) if rng.random() < 0.4 else np.zeros(3)
     red, green, blue = (float(each) for each in absorption)
     return Clear(1.333, (red, green, blue))

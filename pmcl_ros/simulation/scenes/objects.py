@@ -1,9 +1,8 @@
-"""Random things: vessels of glass, filled or empty, matt or glossy bodies, boxes."""
+"""Draws random objects: vessels of glass (empty, filled, massive), opaque bodies, boxes."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -12,17 +11,16 @@ from pmcl_ros.simulation.scenes.poses import Pose, pose_of
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import random_texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
 
 
 @dataclass(frozen=True)
 class SceneObject:
-    """Something that can be put anywhere.
+    """An object that can be placed at any pose.
 
-    solids: their poses are in the thing's frame. vertices, faces: its outer surface, closed [m].
-    axis: of its rotational symmetry, or None. upright: it holds something that would run out.
-    discrete: (k, 4, 4) as of `ObjectModel`.
+    solids: their poses are in the object's frame. vertices, faces: its closed outer surface [m].
+    axis: of its rotational symmetry, or None. upright: its content would run out otherwise.
+    discrete: (k, 4, 4) symmetries as in `ObjectModel`.
     """
 
     name: str
@@ -34,45 +32,38 @@ class SceneObject:
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
-        """The solids, with the thing at a pose (4, 4), thing to camera."""
+        """Its solids with the object at a pose (4, 4), object to camera."""
         return tuple(Solid(each.surface, each.media, pose @ each.pose) for each in self.solids)
 
 
 def random_transparent(rng: np.random.Generator) -> SceneObject:
-    """A vessel of glass: empty, filled, massive, or with something in it."""
+    """A vessel of glass: massive (6 %), filled (22 %), with a ball in it (8 %) or empty."""
     vessel, glass = random_vessel(rng), random_glass(rng)
-    chance = rng.random()
+    draw = rng.random()
     media: list[Medium] = [glass]
     more: tuple[Solid, ...] = ()
-    if chance < 0.06:
-        surface, kind = Frusta.of(vessel.closed, 0, 1), 'massive'
-    elif chance < 0.28:
+    if draw < 0.06:
+        surface, kind = Frusta.from_profile(vessel.closed, 0, 1), 'massive'
+    elif draw < 0.28:
         surface, kind = _filled(rng, vessel), 'filled'
         media.append(random_liquid(rng))
     else:
         profile = np.concatenate([vessel.outer, vessel.inner[1:]])
-        surface, kind = Frusta.of(profile, 0, 1), 'glass'
-        if chance < 0.36:
+        surface, kind = Frusta.from_profile(profile, 0, 1), 'glass'
+        if draw < 0.36:
             more, kind = _content(rng, vessel), 'glass with content'
-    return _thing(f'{kind} {vessel.kind}', vessel,
-                  (Solid(surface, tuple(media), np.eye(4)), *more),
-                  upright=kind in ('filled', 'glass with content'))
+    return _of_vessel(f'{kind} {vessel.kind}', vessel,
+                      (Solid(surface, tuple(media), np.eye(4)), *more),
+                      upright=kind in ('filled', 'glass with content'))
 
 
 def random_opaque(rng: np.random.Generator) -> SceneObject:
-    """A closed or open body of a vessel's shape, matt or glossy."""
+    """A body of a vessel's shape, closed (75 %) or open, matt or glossy."""
     vessel = random_vessel(rng)
     is_open = rng.random() < 0.25
     profile = np.concatenate([vessel.outer, vessel.inner[1:]]) if is_open else vessel.closed
-    solid = Solid(Frusta.of(profile, 0, 1), (random_finish(rng),), np.eye(4))
-    return _thing(f'opaque {vessel.kind}', vessel, (solid,))
-
-
-def mesh_thing(mesh: trimesh.Trimesh, medium: Medium, name: str = 'mesh') -> SceneObject:
-    """A closed mesh [m] of one medium. Its own symmetry is not looked for."""
-    corners = np.asarray(mesh.triangles, float)
-    return SceneObject(name, (Solid(Triangles(corners, 0, 1), (medium,), np.eye(4)),),
-                 np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
+    solid = Solid(Frusta.from_profile(profile, 0, 1), (random_finish(rng),), np.eye(4))
+    return _of_vessel(f'opaque {vessel.kind}', vessel, (solid,))
 
 
 def random_finish(rng: np.random.Generator) -> Opaque:
@@ -82,8 +73,8 @@ def random_finish(rng: np.random.Generator) -> Opaque:
     return Opaque(texture, float(rng.uniform(0.06, 0.25)), coat)
 
 
-def random_box(rng: np.random.Generator) -> tuple[float, list[Sheet]]:
-    """A textured box on the plane z = 0, above the origin: (its radius there, its five sides)."""
+def random_box(rng: np.random.Generator) -> list[Sheet]:
+    """The five visible sides of a textured box that stands on z = 0 above the origin."""
     size = rng.uniform(0.02, 0.12, 3)
     texture, side = random_texture(rng), float(rng.uniform(0.08, 0.3))
     sheets = []
@@ -95,21 +86,22 @@ def random_box(rng: np.random.Generator) -> tuple[float, list[Sheet]]:
         width, height = {0: (size[2], size[1]), 1: (size[0], size[2]),
                          2: (size[0], size[1])}[axis]
         sheets.append(Sheet(pose_of(turn, middle), (width, height), texture, side))
-    return float(np.hypot(size[0], size[1]) / 2), sheets
+    return sheets
 
 
 def _filled(rng: np.random.Generator, vessel: Vessel) -> Frusta:
-    """Glass (1) with a liquid (2) in it up to a random level."""
+    """Interfaces of a glass (medium 1) that holds a liquid (2) up to a random level."""
     floor, rim = vessel.inner[-1, 1], vessel.inner[0, 1]
     level = floor + rng.uniform(0.15, 0.85) * (rim - floor)
     above, below = vessel.inside(level)
     dry = np.concatenate([vessel.outer, above[1:]])
     surface = np.array([above[-1], [0, level]])
-    return Frusta.of(dry, 0, 1) + Frusta.of(below, 2, 1) + Frusta.of(surface, 0, 2)
+    return (Frusta.from_profile(dry, 0, 1) + Frusta.from_profile(below, 2, 1)
+            + Frusta.from_profile(surface, 0, 2))
 
 
 def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
-    """A ball on the floor of the cavity, where there is room for one."""
+    """A ball on the floor of the cavity; none where the cavity is too narrow."""
     floor = vessel.inner[-1, 1]
     heights = np.linspace(floor + 0.004, vessel.inner[0, 1], 50)
     radii = np.interp(heights, vessel.inner[::-1, 1], vessel.inner[::-1, 0])
@@ -117,12 +109,13 @@ def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
     if radius < 0.004:
         return ()
     turn = np.linspace(-np.pi / 2, np.pi / 2, 40)
-    ball = Frusta.of(radius * np.stack([np.abs(np.cos(turn)), np.sin(turn)], axis=1), 0, 1)
+    profile = radius * np.stack([np.abs(np.cos(turn)), np.sin(turn)], axis=1)
+    ball = Frusta.from_profile(profile, 0, 1)
     middle = np.array([0, 0, floor + radius + 0.003])
     return (Solid(ball, (random_finish(rng),), pose_of(Rotation.random(rng=rng), middle)),)
 
 
-def _thing(name: str, vessel: Vessel, solids: tuple[Solid, ...],
-           upright: bool = False) -> SceneObject:
+def _of_vessel(name: str, vessel: Vessel, solids: tuple[Solid, ...],
+               upright: bool = False) -> SceneObject:
     vertices, faces = outer_mesh(vessel.closed)
     return SceneObject(name, solids, vertices, faces, np.array([0, 0, 1.0]), upright)

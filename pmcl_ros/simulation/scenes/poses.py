@@ -1,4 +1,4 @@
-"""How things stand on a table, and where the camera is."""
+"""Poses: objects at rest on a table, and a camera above it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,17 +8,18 @@ Pose = NDArray[np.float64]
 
 
 def pose_of(rotation: Rotation, position: NDArray[np.floating]) -> Pose:
-    """(4, 4)."""
+    """The (4, 4) pose of a rotation and a position (3,) [m]."""
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), position
     return pose
 
 
 def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str) -> Pose:
-    """A thing's pose in the world (z up, the table is z = 0), above the origin.
+    """Draw an object's pose (4, 4) in the world (z up, the table is z = 0), above the origin.
 
-    way: 'upright', 'lying' (the z axis nearly level), 'tilted' (any axis, held up to 4 cm above
-    the table), 'head down'. The lowest of its vertices (n, 3) touches the table otherwise.
+    vertices: (n, 3) of the object [m]; the lowest one touches the table.
+    way: 'upright', 'head down', 'lying' (the z axis nearly level), or 'tilted' (any attitude,
+    held up to 4 cm above the table).
     """
     turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     lean = {'upright': 0.0, 'head down': np.pi, 'lying': np.pi / 2 + rng.normal(0, 0.04),
@@ -32,9 +33,10 @@ def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str) 
 
 def camera_above(rng: np.random.Generator, aim: NDArray[np.floating], distance: float,
                  aside: tuple[float, float]) -> Pose:
-    """Camera from world, (4, 4): `distance` from the point `aim` of the world, looking down.
+    """Draw a camera that looks down at a point of the world; returns camera from world (4, 4).
 
-    aside: angles [rad] to the right and down at which that point is seen.
+    aim: (3,) the point [m]. distance: of the camera from it [m]. aside: angles to the right and
+    down at which the camera sees it [rad].
     """
     height = np.arcsin(rng.uniform(np.sin(0.15), np.sin(1.15)))
     azimuth = rng.uniform(0, 2 * np.pi)

@@ -1,5 +1,7 @@
 """Draws scenes of one kind at random: objects, clutter, room, light and camera."""
 
+from collections.abc import Sequence
+from itertools import chain
 from typing import Literal, get_args
 
 import numpy as np
@@ -34,17 +36,17 @@ _SHOT, _READ = 5.5e-4, 0.002
 
 
 class SceneSettings(Settings):
-    """Of `random_scene`."""
+    """Parameters of `random_scene`."""
 
     kinds: tuple[Kind, ...] = Field(
         ('glass', 'glass', 'opaque', 'glass film', 'opaque film', 'opaque film'), min_length=1,
         description='kinds of scenes, one of which is drawn: glass or opaque, vessels or blocks '
         'with sharp edges, with or without a translucent film before everything')
     empty: float = Field(0.1, ge=0, le=1, description='share of scenes without their object')
-    targets: int = Field(1, ge=1, le=8, description='things to look for in a scene')
+    targets: int = Field(1, ge=1, le=8, description='objects to look for in a scene')
     outside: float = Field(0.15, ge=0, le=1,
                            description='share of scenes whose object reaches beyond the image')
-    clutter: int = Field(5, ge=0, le=20, description='other things at most')
+    clutter: int = Field(5, ge=0, le=20, description='other objects at most')
     near: float = Field(0.4, ge=0.15, le=5, description='least distance of the object [m]')
     far: float = Field(0.75, ge=0.15, le=5, description='largest distance of the object [m]')
     roi: float = Field(0.16, gt=0, le=2,
@@ -66,45 +68,51 @@ class SceneSettings(Settings):
 
 
 def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None,
-                 things: tuple[SceneObject, ...] = ()) -> Scene:
-    """Draw a scene.
+                 objects: tuple[SceneObject, ...] = ()) -> Scene:
+    """Draw a scene: targets and clutter on a table, a wall, a room, a camera, maybe a film.
 
-    things: what to look for; by default as many as the settings say, of the kind they say. Where
-    things are given no others of that kind are in the scene.
+    objects: the targets; by default as many as the settings say, of the kind that is drawn.
     """
     of = settings or SceneSettings()
     kind = of.kinds[int(rng.integers(len(of.kinds)))]
-    things = things or tuple(_thing(rng, kind) for _ in range(of.targets))
+    objects = objects or tuple(_object(rng, kind) for _ in range(of.targets))
     empty = bool(rng.random() < of.empty)
-    spots = _spots(rng, things, of.clutter)
+    spots = _spots(rng, objects, of.clutter)
     sensor = random_sensor(rng, of)
-    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, thing.vertices,
-                                                              random_way(rng, thing))
-              for thing, spot in zip(things, spots, strict=False)]
+    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, each.vertices,
+                                                           random_way(rng, each))
+              for each, spot in zip(objects, spots, strict=False)]
     camera = _camera(rng, of, sensor.grid.pinhole, worlds)
     poses = [camera @ each for each in worlds]
-    targets = tuple(_target(rng, thing, pose, of.roi, empty)
-                    for thing, pose in zip(things, poses, strict=True))
-    solids: list[Solid] = []
-    owners: list[int] = []
-    for number, (thing, pose) in enumerate(zip(things, poses, strict=True)):
-        if not empty:
-            solids += thing.placed(pose)
-            owners += [number] * len(thing.solids)
+    targets = tuple(_target(rng, each, pose, of.roi, empty)
+                    for each, pose in zip(objects, poses, strict=True))
+    solids, owners = ([], []) if empty else placed(objects, poses)
     sheets = random_room(rng, camera)
-    nearest = min(float((thing.vertices @ pose[2, :3]).min() + pose[2, 3])
-                  for thing, pose in zip(things, poses, strict=True))
-    for spot in spots[len(things):]:
+    for spot in spots[len(objects):]:
         _add_clutter(rng, solids, sheets, camera @ pose_of(Rotation.identity(), spot))
-    owners += [len(things)] * (len(solids) - len(owners))
+    owners += [len(objects)] * (len(solids) - len(owners))
     if kind.endswith('film'):
-        sheets.append(random_film(rng, nearest))
-    name = f'{kind}: {things[0].name}' + (', empty' if empty else '')
+        sheets.append(random_film(rng, nearest_depth(objects, poses)))
+    name = f'{kind}: {objects[0].name}' + (', empty' if empty else '')
     return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(owners))
 
 
-def _thing(rng: np.random.Generator, kind: Kind) -> SceneObject:
+def placed(objects: Sequence[SceneObject], poses: Sequence[Pose]
+           ) -> tuple[list[Solid], list[int]]:
+    """The solids of objects at poses (4, 4), object to camera, and the index of each one's object.
+    """
+    solids = [each.placed(pose) for each, pose in zip(objects, poses, strict=True)]
+    return [*chain(*solids)], [number for number, of in enumerate(solids) for _ in of]
+
+
+def nearest_depth(objects: Sequence[SceneObject], poses: Sequence[Pose]) -> float:
+    """The least depth of any vertex of objects at poses [m]."""
+    return min(float((each.vertices @ pose[2, :3]).min() + pose[2, 3])
+               for each, pose in zip(objects, poses, strict=True))
+
+
+def _object(rng: np.random.Generator, kind: Kind) -> SceneObject:
     glass = kind.startswith('glass')
     if 'block' in kind:
         return random_block(rng, glass)
@@ -123,27 +131,26 @@ def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
     strength = of.noise ** 2 * np.exp(rng.uniform(np.log(0.4), np.log(2)))
     return Sensor(grid, float(rng.uniform(0.4, 0.7)), radius, float(rng.uniform(0.8, 1.15)),
                   float(rng.uniform(0.2, 0.42)), float(_SHOT * strength),
-                  float(_READ * np.sqrt(strength)),
-                  (red, 1.0, blue))
+                  float(_READ * np.sqrt(strength)), (red, 1.0, blue))
 
 
-def random_way(rng: np.random.Generator, thing: SceneObject) -> str:
-    """How a thing lies on the table: as `poses.resting` takes it."""
-    if thing.upright:
+def random_way(rng: np.random.Generator, of: SceneObject) -> str:
+    """How an object rests on the table, as `poses.resting` takes it."""
+    if of.upright:
         return 'upright'
     return str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
 
 
-def _spots(rng: np.random.Generator, things: tuple[SceneObject, ...], clutter: int
+def _spots(rng: np.random.Generator, objects: tuple[SceneObject, ...], clutter: int
            ) -> list[NDArray[np.float64]]:
-    """Places on the table, targets' first, so far apart that nothing touches."""
-    reach = [float(np.linalg.norm(each.vertices, axis=1).max()) for each in things]
+    """Places (3,) on the table [m], first those of objects, so far apart that nothing touches."""
+    reach = [float(np.linalg.norm(each.vertices, axis=1).max()) for each in objects]
     count = int(rng.integers(clutter + 1)) if clutter else 0
     spots, radii = [np.zeros(3)], [reach[0]]
     for radius in (*reach[1:], *[0.12] * count):
-        clutter_left = len(spots) >= len(things)
+        is_clutter = len(spots) >= len(objects)
         for _ in range(50):
-            spot = np.append(rng.normal(0, 0.18 if clutter_left else 0.07, 2), 0)
+            spot = np.append(rng.normal(0, 0.18 if is_clutter else 0.07, 2), 0)
             if all(np.linalg.norm(spot - each) > radius + other
                    for each, other in zip(spots, radii, strict=True)):
                 break
@@ -165,11 +172,11 @@ def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, world
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]))
 
 
-def _target(rng: np.random.Generator, thing: SceneObject, pose: Pose, side: float, empty: bool
+def _target(rng: np.random.Generator, of: SceneObject, pose: Pose, side: float, empty: bool
             ) -> Target:
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
-    return Target(thing.vertices, thing.faces, thing.axis, pose, (x, y, z), (side,) * 3, empty,
-                  thing.discrete)
+    return Target(of.vertices, of.faces, of.axis, pose, (x, y, z), (side,) * 3, empty,
+                  of.discrete)
 
 
 def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
@@ -190,19 +197,19 @@ def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:
 
 def _add_clutter(rng: np.random.Generator, solids: list[Solid], sheets: list[Sheet], place: Pose
                  ) -> None:
-    chance = rng.random()
-    if chance < 0.6:
-        _, sides = random_box(rng)
+    draw = rng.random()
+    if draw < 0.6:
+        sides = random_box(rng)
         turned = place @ pose_of(Rotation.from_euler('z', rng.uniform(0, 7)), np.zeros(3))
         sheets += [Sheet(turned @ each.pose, each.size, each.texture, each.side)
                    for each in sides]
         return
-    thing = random_opaque(rng) if chance < 0.8 else random_transparent(rng)
-    solids += thing.placed(place @ resting(rng, thing.vertices, 'upright'))
+    clutter = random_opaque(rng) if draw < 0.8 else random_transparent(rng)
+    solids += clutter.placed(place @ resting(rng, clutter.vertices, 'upright'))
 
 
 def random_film(rng: np.random.Generator, nearest: float) -> Sheet:
-    """A translucent film between the camera and the nearest thing."""
+    """A translucent film between the camera and `nearest`, the least depth of the objects [m]."""
     turn = Rotation.from_rotvec(np.append(rng.normal(0, 0.12, 2), rng.uniform(0, 7)))
     depth = max(0.12, rng.uniform(0.55, 0.93) * nearest)
     texture = random_texture(rng, ('panes', 'panes', 'panes', 'clouds', 'lettering'))

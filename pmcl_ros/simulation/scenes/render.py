@@ -1,4 +1,4 @@
-"""Scene -> light field or photographs with exact truth, by path tracing."""
+"""Renders scenes by path tracing: light fields and photographs, with exact truth."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -17,7 +17,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.kernels import LOCK, compiled
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.trace import BRANCHES, chance, nearest, trace
+from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, trace, uniform
 from pmcl_ros.simulation.scenes.world import World
 
 _DEPTH = 64  # of a hierarchy of boxes
@@ -32,9 +32,9 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
                   seed: int) -> NDArray[np.float32]:
     """(height + 2 margin, width + 2 margin, 3) mean radiance of a view's pixels, noise-free.
 
-    Rectified as `ViewGrid`; each of `samples` rays leaves from another place of the view's part of
-    the pupil, through another of the pixel, and meets the others in the plane of focus. Places in
-    pixels are those of a low-discrepancy lattice: neighbouring pixels share the work.
+    Rectified as `ViewGrid`. Each of `samples` rays of a pixel starts at a random point of the
+    view's part of the pupil; all of them meet in the plane of focus. Points within pixels form a
+    low-discrepancy lattice over neighbouring pixels.
     """
     grid = sensor.grid
     camera = grid.pinhole.crop(-margin, -margin, grid.pinhole.width + 2 * margin,
@@ -50,10 +50,10 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
 
 def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64]
                    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
-    """Per pixel of the centre view (height, width): whose solid is met first, and its depth.
+    """Owner and depth of the first solid at each pixel of the centre view, (height, width) each.
 
-    owners: (solids,) numbers to tell them by. -1 where there is none; the depth [m], 0 there.
-    Sheets are looked through.
+    owners: (solids,) a number for each solid; -1 where no solid is. The depth is in metres, 0
+    where no solid is. Sheets are ignored.
     """
     label = np.full((pinhole.height, pinhole.width), -1, np.int64)
     depth = np.zeros((pinhole.height, pinhole.width), np.float32)
@@ -68,7 +68,7 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
     fx, fy, cx, cy, baseline, at_x, at_y, nominal_x, nominal_y, focus, pupil = numbers
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
-    shift_x, shift_y = chance(start), chance(start)
+    shift_x, shift_y = uniform(start), uniform(start)
     for i in prange(height):
         state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
@@ -93,10 +93,10 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
 
 @compiled()
 def _pupil(state, x, y, radius):  # type: ignore[no-untyped-def]
-    """A place of a view's part of the pupil [view steps]: a tent about (x, y) cut by the disc."""
+    """A random point of a view's part of the pupil [view steps]: a tent about (x, y) in a disc."""
     for _ in range(200):
-        px = x + 2 * (chance(state) + chance(state) - 1)
-        py = y + 2 * (chance(state) + chance(state) - 1)
+        px = x + 2 * (uniform(state) + uniform(state) - 1)
+        py = y + 2 * (uniform(state) + uniform(state) - 1)
         if px * px + py * py <= radius * radius:
             return px, py
     return x, y
@@ -120,11 +120,11 @@ def _first(world, numbers, label, depth):  # type: ignore[no-untyped-def]
 
 @dataclass(frozen=True)
 class SyntheticCapture:
-    """A light field and all that is known about it.
+    """A light field and its truth.
 
-    labels: (height, width) int64, the target that a pixel of the centre view meets first, the
-        number of targets for other solids, -1 for none. depth: (height, width) float32, of that
-        surface [m], 0 for none. Both look through sheets. targets: of the scene.
+    labels: (height, width) int64, the target at each pixel of the centre view, the number of
+        targets for other solids, -1 for none. depth: (height, width) float32, of the first
+        surface [m], 0 for none. Both ignore sheets. targets: of the scene.
     """
 
     light_field: LightField
@@ -133,21 +133,21 @@ class SyntheticCapture:
     targets: tuple[Target, ...]
 
     def model(self, number: int = 0) -> ObjectModel:
-        """A target as the localiser takes it."""
+        """A target as an object model."""
         target = self.targets[number]
         return ObjectModel(f'target {number}', target.vertices, target.faces, target.axis, True,
                            target.discrete)
 
 
 def render(scene: Scene, rng: np.random.Generator, samples: int = 2,
-           progress: Progress | None = None, header: Header | None = None) -> SyntheticCapture:
+           progress: Progress | None = None) -> SyntheticCapture:
     """Render all views of a scene.
 
     samples: rays per pixel and view; the blur averages those of about ten pixels. progress: called
-    with the part done. Views of weight 0 are black. The same scene and the same state of the
-    generator give the same picture.
+    with the share done, 0 to 1. Views of weight 0 are black. The same scene and generator state
+    give the same picture.
     """
-    sensor, world = scene.sensor, World.of(scene)
+    sensor, world = scene.sensor, World.from_scene(scene)
     grid = sensor.grid
     margin = math.ceil(3 * sensor.blur)
     lit = [at for at in np.ndindex(grid.shape) if grid.weights[at] > 0]
@@ -164,14 +164,14 @@ def render(scene: Scene, rng: np.random.Generator, samples: int = 2,
         views[at] = noisy(view, float(grid.weights[at]), sensor, rng)
     labels, depth = first_surfaces(world, grid.pinhole, np.array(scene.owners, np.int64))
     red, green, blue = (1 / each for each in sensor.gains)
-    light_field = LightField(header or Header(), views, grid, colour=Colour((red, green, blue)))
+    light_field = LightField(Header(), views, grid, colour=Colour((red, green, blue)))
     return SyntheticCapture(light_field, labels, depth, scene.targets)
 
 
 def seen_from(scene: Scene, pose: NDArray[np.float64]) -> Scene:
-    """The scene with its camera moved to `pose` (4, 4), told in the old camera's frame.
+    """The scene with its camera moved to `pose` (4, 4), new camera to old camera.
 
-    Regions of interest stay where they are in the camera's frame.
+    Regions of interest keep their coordinates in the camera's frame.
     """
     back = np.linalg.inv(pose)
     return replace(
@@ -183,10 +183,10 @@ def seen_from(scene: Scene, pose: NDArray[np.float64]) -> Scene:
 
 def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.random.Generator,
                 samples: int = 2, stamp_ns: int = 0) -> list[SweepFrame]:
-    """Pictures that an ordinary camera takes at `poses` (n, 4, 4), told in the scene's camera.
+    """Photographs by an ordinary camera at `poses` (n, 4, 4), in the frame of the scene's camera.
 
-    It is a camera of the pixels, the noise and the blur of the scene's, with a small aperture and
-    no distortion; exposed as for the first picture, 8 bits, gamma 2.2, one a second from
+    The camera has the pixels, noise and blur of the scene's, a small aperture and no distortion.
+    All pictures have the exposure of the first one, 8 bits and gamma 2.2; one a second from
     `stamp_ns` on.
     """
     pinhole = scene.sensor.grid.pinhole
@@ -195,7 +195,7 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
     margin = int(np.ceil(3 * sensor.blur))
     frames, gain = [], 0.0
     for number, pose in enumerate(poses):
-        world = World.of(seen_from(scene, pose))
+        world = World.from_scene(seen_from(scene, pose))
         light = light_of_view(world, sensor, 0, 0, margin, samples, int(rng.integers(2 ** 62)))
         gain = gain or exposure(light, sensor.level)
         linear = noisy(sensed(light, gain, sensor.blur, margin), 1.0, sensor, rng)

@@ -1,4 +1,4 @@
-"""Surfaces of revolution as rings of cone frusta, and where a ray meets them."""
+"""Surfaces of revolution as rings of cone frusta, and their intersection with rays."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ _BINS_PER_METRE = 600
 
 @dataclass(frozen=True)
 class Frusta:
-    """Rings about the z axis, between two points (r, z) each, that part two media.
+    """Rings about the z axis, each between two points (r, z), as interfaces of two media.
 
     rings: (n, 8) float64: r0, z0, r1, z1 [m], and the unit normals (nr, nz) at both ends. They
         point to the right of the way from 0 to 1: away from the axis where it runs up.
@@ -24,8 +24,9 @@ class Frusta:
     media: NDArray[np.int64]
 
     @classmethod
-    def of(cls, profile: NDArray[np.floating], outside: int, inside: int) -> 'Frusta':
-        """Of a profile (n, 2) of (r, z) [m]; the medium `outside` lies to the right of its way."""
+    def from_profile(cls, profile: NDArray[np.floating], outside: int, inside: int
+                     ) -> 'Frusta':
+        """From a profile (n, 2) of (r, z) [m], with the medium `outside` on its right."""
         step = np.diff(profile, axis=0)
         length = np.linalg.norm(step, axis=1)
         kept = length > 1e-9
@@ -48,7 +49,7 @@ class Frusta:
                       np.concatenate([self.media, other.media]))
 
     def binned(self) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Which rings lie in each slice of z.
+        """The rings in each slice of z.
 
         Returns (first, rings, bounds): slice i holds rings[first[i]:first[i + 1]]; bounds: zmin,
         zmax of all slices and the largest radius [m].
@@ -68,7 +69,7 @@ class Frusta:
 
 @compiled()
 def _meet(ring, ox, oy, oz, dx, dy, dz, near, far):  # type: ignore[no-untyped-def]
-    """The first t in (near, far) at which a ray meets a frustum, and how far along; else far."""
+    """(t, part along) of a ray's first point on a frustum in (near, far); else (far, 0)."""
     r0, z0, r1, z1 = ring[0], ring[1], ring[2], ring[3]
     dr, height = r1 - r0, z1 - z0
     if abs(height) < 1e-9:

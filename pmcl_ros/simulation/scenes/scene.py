@@ -1,4 +1,4 @@
-"""A scene: things in a room before a light-field camera. Frozen values, camera's frame, metres."""
+"""A scene: objects in a room before a camera, as frozen values in the camera's frame, metres."""
 
 from dataclasses import dataclass, field
 
@@ -15,9 +15,9 @@ from pmcl_ros.simulation.scenes.triangles import Triangles
 
 @dataclass(frozen=True)
 class Solid:
-    """One thing: interfaces between media, in a frame of its own.
+    """Interfaces between media, in a frame of their own.
 
-    surface: its media are numbers: 0 is the air around all things, k is media[k - 1].
+    surface: its media are numbers: 0 is the air around it, k is media[k - 1].
     pose: (4, 4), object to camera [m].
     """
 
@@ -28,11 +28,12 @@ class Solid:
 
 @dataclass(frozen=True)
 class Sheet:
-    """A flat rectangle, textured on both sides, as large as `size` (width, height) [m].
+    """A flat rectangle of `size` (width, height) [m], textured on both sides.
 
-    pose: (4, 4), its middle, x along the width, y along the height, to camera [m].
-    side: of one texture [m]. opacity: the share of its light in what is seen; the rest comes from
-    behind, undeflected.
+    pose: (4, 4), sheet to camera [m]; the origin is its centre, x runs along the width, y along
+        the height.
+    side: of one period of the texture [m]. opacity: share of the light that comes from the sheet;
+        the rest comes from behind, undeflected.
     """
 
     pose: NDArray[np.float64]
@@ -44,11 +45,11 @@ class Sheet:
 
 @dataclass(frozen=True)
 class Target:
-    """What is looked for: its outer surface, where it is, where to look.
+    """An object to localise: its outer surface, its true pose, its region of interest.
 
     vertices: (n, 3) [m], faces: (m, 3), closed, outward. axis: of its rotational symmetry, or
     None. pose: (4, 4), object to camera. roi_center, roi_size: camera's frame [m].
-    empty: it is not in the scene. discrete: (k, 4, 4) as of `ObjectModel`.
+    empty: the object is not in the scene. discrete: (k, 4, 4) symmetries as in `ObjectModel`.
     """
 
     vertices: NDArray[np.float64]
@@ -63,12 +64,12 @@ class Target:
 
 @dataclass(frozen=True)
 class Scene:
-    """All that a picture is made of.
+    """Everything that a picture shows.
 
-    solids, sheets: things that bend light, or stop it. environment: what is seen past all of
-    them; world_from_camera: (3, 3) turns a direction of the camera into one of its panorama (z
-    up). targets: things to look for. owners: for each solid the number of the target that it is
-    part of, or the number of targets. name: what kind of scene it is.
+    solids, sheets: what reflects, refracts or blocks light. environment: the light of the room;
+    world_from_camera: (3, 3) rotates a direction of the camera into the panorama's frame (z up).
+    targets: objects to localise. owners: for each solid the index of its target, or the number of
+    targets for clutter. name: kind of scene and objects.
     """
 
     name: str

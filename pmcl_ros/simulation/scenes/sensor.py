@@ -1,4 +1,4 @@
-"""A light-field camera: its pupil, exposure, blur and noise."""
+"""A light-field camera: views in the pupil, exposure, blur, noise."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ _WHITE = 1.02  # a saturated sensor, after its vignetting was divided out
 
 @dataclass(frozen=True)
 class Sensor:
-    """From light to the values of views.
+    """How a camera turns light into the values of views.
 
     grid: the camera of the views. focus: depth without disparity before rectification, where
         views are sharp [m]. pupil: radius of the disc that all views share [view steps].
@@ -43,10 +43,10 @@ class Sensor:
 
 
 def pupil_views(side: int, radius: float) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Positions (side, side, 2) [view steps] and weights (side, side), as `ViewGrid` has them.
+    """Positions (side, side, 2) [view steps] and weights (side, side) of views, as in `ViewGrid`.
 
-    A view gathers light with a tent about its nominal place, as far as that lies in the pupil, a
-    disc of `radius` view steps: outer views are darker, and sit nearer the axis.
+    A view gathers light with a tent about its nominal position, cut off by the pupil, a disc of
+    `radius` view steps: outer views are darker and lie nearer the axis.
     """
     nominal = nominal_positions(side, side)
     last = int(_REACH * _FINENESS)
@@ -77,9 +77,8 @@ def sensed(picture: NDArray[np.float32], gain: float, sigma: float, margin: int
 
 
 def exposure(centre: NDArray[np.floating], level: float) -> float:
-    """The factor that brings the mean of the centre view to `level`.
-
-    Less where a fiftieth of it would be saturated.
+    """The gain that brings the mean of the centre view to `level`; less where it would saturate
+    more than a fiftieth of the pixels.
     """
     return float(min(level / max(centre.mean(), 1e-6),
                      0.95 / max(np.percentile(centre, 98), 1e-6)))

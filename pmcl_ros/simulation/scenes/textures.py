@@ -1,4 +1,4 @@
-"""Periodic patterns of random colours, each (size, size, 3) float32 reflectances in [0, 1]."""
+"""Draws periodic patterns: (SIZE, SIZE, 3) float32 reflectances in [0, 1]."""
 
 from collections.abc import Callable
 
@@ -18,10 +18,7 @@ def random_texture(rng: np.random.Generator, kinds: tuple[str, ...] = ()) -> Tex
 
 
 def _colours(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
-    """(count, 3) reflectances about a common tone, as things in one pattern have.
-
-    They differ in brightness more than in hue, as most things do.
-    """
+    """(count, 3) reflectances about a common tone; they differ in brightness more than in hue."""
     tone = rng.uniform(0.15, 0.75) * (1 + rng.choice([0.05, 0.25]) * rng.standard_normal(3))
     contrast, hue = rng.choice([0.04, 0.12, 0.3]), rng.choice([0.03, 0.08, 0.2])
     return np.clip(tone + contrast * rng.standard_normal((count, 1))
@@ -30,9 +27,9 @@ def _colours(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
 
 def _noise(rng: np.random.Generator, slope: float, low: float, high: float,
            stretch: float = 1.0) -> NDArray[np.float64]:
-    """(SIZE, SIZE) of mean 0 and variance 1; power as frequency ** -slope, between periods.
+    """(SIZE, SIZE) periodic noise of mean 0 and variance 1, its power as frequency ** -slope.
 
-    low, high: lowest and highest frequency [cycles per side].
+    low, high: limits of the frequency [cycles per side]. stretch: along the columns.
     """
     fy, fx = np.fft.fftfreq(SIZE, 1 / SIZE)[:, None], np.fft.rfftfreq(SIZE, 1 / SIZE)
     f = np.hypot(fy * stretch, fx)
@@ -43,7 +40,7 @@ def _noise(rng: np.random.Generator, slope: float, low: float, high: float,
 
 
 def clouds(rng: np.random.Generator) -> Texture:
-    """Noise of a natural picture's spectrum, smooth or rough."""
+    """Noise with the spectrum of natural images, smooth or rough."""
     high = np.exp(rng.uniform(np.log(6), np.log(200)))
     tone, *axes = _colours(rng, 4)
     picture = np.full((SIZE, SIZE, 3), tone)
@@ -105,7 +102,7 @@ def lettering(rng: np.random.Generator) -> Texture:
 
 
 def plain(rng: np.random.Generator) -> Texture:
-    """One colour, hardly stained."""
+    """One colour with faint stains."""
     stain = 1 + rng.uniform(0.01, 0.06) * _noise(rng, 3, 1, 20)
     return np.clip(_colours(rng, 1)[0] * stain[..., None], 0.01, 1).astype(np.float32)
 

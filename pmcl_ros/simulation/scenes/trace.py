@@ -17,11 +17,11 @@ BRANCHES = 24  # rays waiting at most: more reflections than that are left out
 _SURFACES = 24  # on one path at most
 _FAINT = 1e-3  # a path of less weight ends
 _AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorted
-_ALIVE = 0.05  # weight from which every reflection is followed; fainter ones by lot
+_ALIVE = 0.05  # weight from which every reflection is followed; fainter ones at random
 
 
 @compiled()
-def chance(state):  # type: ignore[no-untyped-def]
+def uniform(state):  # type: ignore[no-untyped-def]
     """Uniform in [0, 1): splitmix64 (Steele, Lea, Flood 2014); state: (1,) uint64, moved on."""
     state[0] += np.uint64(_GOLDEN)
     x = state[0]
@@ -33,10 +33,10 @@ def chance(state):  # type: ignore[no-untyped-def]
 
 @compiled()
 def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    """What solid the ray from o along d (length 1) meets first, in the camera's frame.
+    """The first solid on the ray from o along d (length 1), in the camera's frame.
 
     Returns (kind, t, number, media outside, inside): kind 1 a solid, 0 nothing. hit: (9,) gets the
-    smooth and the flat unit normal, out of the solid, and the place in the solid's frame.
+    smooth and the flat unit normal, out of the solid, and the point in the solid's frame.
     """
     best, kind, number, outside, inside = _FAR, 0, -1, 0, 0
     for k in range(len(world.kinds)):
@@ -79,9 +79,9 @@ def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no
 
 @compiled()
 def nearest(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
-    """What solid (kind 1) or sheet (kind 2) the ray meets first; else as `nearest_solid`.
+    """The first solid (kind 1) or sheet (kind 2) on a ray; else as `nearest_solid`.
 
-    hit: of a sheet its normal against the ray, and the place (x, y) in its frame.
+    hit: of a sheet its normal against the ray, and the point (x, y) in its frame.
     """
     kind, best, number, outside, inside = nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz)
     for k in range(len(world.sheets)):
@@ -118,9 +118,9 @@ def trace(  # type: ignore[no-untyped-def]
         world, waiting, hit, stack, state, light, ox, oy, oz, dx, dy, dz):
     """Add to light (3,) the radiance that comes to o from the direction d (camera's frame).
 
-    waiting: (BRANCHES, 10), hit: (9,), stack: (64,): scratch. state: (1,) uint64 of `chance`.
-    At each surface the refracted ray is followed, the reflected one too, or in its stead by lot
-    at a weight that makes the mean right.
+    waiting: (BRANCHES, 10), hit: (9,), stack: (64,): scratch. state: (1,) uint64 of `uniform`.
+    At each surface the refracted ray is followed. The reflected one is followed too; a faint one
+    only at random (Russian roulette), with a weight that keeps the mean unbiased.
     """
     count = 1
     _put(waiting[0], ox, oy, oz, dx, dy, dz, 1.0, 1.0, 1.0)
@@ -165,11 +165,11 @@ def trace(  # type: ignore[no-untyped-def]
                 nx, ny, nz = way * hit[3], way * hit[4], way * hit[5]
                 cosine = -(nx * dx + ny * dy + nz * dz)
             cosine = min(cosine, 1.0)
-            medium = world.matter[before]
+            medium = world.materials[before]
             red *= np.exp(-medium[2] * t)
             green *= np.exp(-medium[3] * t)
             blue *= np.exp(-medium[4] * t)
-            body = world.matter[behind]
+            body = world.materials[behind]
             if body[0] == 1 and body[1] == medium[1]:
                 continue
             share, within = fresnel(cosine, medium[1], body[1])
@@ -190,7 +190,7 @@ def trace(  # type: ignore[no-untyped-def]
                 continue
             weight = share * max(red, green, blue)
             kept = min(1.0, weight / _ALIVE)
-            if weight > 0 and count < BRANCHES and (kept >= 1 or chance(state) < kept):
+            if weight > 0 and count < BRANCHES and (kept >= 1 or uniform(state) < kept):
                 up = share / kept
                 _put(waiting[count], ox, oy, oz, rx, ry, rz, red * up, green * up, blue * up)
                 count += 1
@@ -206,7 +206,7 @@ def _put(ray, ox, oy, oz, dx, dy, dz, red, green, blue):  # type: ignore[no-unty
 
 @compiled()
 def _place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Where on a solid's texture a point lies [m]: around z and along it, or flat on its ends.
+    """Texture coordinates of a point of a solid [m]: around z and along it, flat on its ends.
 
     hit: of `nearest`. n: the normal, camera's frame.
     """

@@ -1,4 +1,4 @@
-"""Closed meshes, and where a ray meets them."""
+"""Closed meshes, and their intersection with rays."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ _LEAF = 4  # triangles that are tested one by one
 
 @dataclass(frozen=True)
 class Triangles:
-    """A mesh that parts two media.
+    """A mesh as the interface of two media.
 
     corners: (n, 3, 3) float64 [m], counter-clockwise seen from outside.
     outside, inside: the media.

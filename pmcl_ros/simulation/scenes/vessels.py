@@ -1,4 +1,4 @@
-"""Random vessels: profiles of bottles, glasses, jars, bowls, with walls, floors and rims."""
+"""Draws random vessels: bottles, glasses, jars, bowls, with walls, floors and rims."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, grey_erosion
 
 _STEP = 0.0012  # m between points of a profile
-_FINE = 1500  # heights at which radii are worked out
+_FINE = 1500  # heights at which radii are computed
 _SECTIONS = 64  # of the mesh, around the axis
 
 Profile = NDArray[np.float64]
@@ -30,18 +30,8 @@ class Vessel:
     inner: Profile
 
     @property
-    def height(self) -> float:
-        """From the bottom to the rim [m]."""
-        return float(np.ptp(self.outer[:, 1]))
-
-    @property
-    def radius(self) -> float:
-        """The largest [m]."""
-        return float(self.outer[:, 0].max())
-
-    @property
     def closed(self) -> Profile:
-        """The outer surface with a lid at the rim's height, as meshes of objects have it."""
+        """The outer surface with a lid at the rim's height, as in the meshes of objects."""
         return np.concatenate([self.outer, [[0, self.outer[-1, 1]]]])
 
     def inside(self, level: float) -> tuple[Profile, Profile]:
@@ -63,7 +53,7 @@ def outer_mesh(profile: Profile) -> tuple[NDArray[np.float64], NDArray[np.int64]
 
 
 def random_vessel(rng: np.random.Generator, kinds: tuple[str, ...] = ()) -> Vessel:
-    """One of `kinds` (default: any of `KINDS`), of random proportions."""
+    """Draw a vessel of one of `kinds` (default: any of `KINDS`)."""
     names = kinds or tuple(KINDS)
     kind = names[int(rng.integers(len(names)))]
     (heights, radii), cavity = KINDS[kind](rng)
@@ -79,11 +69,11 @@ def random_vessel(rng: np.random.Generator, kinds: tuple[str, ...] = ()) -> Vess
 
 def _cavity(z: Profile, outer: Profile, wall: float, start: float, rng: np.random.Generator
             ) -> Profile:
-    """Radii of the cavity at heights z, NaN below its floor. start: where it begins at least."""
+    """Radii of the cavity at heights z, NaN below its floor. start: least height of the floor."""
     step = z[1] - z[0]
     reach = int(wall / step)
     ball = np.sqrt(np.maximum(wall ** 2 - (step * np.arange(-reach, reach + 1)) ** 2, 0))
-    # As far as a ball of the wall's thickness fits between outer surface and cavity.
+    # The cavity keeps a distance of the wall's thickness from the outer surface.
     inner = grey_erosion(outer, structure=ball, mode='nearest')
     inner = gaussian_filter1d(inner, 0.0005 / step, mode='nearest')
     low = z < start + wall * rng.uniform(1, 2.5)
@@ -122,7 +112,7 @@ def _joined(kind: str, z: Profile, outer: Profile, inner: Profile, rng: np.rando
 
 
 def _even(profile: Profile) -> Profile:
-    """The same curve with points `_STEP` apart along it."""
+    """The same curve, resampled to points `_STEP` apart."""
     way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
     at = np.linspace(0, way[-1], max(4, int(way[-1] / _STEP)))
     return np.stack([np.interp(at, way, profile[:, 0]), np.interp(at, way, profile[:, 1])], axis=1)
@@ -176,7 +166,7 @@ def _bowl(rng: np.random.Generator) -> tuple[Knots, float]:
 
 
 def _free(rng: np.random.Generator) -> tuple[Knots, float]:
-    """Any lathe work: four to seven radii, each not far from the last."""
+    """A free form of four to seven radii, each close to the one before."""
     height, count = rng.uniform(0.07, 0.19), int(rng.integers(4, 8))
     steps = np.cumsum(rng.normal(0, 0.28, count))
     radii = rng.uniform(0.022, 0.04) * np.exp(steps - steps.mean())

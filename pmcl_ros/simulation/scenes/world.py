@@ -1,4 +1,4 @@
-"""A scene as flat arrays, for compiled loops."""
+"""A scene as flat arrays, which compiled kernels read."""
 
 from typing import NamedTuple
 
@@ -13,17 +13,22 @@ from pmcl_ros.simulation.scenes.triangles import Triangles
 
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]
+# Shape and type of each part that solids are joined in, when there is no solid.
+_EMPTY: dict[str, tuple[tuple[int, ...], type]] = {
+    'rings': ((0, 8), np.float64), 'media': ((0, 2), np.int64), 'first': ((0,), np.int64),
+    'lists': ((0,), np.int64), 'boxes': ((0, 6), np.float64), 'nodes': ((0, 2), np.int64),
+    'corners': ((0, 3, 3), np.float64), 'sides': ((0, 2), np.int64)}
 
 
 class World(NamedTuple):
-    """`Scene` in arrays. Frames: rays are in the camera's.
+    """A `Scene` in arrays. Rays are in the camera's frame.
 
-    poses: (solids, 3, 4) camera to object. spheres: (solids, 4) that hold each, camera's frame.
+    poses: (solids, 3, 4) camera to object. spheres: (solids, 4) around them, camera's frame.
     kinds: (solids,) 1 where a solid is a mesh. at: (solids, 2) slices of a solid of revolution,
         or root and first triangle of a mesh.
     bounds, rings, media, first, lists: of `Frusta.binned`, one after the other.
     boxes, nodes, corners, sides: of `Triangles.tree`, likewise; sides are the media of a corner.
-    matter: (media, 7): 1 if clear, index or coat, absorption or 0, texture, 1 / side.
+    materials: (media, 7): 1 if clear, index or coat, absorption or 0, texture, 1 / side.
     sheets: (sheets, 18): middle, x, y, normal, half size, texture, 1 / side, opacity, 0.
     textures: (textures, SIZE, SIZE, 3) float32.
     panorama, irradiance, turn: of the environment; turn: world from camera.
@@ -42,7 +47,7 @@ class World(NamedTuple):
     nodes: I8
     corners: F8
     sides: I8
-    matter: F8
+    materials: F8
     sheets: F8
     textures: NDArray[np.float32]
     panorama: NDArray[np.float32]
@@ -50,21 +55,19 @@ class World(NamedTuple):
     turn: F8
 
     @classmethod
-    def of(cls, scene: Scene) -> 'World':
-        """Lay a scene out."""
+    def from_scene(cls, scene: Scene) -> 'World':
+        """Lay out all solids, sheets, media and textures of a scene."""
         return _Layout(scene).world()
 
 
 class _Layout:
-    """Collects what many things share: textures, media, rings, triangles."""
+    """Collects the textures, media, rings and triangles of all solids."""
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
         self._textures: list[Texture] = []
-        self._matter: list[list[float]] = [self._row(AIR)]
-        self._parts: dict[str, list[NDArray[np.floating] | I8]] = {
-            name: [] for name in ('rings', 'media', 'first', 'lists', 'boxes', 'nodes', 'corners',
-                                  'sides')}
+        self._materials: list[list[float]] = [self._row(AIR)]
+        self._parts: dict[str, list[NDArray[np.floating] | I8]] = {name: [] for name in _EMPTY}
         self._counts = dict.fromkeys(self._parts, 0)
 
     def world(self) -> World:
@@ -73,17 +76,16 @@ class _Layout:
         sheets = np.array([self._sheet(each) for each in scene.sheets]).reshape(-1, 18)
         poses, spheres, kinds, at, bounds = zip(*solids, strict=True) if solids else ((),) * 5
         turn = scene.world_from_camera
-        empty = {'rings': (0, 8), 'media': (0, 2), 'first': (0,), 'lists': (0,), 'boxes': (0, 6),
-                 'nodes': (0, 2), 'corners': (0, 3, 3), 'sides': (0, 2)}
-        parts = {name: np.concatenate([np.zeros(empty[name], _type(name)), *each])
-                 for name, each in self._parts.items()}
+        parts = {name: np.concatenate([np.zeros(shape, kind), *self._parts[name]])
+                 for name, (shape, kind) in _EMPTY.items()}
         textures = self._textures or [np.ones((SIZE, SIZE, 3), np.float32)]
         return World(
             poses=np.array(poses, float).reshape(-1, 3, 4),
             spheres=np.array(spheres, float).reshape(-1, 4), kinds=np.array(kinds, np.int64),
             at=np.array(at, np.int64).reshape(-1, 2),
-            bounds=np.array(bounds, float).reshape(-1, 3), matter=np.array(self._matter, float),
-            sheets=sheets, textures=np.stack(textures), panorama=scene.environment.panorama,
+            bounds=np.array(bounds, float).reshape(-1, 3),
+            materials=np.array(self._materials, float), sheets=sheets, textures=np.stack(textures),
+            panorama=scene.environment.panorama,
             irradiance=scene.environment.irradiance(turn.T),
             turn=np.ascontiguousarray(turn, float), **parts)
 
@@ -123,8 +125,8 @@ class _Layout:
             self._counts[name] += len(array)
 
     def _medium(self, medium: Medium) -> int:
-        self._matter.append(self._row(medium))
-        return len(self._matter) - 1
+        self._materials.append(self._row(medium))
+        return len(self._materials) - 1
 
     def _row(self, medium: Medium) -> list[float]:
         if isinstance(medium, Clear):
@@ -142,7 +144,3 @@ class _Layout:
                 return number
         self._textures.append(texture)
         return len(self._textures) - 1
-
-
-def _type(name: str) -> type:
-    return np.int64 if name in ('media', 'first', 'lists', 'nodes', 'sides') else np.float64

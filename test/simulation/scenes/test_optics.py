@@ -68,7 +68,7 @@ def test_a_slab_displaces_a_ray(angle):
     solid = Solid(slab, (Clear(index),), pose_at(0, 0, 0.2))
     found = []
     for solids in ((), (solid,)):
-        world = World.of(plain_scene(solids, [sheet]))
+        world = World.from_scene(plain_scene(solids, [sheet]))
         # Only the sheet is bright: what the slab mirrors is dark.
         world = world._replace(panorama=np.zeros_like(world.panorama))
         light = light_along(world, np.repeat(origin, 400, 0), np.repeat(direction, 400, 0))

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 import trimesh
-from plain_scenes import WHITE, plain_scene, plain_sensor, pose_at
+from plain_scenes import WHITE, mesh_object, plain_scene, plain_sensor, pose_at
 from scipy.ndimage import binary_dilation, binary_erosion
 from scipy.spatial.transform import Rotation
 
@@ -14,7 +14,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
-from pmcl_ros.simulation.scenes.objects import mesh_thing, random_opaque, random_transparent
+from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import first_surfaces, render
@@ -58,9 +58,10 @@ def test_silhouettes_are_those_of_the_outer_mesh(seed):
     capture = render(replace(scene, sensor=sensor), rng, 1)
     drawn = silhouette(sensor.grid.pinhole, capture.model(), pose)
     mesh = trimesh.Trimesh(thing.vertices, thing.faces, process=False)
-    solid = mesh_thing(mesh, Clear(1.5)).placed(pose)
+    solid = mesh_object(mesh, Clear(1.5)).placed(pose)
     seen = capture.labels == 0
-    _, depth = first_surfaces(World.of(plain_scene(solid)), sensor.grid.pinhole, np.zeros(1, int))
+    world = World.from_scene(plain_scene(solid))
+    _, depth = first_surfaces(world, sensor.grid.pinhole, np.zeros(1, int))
     assert drawn.sum() > 1000
     around = np.ones((3, 3))
     assert (seen <= binary_dilation(drawn, around)).all()
@@ -142,7 +143,7 @@ def test_a_mesh_of_glass_bends_what_an_opaque_one_hides():
     pose = pose_of(Rotation.from_euler('xyz', [0.4, 0.5, 0.1]), np.array([0, 0, 0.5]))
     views = {}
     for name, medium in (('air', Clear()), ('glass', Clear(1.5)), ('opaque', Opaque(0 * WHITE))):
-        thing = mesh_thing(mesh, medium)
+        thing = mesh_object(mesh, medium)
         scene = plain_scene(thing.placed(pose), [sheet], light=0.5,
                             targets=[_target(thing, pose)], owners=[0])
         capture = render(scene, np.random.default_rng(0), 1)
@@ -165,7 +166,7 @@ def test_a_ball_covers_the_area_that_it_should(blur):
     radius, depth = 0.03, 0.5
     turn = np.linspace(-np.pi / 2, np.pi / 2, 400)
     profile = radius * np.stack([np.cos(turn).clip(1e-12), np.sin(turn)], axis=1)
-    ball = Solid(Frusta.of(profile, 0, 1), (Opaque(0 * WHITE),), pose_at(0, 0, depth))
+    ball = Solid(Frusta.from_profile(profile, 0, 1), (Opaque(0 * WHITE),), pose_at(0, 0, depth))
     sensor = plain_sensor(size=120, fx=700.0, blur=blur, focus=depth)
     sheet = Sheet(pose_at(0, 0, 1.0), (2.0, 2.0), WHITE, 1.0)
     view = render(plain_scene([ball], [sheet], sensor=sensor), rng, 8).light_field.centre_view

@@ -41,8 +41,8 @@ def _meshes(rng, count):
 def test_frusta_are_a_fine_mesh():
     rng = np.random.default_rng(3)
     for vessel, mesh in _meshes(rng, 2):
-        first, lists, bounds = Frusta.of(vessel.closed, 0, 1).binned()
-        rings = Frusta.of(vessel.closed, 0, 1).rings
+        first, lists, bounds = Frusta.from_profile(vessel.closed, 0, 1).binned()
+        rings = Frusta.from_profile(vessel.closed, 0, 1).rings
         origins, ways = rays_through(rng, 50, np.zeros(3), 0.05)
         expected = _by_hand(np.asarray(mesh.triangles), origins, ways)
         at = np.array([0, len(first) - 1])
@@ -76,7 +76,7 @@ def test_media_follow_each_other_along_every_ray(seed):
     """What lies behind one interface lies before the next: glass, liquid, air, content."""
     rng = np.random.default_rng(seed)
     thing = random_transparent(rng)
-    world = World.of(plain_scene(thing.placed(pose_at(0, 0, 0))))
+    world = World.from_scene(plain_scene(thing.placed(pose_at(0, 0, 0))))
     hit, stack = np.zeros(9), np.zeros(64, np.int64)
     origins, ways = rays_through(rng, 150, np.zeros(3), 0.07)
     breaks, crossings = 0, 0
@@ -101,7 +101,7 @@ def test_media_follow_each_other_along_every_ray(seed):
 
 def test_normals_stand_on_the_surface():
     vessel = random_vessel(np.random.default_rng(1), ('stemmed',))
-    rings = Frusta.of(np.concatenate([vessel.outer, vessel.inner[1:]]), 0, 1).rings
+    rings = Frusta.from_profile(np.concatenate([vessel.outer, vessel.inner[1:]]), 0, 1).rings
     for ring in rings:
         normal = np.array(frustum_normal(ring, 0.4, 0.6, 0.8))
         along = np.array([0.6 * (ring[2] - ring[0]), 0.8 * (ring[2] - ring[0]), ring[3] - ring[1]])
@@ -116,8 +116,8 @@ def test_glass_is_invisible_where_all_is_equally_bright():
     for _ in range(4):
         vessel = random_vessel(rng)
         profile = np.concatenate([vessel.outer, vessel.inner[1:]])
-        solid = Solid(Frusta.of(profile, 0, 1), (Clear(1.5),), pose_at(0, 0, 0))
-        world = World.of(plain_scene([solid], light=0.7))
+        solid = Solid(Frusta.from_profile(profile, 0, 1), (Clear(1.5),), pose_at(0, 0, 0))
+        world = World.from_scene(plain_scene([solid], light=0.7))
         light = light_along(world, *rays_through(rng, 4000, np.zeros(3), 0.04))
         assert light.mean() == pytest.approx(0.7, rel=0.01)
 
@@ -125,6 +125,6 @@ def test_glass_is_invisible_where_all_is_equally_bright():
 def test_absorption_is_that_of_the_way_through():
     solid = Solid(Triangles(np.asarray(trimesh.creation.box((1, 1, 0.02)).triangles), 0, 1),
                   (Clear(1.0, (10.0, 30.0, 0.0)),), pose_at(0, 0, 0.3))
-    world = World.of(plain_scene([solid]))
+    world = World.from_scene(plain_scene([solid]))
     light = light_along(world, np.array([[0.01, 0.013, 0]]), np.array([[0.6, 0, 0.8]]))
     assert light[0] == pytest.approx(np.exp(-np.array([10, 30, 0]) * 0.02 / 0.8))
