@@ -84,7 +84,7 @@ def test_media_follow_each_other_along_every_ray(seed):
         medium = 0
         for _ in range(40):
             kind, t, _, outside, inside = nearest(world, hit, stack, *o, *d)
-            if kind != 1 or world.matter[medium, 0] == 0:
+            if kind != 1 or world.materials[medium, 0] == 0:
                 break
             o = o + t * d
             leaves = hit[3:6] @ d > 0
@@ -93,7 +93,7 @@ def test_media_follow_each_other_along_every_ray(seed):
             medium = outside if leaves else inside
         else:
             pytest.fail('a ray that never leaves')
-        if world.matter[medium, 0] == 1:
+        if world.materials[medium, 0] == 1:
             assert medium == 0
     assert crossings > 150
     assert breaks == 0
