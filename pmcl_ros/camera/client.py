@@ -47,6 +47,9 @@ class CameraClient(Protocol):
     def fetch(self, picture: Picture) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON) of a picture, checked to be whole."""
 
+    def delete(self, picture: Picture) -> None:
+        """Delete a picture from the card."""
+
     def close(self) -> None:
         """End every connection."""
 

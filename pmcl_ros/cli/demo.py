@@ -17,6 +17,7 @@ from lifecycle_msgs.msg import State
 from numpy.typing import NDArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.utilities import try_shutdown
 from rich.console import Console
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
@@ -119,7 +120,7 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
     """
     truth = Truth.load(bag / 'truth.json')
     with ExitStack() as stack:
-        stack.callback(rclpy.try_shutdown)
+        stack.callback(try_shutdown)
         rclpy.init()
         watcher = Watcher()
         executor = SingleThreadedExecutor()
@@ -156,15 +157,17 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
             if time.monotonic() > deadline:
                 raise DemoError(f'no pose after {_PATIENCE:.0f} s; got {list(watcher.pictures)}')
         _say('the pose has come')
-        _report(watcher, bag, truth.pose, out)
+        assert watcher.pose is not None
+        _report(watcher, watcher.pose, bag, truth.pose, out)
         _say('stopping the nodes')
 
 
-def _report(watcher: Watcher, bag: Path, truth: NDArray[np.float64], out: Path) -> None:
+def _report(watcher: Watcher, found: PoseStamped, bag: Path, truth: NDArray[np.float64],
+            out: Path) -> None:
     model = ObjectModel.load(_mesh(bag))
-    _, pose = pose_from(watcher.pose)
+    _, pose = pose_from(found)
     error = pose_error(pose, truth, model.symmetry)
-    _CONSOLE.rule(f'{bag.name} in {watcher.pose.header.frame_id}')
+    _CONSOLE.rule(f'{bag.name} in {found.header.frame_id}')
     for name, each in (('estimate', pose), ('truth', truth)):
         direction = each[:3, :3] @ (model.axis if model.axis is not None else [0, 0, 1.0])
         _CONSOLE.print(f'{name:>9}: position ({", ".join(f"{v:+.4f}" for v in each[:3, 3])}) m, '

@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rosbags.interfaces import Qos
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.bags import LATCHED, VOLATILE, Qos, Recorded, read, record
+from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, read, record
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.cdr import cdr_from, message_from, type_name
 from pmcl_ros.messages.header import header_to_message

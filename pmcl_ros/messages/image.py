@@ -60,7 +60,7 @@ def depth_from(message: Image) -> NDArray[np.float32]:
 
 
 def image_message(header: Header, encoding: str, shape: tuple[int, ...],
-           buffer: Buffer | None) -> tuple[Image, NDArray]:
+           buffer: Buffer | None) -> tuple[Image, NDArray[Any]]:
     """An Image of (height, width) pixels and the view through which its data are filled."""
     dtype, channels = _ENCODINGS[encoding]
     height, width = shape
@@ -72,7 +72,7 @@ def image_message(header: Header, encoding: str, shape: tuple[int, ...],
     return message, pixels
 
 
-def pixels_of(message: Image, encoding: str, topic: str) -> NDArray:
+def pixels_of(message: Image, encoding: str, topic: str) -> NDArray[Any]:
     """The data of an Image as (height, width[, channels]), not copied."""
     dtype, channels = _ENCODINGS[encoding]
     height, width = message.height, message.width

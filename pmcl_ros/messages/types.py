@@ -87,7 +87,7 @@ class Buffer:
     def __init__(self) -> None:
         self._message: Any = None
 
-    def message(self, kind: type, typecode: str, shape: tuple[int, ...],
+    def message(self, kind: Any, typecode: str, shape: tuple[int, ...],
                 dtype: str) -> tuple[Any, NDArray[Any]]:
         """A message of this class, and its data as a writable array of this shape and dtype.
 
@@ -96,6 +96,7 @@ class Buffer:
         size = prod(shape) * np.dtype(dtype).itemsize
         if not isinstance(self._message, kind) or memoryview(self._message.data).nbytes != size:
             ros = hasattr(kind, 'get_fields_and_field_types')
-            self._message = kind() if ros else kind.__new__(kind)  # rosbags' have no defaults
-            self._message.data = array(typecode, bytes(size))
+            message: Any = kind() if ros else object.__new__(kind)  # rosbags' have no defaults
+            message.data = array(typecode, bytes(size))
+            self._message = message
         return self._message, np.frombuffer(self._message.data, dtype).reshape(shape)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import prod
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from pmcl_ros.messages.types import (
 from pmcl_ros.runtime.errors import MessageError
 
 _VOLUME, _EDGES = ('height', 'width', 'depth'), ('height', 'width', 'depth', 'tensor')
+_Number = TypeVar('_Number', int, float)
 # what follows the name in a dimension's label
 _KEYS = {'height': ('stamp', 'frame'), 'width': ('fx', 'fy', 'cx', 'cy'), 'depth': ('metres',),
          'tensor': ('components',)}
@@ -136,7 +138,7 @@ def _fields(label: str, name: str, topic: str) -> list[str]:
     return [value for _, _, value in split]
 
 
-def _number(kind: type, text: str, topic: str) -> int | float:
+def _number(kind: type[_Number], text: str, topic: str) -> _Number:
     try:
         return kind(text)
     except ValueError:

@@ -1,14 +1,10 @@
 """Starts the chain, in one process or one for each node, and takes it to active."""
 
 import argparse
-import os
-import signal
-import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Protocol
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
@@ -20,57 +16,11 @@ from pmcl_ros.nodes.runtime.parameter_file import (
     parameter_file,
     parameter_files,
 )
-from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, NodeThread, pause, ros
-from pmcl_ros.nodes.runtime.supervision import Supervisor
+from pmcl_ros.nodes.runtime.running import NodeThread, pause, ros
+from pmcl_ros.nodes.runtime.supervision import NodeProcess, Running, Supervisor
 from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.runtime.errors import PmclError
-
-_PATIENCE = 30.0  # s: for a process to end before it is killed
-
-
-class Running(Protocol):
-    """A node that was started."""
-
-    def alive(self) -> bool:
-        """Whether it still runs."""
-
-    def stop(self) -> None:
-        """End it and wait for that."""
-
-
-class NodeProcess:
-    """A node in a process of its own, which only this one signals."""
-
-    def __init__(self, entry: Entry, ros_args: Sequence[str]) -> None:
-        # The child inherits the mask: what interrupts it while it still imports waits until it can
-        # be noted.
-        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
-        try:
-            # sys.executable: the pip build of ROS sets its library path for this interpreter alone
-            self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
-                                             start_new_session=True,
-                                             env=os.environ | {PARENT: str(os.getpid())})
-        finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
-
-    def alive(self) -> bool:
-        """Whether it still runs."""
-        return self._process.poll() is None
-
-    def end(self) -> str:
-        """How it ended."""
-        status = self._process.returncode
-        return f'was ended by signal {-status}' if status < 0 else f'ended with status {status}'
-
-    def stop(self) -> None:
-        """Interrupt it; kill it when it does not end."""
-        self._process.send_signal(signal.SIGINT)
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
 
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:

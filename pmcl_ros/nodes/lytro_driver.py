@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from threading import Lock
+from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
@@ -38,7 +39,7 @@ _STATUS = 30.0  # s between two questions for the battery
 _ARRIVAL = 5.0  # s
 _ENDED = 'the node was deactivated meanwhile: the picture is published when it is active again'
 _INACTIVE = 'lytro_driver is not active: activate it first'
-_NOTHING: 'Job[None]' = Job()
+_NOTHING: 'Job[Any]' = Job()
 _NOTHING.set_result(None)
 
 
@@ -52,7 +53,7 @@ class LytroDriver(StageNode):
     name = 'lytro_driver'
     settings_class = CameraSettings
 
-    def __init__(self, **options: object) -> None:
+    def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self._streaming = False
         self._answered = self.create_guard_condition(lambda: None)  # wakes the executor
@@ -86,7 +87,8 @@ class LytroDriver(StageNode):
         self._found_by = time.monotonic() + DISCOVERY
         self._streaming = True
         self.active.callback(self._stop)
-        self._looking = self._taking = _NOTHING
+        self._looking: Job[Any] = _NOTHING
+        self._taking: Job[Any] = _NOTHING
         self.every(_LOOK / 4, self._look_if_due)
         self._timer = None
         if self._settings.period > 0:

@@ -61,7 +61,8 @@ class PmclNode(StageNode):
         self._camera_poses = (
             pose_source(self, _CAMERA, settings.track_camera, settings.track_frame, MANY)
             if settings.tracking == 'camera' else None)
-        self._several, self._tracker = None, None
+        self._several: SeveralObjects | None = None
+        self._tracker: Tracker | None = None
         if settings.several:
             self._several = SeveralObjects(self, settings, self._overlays, self._markers)
             self._work(self._several.localizer, ', '.join(self._several.names))

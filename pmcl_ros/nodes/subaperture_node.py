@@ -40,7 +40,7 @@ class SubapertureNode(StageNode):
 
     def start(self) -> None:
         """Listen; the metadata first, as they are taken in this order."""
-        self._metadata: CameraMetadata | None = None
+        self._metadata = None
         self._waiting: Part | None = None
         self._audience = DeferredPublisher(self, self._outputs,
                                   'an image: nobody listens to views or center')

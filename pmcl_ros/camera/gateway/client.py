@@ -159,6 +159,10 @@ class GatewayClient:
             raise CameraError(f'{picture.id} has {len(raw)} bytes, its metadata says {expected}')
         return raw, text
 
+    def delete(self, picture: Picture) -> None:
+        """CameraError: a gateway deletes no pictures."""
+        raise CameraError(f'picture {picture.id} stays on the camera: a gateway deletes none')
+
     def close(self) -> None:
         """End every connection; what waits in another thread raises LinkError, soon."""
         self._closed.set()

@@ -4,10 +4,14 @@ from pmcl_ros.evaluation.bench.chain import ChainBench, bench_chain
 from pmcl_ros.evaluation.bench.decode import bench_decode
 from pmcl_ros.evaluation.bench.dlv import bench_dlv
 from pmcl_ros.evaluation.bench.driver import DriverBench, bench_driver
-from pmcl_ros.evaluation.bench.graph import GraphBench, bench_graph
 from pmcl_ros.evaluation.bench.pmcl import PmclBench, bench_pmcl
+from pmcl_ros.evaluation.bench.ros_programs import (
+    GraphBench,
+    TransportBench,
+    bench_graph,
+    bench_transport,
+)
 from pmcl_ros.evaluation.bench.timing import Bench
-from pmcl_ros.evaluation.bench.transport import TransportBench, bench_transport
 
 __all__ = ['Bench', 'ChainBench', 'DriverBench', 'GraphBench', 'PmclBench', 'TransportBench',
            'bench_chain', 'bench_decode', 'bench_dlv', 'bench_driver', 'bench_graph', 'bench_pmcl',

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
         # The nodes make the volume as in the mode default, in both modes.
         with Pipeline.for_object(model, pmcl, _PLAIN) as pipeline:
             dlv = pipeline.settings_for(decoders.of(frame.metadata).grid)
-            parameters = {
+            parameters: dict[str, dict[str, Any]] = {
                 'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
                 'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
                 'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}

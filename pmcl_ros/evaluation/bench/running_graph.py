@@ -1,4 +1,4 @@
-"""A whole graph in processes of its own, as its user has it: triggered, listened to, ended."""
+"""A whole graph in processes of its own: triggered, observed, ended; its use of the machine."""
 
 import json
 import os
@@ -6,10 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
@@ -19,7 +22,6 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from pmcl_ros.evaluation.bench.usage import cpu_seconds
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
@@ -27,6 +29,7 @@ from pmcl_ros.nodes.table import NODES
 from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first
+_SHARED = '/dev/shm/'
 _SHOWN = 2000  # characters of a log
 _MANY = QoSProfile(depth=1000, reliability=SMALL.reliability)
 
@@ -49,7 +52,7 @@ class Graph:
         file, self._log = folder / 'parameters.yaml', folder / 'log.txt'
         file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': dict(values)}
                                         for name, values in parameters.items()}))
-        self.poses: list[tuple[int, int, NDArray]] = []
+        self.poses: list[tuple[int, int, NDArray[np.float64]]] = []
         self.told: dict[str, dict[str, str]] = {}
         self._node = Node('pmcl_observer')
         self._executor = SingleThreadedExecutor()
@@ -136,6 +139,50 @@ def _module_of(pid: int) -> str:
     words = Path(f'/proc/{pid}/cmdline').read_bytes().split(b'\0')
     names = [each.rpartition(b'.')[2].decode() for each in words if each.startswith(b'pmcl_ros.')]
     return names[0] if names else str(pid)
+
+
+@dataclass(frozen=True)
+class Usage:
+    """Of one process: resident memory [MB], open descriptors, threads."""
+
+    memory: float
+    descriptors: int
+    threads: int
+
+    @classmethod
+    def from_pid(cls, pid: int) -> 'Usage':
+        """As it is now."""
+        process = Path('/proc') / str(pid)
+        pages = int((process / 'statm').read_text().split()[1])
+        return cls(pages * os.sysconf('SC_PAGE_SIZE') / 1e6, len(list((process / 'fd').iterdir())),
+                   len(list((process / 'task').iterdir())))
+
+
+def cpu_seconds(pid: int) -> float:
+    """The processor's time that a process has used, with its threads."""
+    fields = (Path('/proc') / str(pid) / 'stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
+def shared_files(pid: int) -> set[Path]:
+    """The files in /dev/shm that a process has mapped."""
+    maps = (Path('/proc') / str(pid) / 'maps').read_text().splitlines()
+    return {Path(line[line.index(_SHARED):].removesuffix(' (deleted)'))
+            for line in maps if _SHARED in line}
+
+
+def files_shared_without(pids: Iterable[int]) -> set[Path]:
+    """The files in /dev/shm that other processes have mapped, but this one and those of `pids`.
+
+    Fast DDS opens ports from 7000 on that programs of all domains have in common.
+    """
+    ours, others = {os.getpid(), *pids}, set[Path]()
+    for process in Path('/proc').glob('[0-9]*'):
+        if int(process.name) not in ours:
+            # One that has ended since, or is another user's.
+            with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
+                others |= shared_files(int(process.name))
+    return others
 
 
 def own_domain() -> None:

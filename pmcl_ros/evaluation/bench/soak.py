@@ -16,14 +16,21 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, time_ns
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
 from pmcl_ros.camera.simulated.server import served
-from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain
-from pmcl_ros.evaluation.bench.usage import Usage, files_shared_without, shared_files
+from pmcl_ros.evaluation.bench.running_graph import (
+    Graph,
+    GraphError,
+    Usage,
+    files_shared_without,
+    own_domain,
+    shared_files,
+)
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.runtime.running import ros
@@ -42,7 +49,7 @@ _PARTS = 4  # the graph is let run empty so often, to be weighed
 _FLAT = 60.0
 _ENOUGH = 100  # captures: before, what is kept for the next time is still growing
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
-_QUICK = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
+_QUICK: dict[str, dict[str, Any]] = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
           'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
 
 
@@ -132,7 +139,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
         extract_captures(bag, folder / 'pictures')
         address, _ = stack.enter_context(served(folder / 'pictures', '--empty', '--delay', '0'))
         truth = Truth.load(bag / 'truth.json')
-        parameters = {
+        parameters: dict[str, dict[str, Any]] = {
             'lytro_driver': {'address': address.text, 'delete': True},
             'subaperture_node': {
                 'calibration': str(_ROOT / 'config' / 'cameras' / 'demo.yaml'),
@@ -173,7 +180,8 @@ def _stops(captures: int) -> list[int]:
 class _Run:
     def __init__(self, graph: Graph, flood: bool, show: Callable[[int], None]) -> None:
         self._graph, self._flood, self._show = graph, flood, show
-        self._began, self._answers = monotonic(), []
+        self._began = monotonic()
+        self._answers: list[Any] = []  # futures of what the driver answers
         self._gone = 0  # captures that were given up waiting for
         self._soak = Soak()
 
@@ -191,11 +199,10 @@ class _Run:
         """Note what the processes hold."""
         self._soak.after.append(len(self._answers))
         for name, pid in self._graph.processes.items():
-            usage = Usage.of(pid)
-            for values, each in ((self._soak.memory, usage.memory),
-                                 (self._soak.descriptors, usage.descriptors),
-                                 (self._soak.threads, usage.threads)):
-                values.setdefault(name, []).append(each)
+            usage = Usage.from_pid(pid)
+            self._soak.memory.setdefault(name, []).append(usage.memory)
+            self._soak.descriptors.setdefault(name, []).append(usage.descriptors)
+            self._soak.threads.setdefault(name, []).append(usage.threads)
 
     def result(self) -> Soak:
         """All that can be said while the graph still runs."""

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from mmap import mmap
-from typing import TextIO
+from typing import Any, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,24 +114,29 @@ def _shared(size: int) -> Iterator[tuple[mmap, int]]:
 
 
 @contextmanager
-def _receiver(side: int, labels: int, descriptor: int) -> Iterator[Callable[[str], dict]]:
+def _receiver(side: int, labels: int, descriptor: int
+              ) -> Iterator[Callable[[str], dict[str, Any]]]:
     """The other process; a function that asks it for something and returns its answer."""
     arguments = ['--receive', str(descriptor), '--side', str(side), '--labels', str(labels)]
     with subprocess.Popen([sys.executable, '-m', 'pmcl_ros.evaluation.bench.volume_transport',
                            *arguments],
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                           bufsize=1, pass_fds=[descriptor]) as process:
-        def ask(question: str) -> dict:
+        def ask(question: str) -> dict[str, Any]:
+            assert process.stdin is not None
+            assert process.stdout is not None
             process.stdin.write(f'{question}\n')
             answer = process.stdout.readline()
             if not answer:
                 raise TransportError('the receiving process has ended; its lines say why')
-            return json.loads(answer)
+            result: dict[str, Any] = json.loads(answer)
+            return result
 
         try:
             yield ask
         finally:
-            process.stdin.close()  # which ends it
+            if process.stdin is not None:
+                process.stdin.close()  # which ends it
 
 
 def receive(descriptor: int, side: int, labels: int, out: TextIO) -> None:
@@ -163,7 +168,7 @@ def receive(descriptor: int, side: int, labels: int, out: TextIO) -> None:
         node.destroy_node()
 
 
-def _read(cdr: bytes) -> tuple[float, DepthLikelihoodVolume]:
+def _read(cdr: Any) -> tuple[float, DepthLikelihoodVolume]:
     """As `subscribe_value` does, and when the data are there; the volume is checked afterwards."""
     message = message_from(cdr, type_name(Float32MultiArray))
     at = time.monotonic()

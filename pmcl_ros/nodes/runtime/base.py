@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.publisher import Publisher
@@ -105,7 +106,8 @@ class StageNode(LifecycleNode):
                 callback(message)
 
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
-            subscription = self.create_subscription(kind, topic, received, profile, raw=raw,
+            with_info: Any = received  # rclpy's type hints know the callback without info only
+            subscription = self.create_subscription(kind, topic, with_info, profile, raw=raw,
                                                     qos_overriding_options=options)
         (self.active if scope is None else scope).callback(self.destroy_subscription, subscription)
         return subscription
@@ -222,7 +224,8 @@ class StageNode(LifecycleNode):
     def _end_diagnostics(self) -> None:
         with self._telling:
             publisher, self._diagnostics = self._diagnostics, None
-        self.destroy_publisher(publisher)
+        if publisher is not None:
+            self.destroy_publisher(publisher)
 
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
         try:

@@ -18,7 +18,8 @@ _PATIENCE = 10.0  # s; discovery takes up to 3
 def main() -> None:
     """Send until it arrives."""
     rclpy.init()
-    topic, arrived = f'/pmcl_doctor_{os.getpid()}', []
+    topic = f'/pmcl_doctor_{os.getpid()}'
+    arrived: list[String] = []
     sender, receiver = rclpy.create_node('pmcl_doctor_a'), rclpy.create_node('pmcl_doctor_b')
     publisher = sender.create_publisher(String, topic, 1)
     receiver.create_subscription(String, topic, arrived.append, 1)

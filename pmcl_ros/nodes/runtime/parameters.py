@@ -108,7 +108,7 @@ def suggest(name: str, kind: type[Settings]) -> str:
 
 def ros_type(field: FieldInfo) -> Parameter.Type:
     """The ROS type of a settings field: scalars, choices among them, tuples of them, or None."""
-    annotation = field.annotation
+    annotation: Any = field.annotation
     choices = [each for each in get_args(annotation) if each is not NoneType]
     if NoneType in get_args(annotation) and len(choices) == 1:
         annotation, choices = choices[0], list(get_args(choices[0]))

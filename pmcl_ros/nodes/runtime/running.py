@@ -99,6 +99,10 @@ class NodeThread:
         """Whether it still runs."""
         return self._thread.is_alive()
 
+    def end(self) -> str:
+        """How it ended."""
+        return 'ended with its thread'
+
     def stop(self) -> None:
         """End the thread once its callback is done, then the node."""
         self._stopping = True  # not shutdown(), which crashes when another thread spins

@@ -1,7 +1,11 @@
-"""Starts again what has ended, and takes it to active: for graphs that nobody looks after."""
+"""Nodes in processes of their own, and their supervisor, which restarts those that ended."""
 
+import os
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -10,29 +14,65 @@ from rclpy.node import Node
 
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.health import Health
-from pmcl_ros.nodes.runtime.running import pause
+from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, pause
+from pmcl_ros.nodes.table import Entry
 from pmcl_ros.runtime.errors import PmclError
 
 _SOON, _LATE = 0.5, 30.0  # s: before a node is started again; doubled each time, up to the second
+_PATIENCE = 30.0  # s: for a process to end before it is killed
 _STEADY = 60.0  # s: who has run for so long is started again soon
 
 
-class Supervised(Protocol):
-    """A node's process."""
+class Running(Protocol):
+    """A node that was started."""
 
     def alive(self) -> bool:
         """Whether it still runs."""
 
     def end(self) -> str:
-        """How it ended."""
+        """How it ended, in words."""
 
     def stop(self) -> None:
         """End it and wait for that."""
 
 
+class NodeProcess:
+    """A node in a process of its own, which only this one signals."""
+
+    def __init__(self, entry: Entry, ros_args: Sequence[str]) -> None:
+        # The child inherits the mask: what interrupts it while it still imports waits until it can
+        # be noted.
+        signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+        try:
+            # sys.executable: the pip build of ROS sets its library path for this interpreter alone
+            self._process = subprocess.Popen([sys.executable, '-m', entry.module, *ros_args],
+                                             start_new_session=True,
+                                             env=os.environ | {PARENT: str(os.getpid())})
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def end(self) -> str:
+        """How it ended."""
+        status = self._process.returncode
+        return f'was ended by signal {-status}' if status < 0 else f'ended with status {status}'
+
+    def stop(self) -> None:
+        """Interrupt it; kill it when it does not end."""
+        self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
 @dataclass
 class _Watched:
-    process: Supervised
+    process: Running
     started: float
     delay: float = _SOON
 
@@ -45,8 +85,8 @@ class Supervisor:
     What a node held when it ended is lost, and only this one knows that it was: it says so.
     """
 
-    def __init__(self, node: Node, running: dict[str, Supervised],
-                 start: Callable[[str], Supervised], activate: Callable[[str], None]) -> None:
+    def __init__(self, node: Node, running: dict[str, Running],
+                 start: Callable[[str], Running], activate: Callable[[str], None]) -> None:
         self._node, self._start, self._activate = node, start, activate
         self._running = running  # the caller stops what is in it in the end
         self._watched = {name: _Watched(each, time.monotonic())

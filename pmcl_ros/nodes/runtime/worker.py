@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import partial
 from typing import Generic, Protocol, TypeVar
 
 
@@ -14,7 +15,7 @@ class Closeable(Protocol):
 
 
 T = TypeVar('T', bound=Closeable)
-Job = Callable[[T], None]
+Job = partial[None]  # called with the thing
 
 
 class Worker(Generic[T]):
@@ -27,7 +28,7 @@ class Worker(Generic[T]):
         self.stopping = True
         self._lock = threading.Lock()
         self._waiting: Job | None = None
-        self._running: Future | None = None
+        self._running: Future[None] | None = None
         self._pool = ThreadPoolExecutor(1)  # never replaces its thread
         try:
             self.owned = self._pool.submit(make).result()

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from functools import cache
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pmcl_ros.nodes.runtime.base import StageNode
 
@@ -34,7 +34,8 @@ class DeferredPublisher(Generic[T]):
                  patience: float = DISCOVERY) -> None:
         self._node, self._outputs, self._unheard = node, outputs, unheard
         self._end = time.monotonic() + patience
-        self._forget()
+        self._left: list[Output[T]] = []  # which may still want the capture
+        self._made, self._make = True, _nothing
         node.active.callback(self._end_waiting)
         self._timer = node.every(_LOOK, self._look)
 
@@ -75,5 +76,8 @@ class DeferredPublisher(Generic[T]):
         self._forget()
 
     def _forget(self) -> None:
-        self._left: list[Output[T]] = []
-        self._made, self._make = True, None
+        self._left, self._made, self._make = [], True, _nothing
+
+
+def _nothing() -> Any:
+    raise AssertionError('no capture waits')
