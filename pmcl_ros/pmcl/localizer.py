@@ -174,8 +174,9 @@ class Localizer:
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in climbs))
 
-    def looks(self, edges: EdgeVolume, poses: Sequence[NDArray[np.float64]]) -> list[Observation]:
-        """What the object shows of itself at each of poses (4, 4), to the search.
+    def observe(self, edges: EdgeVolume, poses: Sequence[NDArray[np.float64]]
+                ) -> list[Observation]:
+        """The object's contour, depth picture and local model at each of poses (4, 4).
 
         Raises as `localize` does.
         """

@@ -93,7 +93,7 @@ class SceneSearch:
         localizer = self._localizers[number]
         found = localizer.localize(edges, self._rng.spawn(1)[0], progress, free=free)
         modes = [each.pose for each in found.modes]
-        members = self._candidates.add(number, localizer.looks(self._edges, modes))
+        members = self._candidates.add(number, localizer.observe(self._edges, modes))
         self._searches[number].append((found, members[0]))
         return found
 
@@ -149,7 +149,7 @@ class SceneSearch:
             lambda points: sight(points, others, scale).weights)
 
     def _at(self, member: Member, pose: NDArray[np.float64]) -> Observation:
-        return self._localizers[member[0]].looks(self._edges, [pose])[0]
+        return self._localizers[member[0]].observe(self._edges, [pose])[0]
 
     def _apart(self, found: dict[Member, PoseEstimate], looks: dict[Member, Observation]
                ) -> dict[Member, PoseEstimate]:

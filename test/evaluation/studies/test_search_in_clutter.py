@@ -20,7 +20,7 @@ def test_an_object_among_stronger_edges_is_found(seed):
         volume = edges_of(sequence, frame)
         estimate = localizer.localize(volume, np.random.default_rng(0))
         there, found = (each.local.evidence
-                        for each in localizer.looks(volume, [frame.pose, estimate.pose]))
+                        for each in localizer.observe(volume, [frame.pose, estimate.pose]))
     error = pose_error(estimate.pose, frame.pose, sequence.model.symmetry)
     assert not estimate.lost
     assert error.translation < 0.02

@@ -15,7 +15,7 @@ def looks(volume):
     made = []
     for model, pose in ((CUP, FRONT), (BOTTLE, BEHIND)):
         with Localizer(model, SETTINGS) as localizer:
-            made += localizer.looks(volume, [pose])
+            made += localizer.observe(volume, [pose])
     return made
 
 
@@ -66,7 +66,7 @@ def test_one_edge_speaks_for_one_of_two(opaque):
     # The same contour a little farther away: all its edges are those of the nearer one.
     with Localizer(CUP, SETTINGS) as localizer:
         volume = seen_together([(CUP, FRONT)])
-        near, far = localizer.looks(volume, [FRONT, standing(-0.01, 0, 0.383)])
+        near, far = localizer.observe(volume, [FRONT, standing(-0.01, 0, 0.383)])
     points = far.points
     assert total(points) > 100
     kept = sight(near.points, [far], 0.3)

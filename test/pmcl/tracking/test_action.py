@@ -38,9 +38,9 @@ def test_constant_velocity_goes_on_as_it_went(seed):
     at, (first, second, third) = moving(rng), np.cumsum(rng.uniform(0.05, 1, 3))
     before = State.at_rest(round(first * SECOND), np.tile(at(first), (3, 1, 1)), None)
     model = exact('constant_velocity')
-    now = model.updated(before, round(second * SECOND), np.tile(at(second), (3, 1, 1)), None, NONE,
-                        rng)
-    after = model.predicted(now, round(third * SECOND), None, rng)
+    now = model.update(before, round(second * SECOND), np.tile(at(second), (3, 1, 1)), None, NONE,
+                       rng)
+    after = model.predict(now, round(third * SECOND), None, rng)
     np.testing.assert_allclose(after.poses, np.tile(at(third), (3, 1, 1)), atol=1e-7)
 
 
@@ -53,7 +53,7 @@ def test_a_spin_about_the_axis_of_symmetry_is_no_velocity(seed):
     spun[:3, :3] = spun[:3, :3] @ Rotation.from_rotvec([0, 0, rng.uniform(0, 6)]).as_matrix()
     before = State.at_rest(0, first[None], None)
     model = exact('constant_velocity')
-    plain, turned = (model.updated(before, SECOND, each[None], None, ROUND, rng)
+    plain, turned = (model.update(before, SECOND, each[None], None, ROUND, rng)
                      for each in (second, spun))
     np.testing.assert_allclose(plain.velocities, turned.velocities, atol=1e-9)
     expected = ROUND.local(second[None], first)
@@ -66,14 +66,14 @@ def test_an_object_that_rests_is_where_the_camera_s_motion_puts_it(seed):
     rng = np.random.default_rng(seed)
     world, first, second = random_poses(3, seed)
     before = State.at_rest(0, (np.linalg.inv(first) @ world)[None], first)
-    after = exact('camera').predicted(before, SECOND, second, rng)
+    after = exact('camera').predict(before, SECOND, second, rng)
     np.testing.assert_allclose(after.poses[0], np.linalg.inv(second) @ world, atol=1e-9)
     np.testing.assert_array_equal(after.camera, second)
 
 
 def test_a_constant_pose_stays():
     before = State.at_rest(0, random_poses(5, 1), None)
-    after = exact('constant_pose').predicted(before, SECOND, None, np.random.default_rng(0))
+    after = exact('constant_pose').predict(before, SECOND, None, np.random.default_rng(0))
     np.testing.assert_allclose(after.poses, before.poses, atol=1e-12)
 
 
@@ -82,7 +82,7 @@ def test_what_is_left_open_grows_as_the_root_of_time(model):
     action = ActionModel(model, 0.01, 0.05, 0.1)
     state = State.at_rest(0, np.tile(random_poses(1, 3), (20_000, 1, 1)), np.eye(4))
     for periods in (1, 4):
-        after = action.predicted(state, periods * SECOND // 10, np.eye(4),
+        after = action.predict(state, periods * SECOND // 10, np.eye(4),
                                  np.random.default_rng(periods))
         off = NONE.local(after.poses, state.poses[0])
         np.testing.assert_allclose(off[:, :3].std(axis=0), 0.01 * periods ** 0.5, rtol=0.03)
@@ -93,14 +93,14 @@ def test_what_is_left_open_grows_as_the_root_of_time(model):
 def test_a_capture_that_is_not_newer_cannot_follow(stamp):
     state = State.at_rest(5, random_poses(2, 0), None)
     with pytest.raises(LocalizationError, match=f'capture at {stamp} cannot follow one at 5'):
-        exact('constant_pose').predicted(state, stamp, None, np.random.default_rng(0))
+        exact('constant_pose').predict(state, stamp, None, np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(('then', 'now'), [(None, np.eye(4)), (np.eye(4), None)])
 def test_the_camera_s_motion_needs_its_pose_at_both_times(then, now):
     state = State.at_rest(0, random_poses(2, 0), then)
     with pytest.raises(LocalizationError, match='pose of the camera is not known'):
-        exact('camera').predicted(state, 1, now, np.random.default_rng(0))
+        exact('camera').predict(state, 1, now, np.random.default_rng(0))
 
 
 def test_velocities_are_those_that_a_kalman_filter_would_know():
@@ -114,7 +114,7 @@ def test_velocities_are_those_that_a_kalman_filter_would_know():
     velocities[:, 0] = rng.normal(0.1, speed, count)
     now = np.tile(np.eye(4), (count, 1, 1))
     now[:, 0, 3] = 0.03
-    found = model.updated(State(0, poses, velocities, None), SECOND // 10, now, None, NONE, rng)
+    found = model.update(State(0, poses, velocities, None), SECOND // 10, now, None, NONE, rng)
     # Where it was then, if it is here now: a product of Gaussians.
     step = (speed * time) ** 2 + open_ ** 2
     was, spread = (np.array([0.03 - 0.1 * time, 0]) @ [1 / step, 1 / place ** 2]
@@ -128,7 +128,7 @@ def test_velocities_are_those_that_a_kalman_filter_would_know():
 def test_other_models_know_no_velocity(model):
     poses, camera = random_poses(4, 2), np.eye(4)
     before = State.at_rest(0, poses[:2], None)
-    state = exact(model).updated(before, SECOND, poses[2:], camera, NONE, np.random.default_rng(0))
+    state = exact(model).update(before, SECOND, poses[2:], camera, NONE, np.random.default_rng(0))
     np.testing.assert_array_equal(state.poses, poses[2:])
     assert state.camera is camera
     assert not state.velocities.any()
@@ -140,6 +140,6 @@ def test_many_particles_have_few_ancestors():
     before = State.at_rest(0, np.tile(random_poses(1, 3), (10_000, 1, 1)), None)
     poses = before.poses.copy()
     poses[:, 0, 3] += 0.05
-    state = exact('constant_velocity').updated(before, SECOND, poses, None, ROUND, rng)
+    state = exact('constant_velocity').update(before, SECOND, poses, None, ROUND, rng)
     np.testing.assert_allclose(state.velocities, np.tile([0.05, 0, 0, 0, 0, 0], (10_000, 1)),
                                atol=1e-9)

@@ -126,20 +126,6 @@ def test_the_camera_s_own_motion_is_known(context):
     assert [each.mode for each in unknown] == ['default', 'default']
 
 
-def test_what_was_seen_well_and_hardly_is_any_more_is_not_believed(context):
-    pose, of = truth_of(0), settings('constant_pose')
-    with Localizer(CUP, of) as localizer:
-        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
-        for number in range(11):
-            estimate = tracker.track(volume(context, pose, number), rng)
-            expected = tracker._expected((number + 1) * PERIOD, None, rng)
-            for name in ('support', 'evidence'):  # three times 0.5 nat / px below is too little
-                less = {name: getattr(estimate, name) - 1.8}
-                assert tracker._believed(replace(estimate, **less), expected) == (number < 9)
-                less = {name: getattr(estimate, name) - 1.2}
-                assert tracker._believed(replace(estimate, **less), expected)
-
-
 def test_what_has_less_evidence_than_usual_is_looked_for_elsewhere(context):
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
@@ -268,28 +254,6 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     assert tracked([*slid[:4], late], of)[-1].lost
 
 
-def test_an_incomplete_contour_is_believed_for_a_while_where_it_is_followed(context):
-    with Localizer(CUP, of := settings('constant_pose', track_check=2)) as localizer:
-        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
-        for number in range(12):
-            estimate = tracker.track(volume(context, START, number), rng)
-        expected = tracker._expected(12 * PERIOD, None, rng)
-    partly = replace(estimate, lost=True, incomplete=True)
-    tracker._followed = 30
-    assert tracker._confirmed > 0
-    assert tracker._believed(partly, expected)
-    away = partly.pose.copy()
-    away[0, 3] += 0.06
-    for unlike in ({'mode': 'default'}, {'evidence': partly.evidence - 0.7}, {'pose': away},
-                   {'in_view': 0.4}):
-        assert not tracker._believed(replace(partly, **unlike), expected)
-    for name, value in (('_followed', 31), ('_confirmed', 0), ('_seen', False)):
-        before = getattr(tracker, name)
-        setattr(tracker, name, value)
-        assert not tracker._believed(partly, expected)
-        setattr(tracker, name, before)
-
-
 def test_something_fainter_elsewhere_is_not_it(context):
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
@@ -314,15 +278,15 @@ def test_what_is_found_again_where_it_was_foreseen_need_not_be_confirmed(context
         tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
         for number in range(12):
             tracker.track(volume(context, START, number), rng)
-        confirmed = tracker._confirmed
+        confirmed = tracker.status.confirmations
         assert confirmed > 0
         assert tracker.track(volume(context, START, 12, hidden=True), rng).lost
         again = tracker.track(volume(context, there, 13), rng)
     assert not again.lost
     assert pose_error(again.pose, there, CUP.symmetry).translation < 0.005
-    assert tracker._confirmed == (0 if elsewhere else confirmed)
+    assert tracker.status.confirmations == (0 if elsewhere else confirmed)
     tracker.reset()
-    assert tracker._confirmed == 0
+    assert tracker.status.confirmations == 0
 
 
 def test_a_faint_mode_does_not_draw_particles_from_the_object(context):
@@ -371,39 +335,7 @@ def test_a_step_that_was_not_foreseen_is_the_velocity_after(context):
     assert all(each.translation < 0.005 for each in errors(estimates, frames))
 
 
-def test_of_two_that_are_there_in_part_the_one_that_is_followed_needs_more(context):
-    with Localizer(CUP, of := settings('constant_pose', track_check=2)) as localizer:
-        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
-        for number in range(12):
-            here = tracker.track(seen := volume(context, START, number), rng)
-        expected = tracker._expected(12 * PERIOD, None, rng)
-        away = START.copy()
-        away[0, 3] += 0.06
-        followed = replace(here, lost=True, incomplete=True, pose=away)
-        found = replace(here, lost=True, incomplete=True, mode='default')
-        # The likelier one is believed where it was foreseen; else neither is.
-        assert tracker._weighed(seen, followed, found, expected) == (found, True)
-        expected.poses[:, 0, 3] += 0.06
-        tracker._followed, tracker._confirmed, tracker._seen = 30, 1, True
-        assert tracker._believed(followed, expected)
-        assert tracker._weighed(seen, followed, found, expected) == (found, False)
-
-
-def test_before_anything_is_usual_both_searches_must_agree(context):
-    with Localizer(CUP, of := settings('constant_pose')) as localizer:
-        tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
-        seen = [tracker.track(volume(context, START, number), rng) for number in range(3)][-1]
-        expected = tracker._expected(3 * PERIOD, None, rng)
-    partly = replace(seen, lost=True, incomplete=True)
-    assert not tracker._usual.known
-    assert tracker._recognised(partly, expected, True)
-    assert not tracker._recognised(partly, expected, False)
-    assert not tracker._recognised(replace(partly, incomplete=False), expected, True)
-    tracker._seen = False
-    assert not tracker._recognised(partly, expected, True)
-
-
-def test_what_is_usual_outlives_a_track_but_no_reset(context):
+def test_statistics_outlive_a_track_but_no_reset(context):
     of = settings('constant_pose')
     late = volume(context, START, 4000, hidden=True)
     with Localizer(CUP, of) as localizer:
@@ -411,15 +343,15 @@ def test_what_is_usual_outlives_a_track_but_no_reset(context):
         for number in range(13):
             tracker.track(volume(context, START, number), rng)
         assert tracker.track(late, rng).mode == 'default'
-        assert tracker._usual.known
-        for number in range(4001, 4004):  # of thirteen looks nine are left
+        assert tracker.status.statistics.known
+        for number in range(4001, 4004):  # of thirteen observations nine are left
             tracker.track(volume(context, START, number, hidden=True), rng)
-        assert not tracker._usual.known
+        assert not tracker.status.statistics.known
         for number in range(5000, 5011):
             tracker.track(volume(context, START, number), rng)
-        assert tracker._usual.known
+        assert tracker.status.statistics.known
         tracker.reset()
-        assert not tracker._usual.known
+        assert not tracker.status.statistics.known
 
 
 def test_log_likelihoods_are_evidence_as_sure_as_a_posterior(context):
@@ -429,7 +361,7 @@ def test_log_likelihoods_are_evidence_as_sure_as_a_posterior(context):
     with Localizer(CUP, settings('none')) as localizer:
         poses = np.stack([START, aside])
         here, there = localizer.log_likelihoods(seen, poses)
-        looks = [each.local for each in localizer.looks(seen, list(poses))]
+        looks = [each.local for each in localizer.observe(seen, list(poses))]
     assert looks[0].evidence > looks[1].evidence
     assert here == pytest.approx(looks[0].scale * looks[0].evidence, rel=0.1)
     assert there == pytest.approx(looks[0].scale * looks[1].evidence, rel=0.1)

@@ -1,0 +1,153 @@
+"""Statistics of made-up observations, and the rules by which estimates are accepted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.tracking.action import State
+from pmcl_ros.pmcl.tracking.track import Prediction, Track, TrackStatistics
+
+
+def seen(support, evidence):
+    return PoseEstimate(Header(1), np.eye(4), np.eye(6), np.eye(4)[None], np.zeros(1), 1.0, False,
+                        'followed', support=support, evidence=evidence)
+
+
+def observations(count, rng):
+    statistics = TrackStatistics()
+    values = rng.normal([0.5, 2.0], [0.4, 0.1], (count, 2))
+    for support, evidence in values:
+        statistics.add(seen(support, evidence))
+    return statistics, values[-30:].mean(axis=0), values[-30:].std(axis=0)
+
+
+@pytest.mark.parametrize('count', [10, 30, 50])
+def test_three_standard_deviations_below_the_mean_of_the_last_thirty_are_unusual(count):
+    statistics, mean, scatter = observations(count, np.random.default_rng(count))
+    assert statistics.known
+    for least in (0.2, 0.5):
+        limit = mean - 3 * np.maximum(scatter, least)
+        for off, held in ((1e-6, True), (-1e-6, False)):
+            support, evidence = (statistics.within_three_sigma(each, least) for each in (
+                seen(limit[0] + off, 9), seen(9, limit[1] + off)))
+            np.testing.assert_array_equal(support, [held, True])
+            np.testing.assert_array_equal(evidence, [True, held])
+
+
+def test_without_enough_observations_nothing_is_unlikely():
+    statistics, *_ = observations(9, np.random.default_rng(0))
+    forgotten, *_ = observations(30, np.random.default_rng(0))
+    forgotten.clear()
+    for each in (statistics, forgotten):
+        assert not each.known
+        assert each.within_three_sigma(seen(-9, -9), 0.2).all()
+
+
+def test_old_observations_are_forgotten_one_by_one():
+    statistics, *_ = observations(30, np.random.default_rng(3))
+    statistics.add(seen(0.5, 9.0))  # the last of them
+    for known in [True] * 20 + [False] * 15:
+        statistics.forget_oldest()
+        assert statistics.known == known
+        assert not known or not statistics.has_half_evidence(seen(0.5, 0.9))
+    assert statistics.has_half_evidence(seen(0.5, 0.9))  # who knows
+
+
+def test_scores_about_the_mean_or_above_are_typical():
+    statistics, mean, scatter = observations(30, np.random.default_rng(4))
+    scatter = np.maximum(scatter, 0.2)
+    for off, typical in (([0, 0], True), ([-9, -9], True), ([1.4, -9], True), ([-9, 1.43], False),
+                         ([0.99, 0.99], True), ([1.01, 1.01], False)):
+        assert statistics.is_typical(seen(*(mean - off * scatter))) == typical
+    few, *_ = observations(9, np.random.default_rng(4))
+    assert not few.is_typical(seen(*mean))
+
+
+def test_half_of_the_mean_evidence_is_enough():
+    statistics, mean, _ = observations(30, np.random.default_rng(5))
+    for evidence, there in ((mean[1] / 2 + 1e-6, True), (mean[1] / 2 - 1e-6, False)):
+        assert statistics.has_half_evidence(seen(-9, evidence)) == there
+
+
+SUPPORT, EVIDENCE = 1.0, 2.0  # nat / px, of all observations
+
+
+def at(x, **values):
+    """A followed estimate that passes the single-frame test, `x` m aside."""
+    pose = np.eye(4)
+    pose[0, 3] = x
+    return replace(seen(SUPPORT, EVIDENCE), pose=pose, **values)
+
+
+def partly(x=0.0, **values):
+    return at(x, lost=True, incomplete=True, **values)
+
+
+def prediction(x=0.0):
+    poses = retract(np.eye(4), np.random.default_rng(0).normal(size=(500, 6)) * 0.01)
+    poses[:, 0, 3] += x
+    return Prediction.from_state(State.at_rest(0, poses, None), Symmetry())
+
+
+def track_of(observations, **values):
+    """A track with so many equal observations."""
+    track = Track(Symmetry(), observed=True, **values)
+    for _ in range(observations):
+        track.statistics.add(at(0))
+    return track
+
+
+@pytest.mark.parametrize('name', ['support', 'evidence'])
+def test_a_complete_contour_may_be_three_sigma_below_its_history(name):
+    for observations in (9, 10):
+        track = track_of(observations)
+        for less, accepted in ((1.8, observations < 10), (1.2, True)):  # sigma is 0.5 at least
+            value = getattr(at(0), name) - less
+            assert track.passes_gate(replace(at(0), **{name: value}), prediction()) == accepted
+
+
+def test_an_incomplete_contour_is_accepted_for_a_while_where_it_is_followed():
+    track = track_of(12, since_search=30, confirmations=1)
+    assert track.passes_gate(partly(), prediction())
+    for unlike in (partly(mode='default'), partly(evidence=EVIDENCE - 0.7), partly(0.06),
+                   partly(in_view=0.4)):
+        assert not track.passes_gate(unlike, prediction())
+    for change in ({'since_search': 31}, {'confirmations': 0}, {'observed': False}):
+        assert not replace(track, **change).passes_gate(partly(), prediction())
+
+
+def test_of_two_incomplete_contours_the_likelier_is_accepted_where_it_is_predicted():
+    followed, detected = partly(0.06), partly(0.0, mode='default')
+    track = track_of(12, state=prediction().state)
+    assert track.select(followed, detected, 20.0, prediction()) == (detected, True)
+    assert track.observed
+    # The followed one, which passes the gate, is not accepted instead.
+    track = track_of(12, since_search=30, confirmations=1)
+    assert track.passes_gate(followed, prediction(0.06))
+    assert track.select(followed, detected, 20.0, prediction(0.06)) == (detected, False)
+
+
+def test_a_detection_must_be_likelier_than_the_prediction_by_the_penalty():
+    for log_ratio, elsewhere in ((14.9, False), (15.1, True)):
+        track = track_of(12, state=prediction().state, since_search=5)
+        followed, detected = at(0.0), at(0.06, mode='default')
+        estimate, accepted = track.select(followed, detected, log_ratio, prediction())
+        assert (estimate is detected, accepted) == (elsewhere, True)
+        assert track.since_search == 0
+        # A track that followed something else is dropped.
+        assert (track.observed, track.state is None, track.confirmations) == (
+            (False, True, 0) if elsewhere else (True, False, 1))
+
+
+def test_before_the_statistics_are_known_both_searches_must_agree():
+    track = track_of(3)
+    assert not track.statistics.known
+    assert track.matches_history(partly(), prediction(), agree=True)
+    assert not track.matches_history(partly(), prediction(), agree=False)
+    assert not track.matches_history(replace(partly(), incomplete=False), prediction(), agree=True)
+    assert not replace(track, observed=False).matches_history(partly(), prediction(), agree=True)
