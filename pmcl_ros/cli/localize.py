@@ -1,20 +1,24 @@
-"""`pmcl localize`: an object's pose from one picture."""
+"""`pmcl localize`: the pose of an object, or of several, from one picture."""
 
 import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 from rich.progress import Progress
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
-from pmcl_ros.cli.several import localize_several
 from pmcl_ros.cli.sources import open_source, source_options
-from pmcl_ros.drawing.pictures import depth_picture, overlay, write_png
+from pmcl_ros.drawing.pictures import depth_picture, outlines, overlay, write_png
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.pipeline import Pipeline
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.pipeline import Estimate, Pipeline, Run
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 
@@ -56,22 +60,14 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     if len(objects) > 1:
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
-        localize_several(read, objects, settings, dict(of_volume), as_json, out)
+        _localize_several(read, objects, settings, dict(of_volume), as_json, out)
         return
-    with (Progress(console=STDERR, transient=True) as bar,
-          Pipeline.for_object(model, settings, dict(of_volume), '--set') as pipeline):
-        task = bar.add_task('views', total=1.0)
-        run = pipeline.run(read, np.random.default_rng(seed), lambda stage, part: bar.update(
-            task, description=stage, completed=part), with_volume=out is not None)
+    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set')
+    run = _run(pipeline, read, seed, with_volume=out is not None)
     estimate, seconds = run.estimate, run.seconds
-    times = {'decode': seconds['views'],
-             'dlv': seconds['evidence'] + seconds.get('volume', 0.0), 'pmcl': seconds['pose']}
-    if as_json:
-        timings = {name: 1e3 * each for name, each in times.items()}
-        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
-    else:
-        click.echo(estimate.describe())
-        click.echo(', '.join(f'{name} {each:.2f} s' for name, each in times.items()), err=True)
+    _print(estimate, {'decode': seconds['views'],
+                      'dlv': seconds['evidence'] + seconds.get('volume', 0.0),
+                      'pmcl': seconds['pose']}, as_json)
     if truth is not None:
         error = pose_error(estimate.pose, Truth.load(truth).pose, model.symmetry)
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
@@ -86,3 +82,44 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
         write_png(out / 'overlay.png', overlay(picture, run.light_field.grid.pinhole, model,
                                               estimate.pose))
         click.echo(f'pictures in {out}', err=True)
+
+
+def _localize_several(read: Callable[[], LightField], objects: Sequence[Path],
+                      settings: PmclSettings, of_volume: dict[str, Any], as_json: bool,
+                      out: Path | None) -> None:
+    """Find objects together, print their poses, and draw their outlines.
+
+    objects: meshes or object YAMLs; a file that is given twice stands for two copies.
+    """
+    loaded = {each: ObjectModel.load(each) for each in dict.fromkeys(objects)}
+    models = [loaded[each] for each in objects]
+    run = _run(Pipeline.for_objects(models, settings, of_volume, '--set'), read, settings.seed)
+    scene = run.estimate
+    _print(scene, {'dlv': run.seconds['views'] + run.seconds['evidence'],
+                   'pmcl': run.seconds['pose']}, as_json)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        there = [(model, each.pose, name) for model, each, name
+                 in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
+        write_png(out / 'overlay.png', outlines(run.light_field.picture(),
+                                                run.light_field.grid.pinhole, there))
+        click.echo(f'picture in {out}', err=True)
+
+
+def _run(pipeline: Pipeline[Estimate], read: Callable[[], LightField], seed: int,
+         with_volume: bool = False) -> Run[Estimate]:
+    """Run and close a pipeline, with a progress bar."""
+    with Progress(console=STDERR, transient=True) as bar, pipeline:
+        task = bar.add_task('views', total=1.0)
+        return pipeline.run(read, np.random.default_rng(seed), lambda stage, part: bar.update(
+            task, description=stage, completed=part), with_volume=with_volume)
+
+
+def _print(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float], as_json: bool
+           ) -> None:
+    if as_json:
+        timings = {name: 1e3 * each for name, each in seconds.items()}
+        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
+    else:
+        click.echo(estimate.describe())
+        click.echo(', '.join(f'{name} {each:.2f} s' for name, each in seconds.items()), err=True)
