@@ -68,6 +68,16 @@ def test_links_outside_the_site_hold(name):
         assert not anchor or anchor in anchors(ROOT / path), link
 
 
+def test_pages_that_the_code_names_exist():
+    folders = ('pmcl_ros', 'test', 'tools', 'config', 'launch', 'examples')
+    files = [path for folder in folders for path in (ROOT / folder).rglob('*')
+             if path.suffix in ('.py', '.yaml', '.sh', '.rviz', '.xml')]
+    named = {(path, page) for path in files
+             for page in re.findall(r'\bdocs/[\w./-]+\.(?:md|png)', path.read_text())}
+    assert len(named) > 10
+    assert not {each for each in named if not (ROOT / each[1]).is_file()}
+
+
 def test_every_command_is_described():
     text = (ROOT / 'docs/reference/commands.md').read_text()
     entries = [str(each) for each in yaml.safe_load((ROOT / 'test/interface.yaml').read_text())]

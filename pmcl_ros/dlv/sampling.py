@@ -2,7 +2,8 @@
 
 Bilinear weights average noise: half-way between pixels a quarter of its power is left in two
 dimensions, at a pixel all of it. A cost of flat pixels so has its minimum wherever a label
-displaces views by half a pixel. `neutral_taps` leave the same power everywhere (docs/method.md).
+displaces views by half a pixel. `neutral_taps` leave the same power everywhere
+(docs/concepts/volume.md).
 """
 
 import numpy as np

@@ -5,7 +5,7 @@ equation of second order: refocused at s, what the views hold of second degree i
 h^2 times the second derivatives of what they hold in common (Shizawa and Mase 1990; Aach, Mota,
 Stuke et al. 2006; on epipolar slices Wanner and Goldluecke 2013). Neither picture need be known.
 Least squares over the window, over the colours and over all views at once finds s and h far below
-the separation at which a cost has two minima. How it is told from one layer: docs/method.md.
+the separation at which a cost has two minima (docs/concepts/volume.md).
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,8 @@
 """LightField -> EdgeVolume: the structure tensor of the views refocused at every label.
 
 A second layer behind glass pulls the likelihood of a contour's rays towards itself; the energy of
-an edge that is sharp when refocused at its own depth stays where the edge is (docs/method.md).
+an edge that is sharp when refocused at its own depth stays where the edge is
+(docs/concepts/evidence.md).
 """
 
 from dataclasses import dataclass, replace
