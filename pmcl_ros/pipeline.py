@@ -30,11 +30,11 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.runtime.progress import StageProgress
 
 _MOST_LABELS = 1000  # that the settings allow; where more are needed a warning is logged
 
 Evidence = EdgeVolume | DepthLikelihoodVolume
-Progress = Callable[[str, float], object]  # called with a stage, and how much of it is done (0..1)
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
 
@@ -151,7 +151,7 @@ class Pipeline(Generic[Estimate]):
         return volume_settings(self.mode, self.near, self.far, grid, self._changes, self._origin)
 
     def run(self, read: Callable[[], LightField], rng: np.random.Generator,
-            progress: Progress = lambda *_: None, watch: Watch | None = None,
+            progress: StageProgress = lambda *_: None, watch: Watch | None = None,
             with_volume: bool = False) -> Run[Estimate]:
         """Read a light field and find the objects in it.
 

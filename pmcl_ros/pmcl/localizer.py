@@ -31,12 +31,12 @@ from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
+from pmcl_ros.runtime.progress import Progress
 
 FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
 # image px: what may be left out of the mesh of what is followed, which seems as much too near
 _FINEST = 0.05
 
-Progress = Callable[[float], bool]
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 

@@ -22,9 +22,9 @@ from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.progress import Progress
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-Progress = Callable[[float], bool]
 
 
 class ParticleFilterLocalizer:

@@ -14,10 +14,10 @@ from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.progress import Progress
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 Ascend = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-Progress = Callable[[float], bool]
 
 _REFINEMENTS = 10
 _CONVERGED = 0.02  # px: rms along the contour

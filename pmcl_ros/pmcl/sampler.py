@@ -13,9 +13,9 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.history import Record
 from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.runtime.progress import Progress
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-Progress = Callable[[float], bool]
 
 _EFFECTIVE = 0.5  # of the particles that one step in temperature leaves effective
 _ACCEPTED = 0.3  # of the moves: about where a random walk in five or six dimensions mixes fastest

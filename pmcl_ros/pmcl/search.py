@@ -9,7 +9,8 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
 from pmcl_ros.pmcl.modes import suppress_duplicates
-from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior, Progress
+from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
+from pmcl_ros.runtime.progress import Progress
 
 # Poses that go on to climb, to fine contours, from there, to the end.
 _LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3

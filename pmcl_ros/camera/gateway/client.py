@@ -16,11 +16,12 @@ import requests
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pmcl_ros.camera.client import CameraStatus, Picture
-from pmcl_ros.camera.gateway.download import Download, LostError, Progress
+from pmcl_ros.camera.gateway.download import Download, LostError
 from pmcl_ros.camera.gateway.settings import TIME_HEADER, GatewaySettings, check_token
 from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
+from pmcl_ros.runtime.progress import BytesProgress
 from pmcl_ros.runtime.settings import explain
 
 _DRIFT = 100e-6  # two quartzes, at worst
@@ -133,7 +134,7 @@ class GatewayClient:
                 return self._picture(_value(response, _Picture.model_validate_json))
         return self._persist(attempt)
 
-    def fetch(self, picture: Picture, progress: Progress | None = None) -> tuple[bytes, str]:
+    def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON), checked by their SHA-256.
 
         progress: told bytes got and bytes in all, of the .RAW.

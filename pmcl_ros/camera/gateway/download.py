@@ -4,13 +4,11 @@ import base64
 import binascii
 import hashlib
 import re
-from collections.abc import Callable
 
 import requests
 
 from pmcl_ros.runtime.errors import CameraError, LinkError
-
-Progress = Callable[[int, int], None]
+from pmcl_ros.runtime.progress import BytesProgress
 
 _BLOCK = 1 << 14  # bytes; what is lost with a connection is less than one
 _CONTENT_RANGE = re.compile(r'bytes ([0-9]{1,15})-[0-9]{1,15}/([0-9]{1,15})')
@@ -27,7 +25,7 @@ class Download:
     progress: told bytes got and bytes in all.
     """
 
-    def __init__(self, name: str, largest: int, progress: Progress | None = None) -> None:
+    def __init__(self, name: str, largest: int, progress: BytesProgress | None = None) -> None:
         self._name, self._largest, self._progress = name, largest, progress
         self._got = bytearray()
         self._etag, self._total, self._digest = '', 0, b''

@@ -17,7 +17,7 @@ from pmcl_ros.camera.lytro.events import (
     Event,
     Shot,
 )
-from pmcl_ros.camera.lytro.link import Link, Progress
+from pmcl_ros.camera.lytro.link import Link
 from pmcl_ros.camera.lytro.protocol import (
     Command,
     HardwareInfo,
@@ -31,6 +31,7 @@ from pmcl_ros.camera.lytro.protocol import (
 )
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError
+from pmcl_ros.runtime.progress import BytesProgress
 
 _PAUSE = 0.2  # seconds between two looks at the picture list
 
@@ -89,7 +90,7 @@ class LytroClient:
         """Take a picture; returns when it can be fetched. CameraError when none comes."""
         return self.wait_for_picture(shot=self.take_picture())
 
-    def fetch(self, picture: Picture, progress: Progress | None = None) -> tuple[bytes, str]:
+    def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON).
 
         The text is checked to be a camera's, and the length of the .RAW to be what the text says.
@@ -158,7 +159,7 @@ class LytroClient:
         """The calibration files that the camera hands out, path -> content."""
         return decode_files(self._link.load(protocol.LOAD_CALIBRATION, 'the calibration'))
 
-    def download(self, path: str, progress: Progress | None = None) -> bytes:
+    def download(self, path: str, progress: BytesProgress | None = None) -> bytes:
         r"""A file by its path on the camera (I:\DCIM\100PHOTO\IMG_0001.RAW)."""
         return self._link.load(protocol.load_file(path), path, progress=progress)
 

@@ -19,11 +19,11 @@ from pmcl_ros.camera.lytro.protocol import (
     download,
 )
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
+from pmcl_ros.runtime.progress import BytesProgress
 
 _SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has stalled
 LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
 T = TypeVar('T')
-Progress = Callable[[int, int], None]  # bytes got, bytes in all
 _log = logging.getLogger(__name__)
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
 _ANOTHER_CLIENT = 'does another client use the camera?'
@@ -154,7 +154,7 @@ class Link:
         return self.with_connection(lambda connection: connection.exchange(request))
 
     def load(self, request: Request, what: str, expected: int | None = None,
-             progress: Progress | None = None, *, grows: bool = False) -> bytes:
+             progress: BytesProgress | None = None, *, grows: bool = False) -> bytes:
         """Load `what` into the transfer buffer and download all of it.
 
         expected: its length, if that is known. After a lost connection it is loaded again and
@@ -213,7 +213,7 @@ class _Download:
     """The transfer buffer's content on its way; `run` goes on where the last run was lost."""
 
     def __init__(self, link: Link, request: Request, what: str, expected: int | None,
-                 progress: Progress | None, grows: bool) -> None:
+                 progress: BytesProgress | None, grows: bool) -> None:
         self._link, self._request, self._what = link, request, what
         self._expected, self._progress = expected, progress
         self._grows = grows

@@ -1,4 +1,4 @@
-"""A localisation with everything that it went through: what a report tells."""
+"""Localises one object and keeps every intermediate result, for the report."""
 
 import platform
 import time
@@ -14,7 +14,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.pipeline import Pipeline, Progress
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
@@ -22,19 +22,20 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.progress import StageProgress
 
 _LIBRARIES = ('numpy', 'scipy', 'opencv-python-headless', 'numba', 'moderngl', 'trimesh')
 
 
 @dataclass(frozen=True)
 class Localization:
-    """One object looked for in one light field.
+    """The search for one object in one light field.
 
     history: the search's generations. contour: of the estimate; None in the mode faithful.
     seconds: wall time of each stage, in their order; those of the search by their names [s].
-    renderer: what scored poses.
-    source: whence the picture is, in words. serial: of the camera, empty if unknown.
-    truth: where the object is, if that is known.
+    renderer: the back end that scored poses.
+    source: of the picture, in words. serial: of the camera, empty if unknown.
+    truth: None if unknown.
     """
 
     light_field: LightField
@@ -58,12 +59,11 @@ class Localization:
 
 
 def localize(read: Callable[[], LightField], model: ObjectModel, settings: PmclSettings,
-             progress: Progress, source: str = '', serial: str = '', truth: Truth | None = None
-             ) -> Localization:
-    """Find the object in the light field that `read` makes, and keep what was seen on the way.
+             progress: StageProgress, source: str = '', serial: str = '',
+             truth: Truth | None = None) -> Localization:
+    """Find the object in the light field that `read` makes; keep all intermediate results.
 
-    The pose is that of `pmcl localize` with the same settings. progress: called with the stage and
-    how much of it is done, 0 to 1. Raises what the stages raise.
+    The pose is that of `pmcl localize` with the same settings. Raises what the stages raise.
     """
     history: list[Generation] = []
     with Pipeline.for_object(model, settings) as pipeline:
@@ -92,11 +92,11 @@ def _stages(begin: float, history: list[Generation], end: float) -> dict[str, fl
 
 
 def versions() -> dict[str, str]:
-    """Of what a localisation was made with."""
+    """The versions of the package, Python and the libraries that compute."""
     found = {'pmcl_ros': pmcl_ros.__version__, 'Python': platform.python_version()}
     for name in _LIBRARIES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
-            found[name] = 'not told'
+            found[name] = 'not installed'
     return found

@@ -11,11 +11,12 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.names import distinct_names
 from pmcl_ros.pmcl.multi_object.penetration import deepest_pair
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_object.scene_search import Progress, SceneSearch
+from pmcl_ros.pmcl.multi_object.scene_search import SceneSearch
 from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.progress import Progress
 
 _MOST = 8  # objects
 

@@ -1,7 +1,7 @@
 """The search for several objects in one capture."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,12 +20,12 @@ from pmcl_ros.pmcl.multi_object.visibility import sight
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.tracking.observation import Observation, weighted
+from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _WHOLE = 0.999  # share of a contour that counts, from which on it is whole
 _ALONE, _AGAIN = 0.7, 0.3  # shares of the time: of the searches alone, and of what is missing
 
-Progress = Callable[[float], bool]
 
 
 class SceneSearch:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer, Progress
+from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -18,6 +18,7 @@ from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.pmcl.tracking.track import DOUBT_SIGMA, Prediction, Track
 from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 PREDICTED = 'predicted'  # mode of an estimate, beside those of `Localizer`

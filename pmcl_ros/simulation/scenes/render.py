@@ -22,7 +22,6 @@ from pmcl_ros.simulation.scenes.world import World
 
 _DEPTH = 64  # of a hierarchy of boxes
 _R1, _R2 = 0.7548776662466927, 0.5698402909980532  # powers of the plane's golden ratio
-Progress = Callable[[float], None]
 _APERTURE = 0.0003  # m: a quarter of its width
 _GAMMA = 2.2
 _PERIOD_NS = 1_000_000_000  # between two pictures
@@ -140,7 +139,7 @@ class SyntheticCapture:
 
 
 def render(scene: Scene, rng: np.random.Generator, samples: int = 2,
-           progress: Progress | None = None) -> SyntheticCapture:
+           progress: Callable[[float], None] | None = None) -> SyntheticCapture:
     """Render all views of a scene.
 
     samples: rays per pixel and view; the blur averages those of about ten pixels. progress: called
