@@ -24,8 +24,7 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region

@@ -18,7 +18,7 @@ from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 

@@ -31,7 +31,7 @@ from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker

@@ -22,9 +22,11 @@ from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
 from pmcl_ros.nodes.overlays import Overlays
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.names import distinct_names
-from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.multi_object.scene_localizer import (
+    SceneEstimate,
+    SceneLocalizer,
+    distinct_names,
+)
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.runtime.resources import resolve

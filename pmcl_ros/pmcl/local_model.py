@@ -5,7 +5,7 @@ the image. So the evidence along those normals, which is smooth, tells the evide
 nearby: no rasteriser's steps, and no more rendering than once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,7 @@ _LEAST_FREE = 0.25  # share of the slopes that a pose may leave, however short i
 _LEAST_VARIANCE = 0.05  # of a contribution's slope along the normal: no capture is without noise
 _WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
 _FARTHEST = 1.0  # px (rms along the contour) that one step goes: beyond that nothing is known
+_NEGLIGIBLE = 1e-3  # weight of a point of a contour; points of less are left out
 
 
 @dataclass(frozen=True)
@@ -160,3 +161,35 @@ def _stretches(points: ContourPoints) -> NDArray[np.int64]:
     number = np.floor(points.along / _STRETCH)
     new = (np.diff(number) != 0) | (np.diff(points.piece) != 0)
     return np.flatnonzero(np.concatenate([[True], new]))
+
+
+@dataclass(frozen=True)
+class Observation:
+    """The contour and the evidence of an object at a pose.
+
+    pose: (4, 4), object to camera [m]. points: of its contour, as if no other object were there.
+    depth: (height, width) float32 of its surface in the image [m], 0 elsewhere.
+    local: model of the evidence about the pose. in_view: share of the object in the image.
+    """
+
+    pose: NDArray[np.float64]
+    points: ContourPoints
+    depth: NDArray[np.float32]
+    local: LocalModel
+    in_view: float
+
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(6, 6) of the pose [m, rad], with the model error; none about an axis of symmetry."""
+        error = self.local.basis @ self.local.model_error @ self.local.basis.T
+        return self.local.covariance + error
+
+
+def weighted(points: ContourPoints, weights: NDArray[np.float64]) -> ContourPoints:
+    """A contour with the lengths multiplied by weights (m,), 0 to 1, without points of about 0."""
+    kept = weights > _NEGLIGIBLE
+    return replace(
+        points, pixels=points.pixels[kept], normals=points.normals[kept],
+        depths=points.depths[kept], lengths=(points.lengths * weights)[kept],
+        energies=points.energies[kept], evidence=points.evidence[kept],
+        piece=points.piece[kept], along=points.along[kept])

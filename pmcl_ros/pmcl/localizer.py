@@ -16,7 +16,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.linearized_contour import LinearizedContour
-from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
@@ -29,7 +29,6 @@ from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
-from pmcl_ros.pmcl.tracking.observation import Observation, weighted
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 

@@ -14,8 +14,7 @@ from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.errors import is_right, pose_error
 from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings

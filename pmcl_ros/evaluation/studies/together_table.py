@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from pmcl_ros.evaluation.studies.together import Found, Together
-from pmcl_ros.pmcl.multi_object.penetration import DEEPEST
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
 
 _HEAD = ('| seed | objects | overlap | alone | together | as well | deepest | missing one | time |'
          '\n|---|---|---|---|---|---|---|---|---|')
@@ -26,8 +26,8 @@ def table(trials: Sequence[Together]) -> str:
         f'{_share([one.placed_as_well_as(other) for one, other in pairs])}',
         _told('alone', [other for _, other in pairs]),
         _told('together', [one for one, _ in pairs]),
-        f'pairs deeper in each other than {1e3 * DEEPEST:.0f} mm: '
-        f'{_share([each.depth > DEEPEST for each in trials])} of scenes, the deepest '
+        f'pairs deeper in each other than {1e3 * MAX_PENETRATION:.0f} mm: '
+        f'{_share([each.depth > MAX_PENETRATION for each in trials])} of scenes, the deepest '
         f'{1e3 * max(each.depth for each in trials):.1f} mm',
         'the missing one told lost: '
         f'{_share([each.absent for each in trials])}, alone '

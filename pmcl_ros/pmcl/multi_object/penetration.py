@@ -1,4 +1,4 @@
-"""Objects that interpenetrate, moved apart by as little as what is known of them allows."""
+"""Resolve the penetration of objects by the smallest change of their poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_object.solid import Contact, Solid, contact
 
-DEEPEST = 0.002  # m: deeper no two objects are in each other
-_AIMED = 0.001  # m: so deep they are left, as points of a surface tell it not quite
-_ROUNDS = 40
+MAX_PENETRATION = 0.002  # m: of two objects in an estimate
+_RESIDUAL = 0.001  # m: residual penetration; surfaces are sampled at about 1 mm
+_ITERATIONS = 40
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedSolid:
     """A solid at a pose (4, 4), and the covariance (6, 6) of that pose [m, rad]."""
 
     solid: Solid
@@ -25,11 +25,12 @@ class Placed:
 
 
 @dataclass(frozen=True)
-class Apart:
-    """deviations: (n, 6) by which they are moved (`se3.retract`).
+class Resolution:
+    """Changes of poses that resolve penetration.
 
-    cost: of that by the poses' covariances [nat]. depth: of the deepest pair that is left [m].
-    pair: its numbers; none of fewer than two.
+    deviations: (n, 6) tangent vectors (`se3.retract`) [m, rad]. cost: half their squared
+    Mahalanobis distance by the poses' covariances [nat]. depth: of the deepest pair that remains
+    [m]. pair: its indices; empty for fewer than two solids.
     """
 
     deviations: NDArray[np.float64]
@@ -38,59 +39,60 @@ class Apart:
     pair: tuple[int, ...]
 
 
-def apart(things: Sequence[Placed], dearest: float = np.inf) -> Apart:
-    """Move things until no two are deeper in each other than `_AIMED`.
+def resolve_penetration(solids: Sequence[PlacedSolid], most: float = np.inf) -> Resolution:
+    """Move solids until no two penetrate each other deeper than 1 mm.
 
-    Each round moves the deepest pair so that their deepest point comes out, by the least squared
-    deviation in the metric of both covariances: a projection on the linearised constraint.
-    dearest: what costs more is given up.
+    Each iteration moves the deepest pair so that its deepest point leaves the other solid, by the
+    least squared Mahalanobis distance: a projection on the linearized constraint.
+    most: stop where the cost is larger [nat].
     """
-    poses = np.array([each.pose for each in things]).reshape(-1, 4, 4)
-    off = np.zeros((len(things), 6))
-    known: dict[tuple[int, ...], Contact] = {
-        pair: _contact(things, poses, *pair) for pair in combinations(range(len(things)), 2)}
-    for _ in range(_ROUNDS):
-        if not known:
+    poses = np.array([each.pose for each in solids]).reshape(-1, 4, 4)
+    deviations = np.zeros((len(solids), 6))
+    contacts: dict[tuple[int, ...], Contact] = {
+        pair: _contact(solids, poses, *pair) for pair in combinations(range(len(solids)), 2)}
+    for _ in range(_ITERATIONS):
+        if not contacts:
             break
-        first, second = max(known, key=lambda pair: known[pair].depth)
-        deepest = known[first, second]
-        if deepest.depth <= _AIMED:
+        first, second = max(contacts, key=lambda pair: contacts[pair].depth)
+        deepest = contacts[first, second]
+        if deepest.depth <= _RESIDUAL:
             break
-        rates = {k: sign * np.concatenate([
+        gradients = {k: sign * np.concatenate([
             deepest.normal, np.cross(deepest.place - poses[k, :3, 3], deepest.normal)])
             for k, sign in ((first, 1.0), (second, -1.0))}
-        ways = {k: things[k].covariance @ rate for k, rate in rates.items()}
-        gain = sum(float(rates[k] @ ways[k]) for k in rates)
-        # A little farther than the linear constraint says: surfaces are bent.
-        wanted = deepest.depth - 0.5 * _AIMED
-        for k, way in ways.items():
-            step = way * wanted / gain
-            off[k] += step
-            poses[k] = retract(things[k].pose, off[k][None])[0]
-        if _cost(things, off) > dearest:
+        directions = {k: solids[k].covariance @ gradient for k, gradient in gradients.items()}
+        gain = sum(float(gradients[k] @ directions[k]) for k in gradients)
+        # A little farther than the linear constraint asks for: surfaces are curved.
+        wanted = deepest.depth - 0.5 * _RESIDUAL
+        for k, direction in directions.items():
+            step = direction * wanted / gain
+            deviations[k] += step
+            poses[k] = retract(solids[k].pose, deviations[k][None])[0]
+        if _cost(solids, deviations) > most:
             break
-        for pair in known:
+        for pair in contacts:
             if first in pair or second in pair:
-                known[pair] = _contact(things, poses, *pair)
-    last = max(known, key=lambda pair: known[pair].depth, default=())
-    return Apart(off, _cost(things, off), known[last].depth if last else -np.inf, last)
+                contacts[pair] = _contact(solids, poses, *pair)
+    last = max(contacts, key=lambda pair: contacts[pair].depth, default=())
+    depth = contacts[last].depth if last else -np.inf
+    return Resolution(deviations, _cost(solids, deviations), depth, last)
 
 
-def deepest_pair(things: Sequence[tuple[Solid, NDArray[np.float64]]]) -> float:
-    """How deep the deepest two of solids at poses (4, 4) are in each other [m]; 0: none is."""
-    return max((contact(*one, *other).depth for one, other in combinations(things, 2)),
+def deepest_penetration(solids: Sequence[tuple[Solid, NDArray[np.float64]]]) -> float:
+    """Depth [m] of the deepest pair of solids at poses (4, 4); 0 or less without penetration."""
+    return max((contact(*one, *other).depth for one, other in combinations(solids, 2)),
                default=0.0)
 
 
-def _contact(things: Sequence[Placed], poses: NDArray[np.float64], first: int, second: int
+def _contact(solids: Sequence[PlacedSolid], poses: NDArray[np.float64], first: int, second: int
              ) -> Contact:
-    return contact(things[first].solid, poses[first], things[second].solid, poses[second])
+    return contact(solids[first].solid, poses[first], solids[second].solid, poses[second])
 
 
-def _cost(things: Sequence[Placed], off: NDArray[np.float64]) -> float:
-    """Half the squared deviations, in standard deviations."""
+def _cost(solids: Sequence[PlacedSolid], deviations: NDArray[np.float64]) -> float:
+    """Half the sum of squared Mahalanobis distances [nat]."""
     total = 0.0
-    for each, deviation in zip(things, off, strict=True):
-        # Metres and radians differ in size; about an axis of symmetry nothing is known or moved.
+    for each, deviation in zip(solids, deviations, strict=True):
+        # Metres and radians differ in size; the covariance is singular about an axis of symmetry.
         total += float(deviation @ np.linalg.pinv(each.covariance, 1e-12) @ deviation)
     return 0.5 * total

@@ -1,29 +1,33 @@
-"""What is left of an object's evidence when others are there too.
+"""The evidence of an object beside others: occlusion, shared edges, residual edges.
 
-A contour behind another object may be seen through it, or not: nobody knows of what that is made.
-And one edge in the image speaks for one of the objects whose contours lie there, not for both.
+A contour behind another object may be visible through it or not, as the material is unknown. An
+edge in the image counts for one of the objects whose contours lie there, not for both.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
+from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.pmcl.local_model import Observation
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.tracking.observation import Observation
 
-_THROUGH = 0.5  # the chance that what is behind something is seen through it
-_BEHIND = 0.005  # m: nearer than this to a surface is not behind it
+_TRANSPARENT = 0.5  # prior probability that a contour is visible through an object before it
+_BEHIND = 0.005  # m: least distance behind a surface
 _SAME_EDGE, _PARALLEL = 2.0, 0.7  # px apart, cosine of the normals: the same edge in the image
+_SUPPRESSED = 2.5  # px: standard deviation of the band about a contour without residual edges
 
 
 @dataclass(frozen=True)
-class Sight:
-    """value: the evidence that is left of a contour's [nat]. weights: (m,) of its points, 0 to 1.
+class VisibleEvidence:
+    """The evidence of a contour beside other objects.
 
-    share: of the contour's length that counts.
+    value: sum over the contour [nat]. weights: (m,) of its points, 0 to 1. share: of the length
+    of the contour that counts.
     """
 
     value: float
@@ -31,15 +35,16 @@ class Sight:
     share: float
 
 
-def sight(points: ContourPoints, others: Sequence[Observation], scale: float) -> Sight:
-    """The evidence of a contour where others are too.
+def visible_evidence(points: ContourPoints, others: Sequence[Observation], scale: float
+                     ) -> VisibleEvidence:
+    """The evidence of a contour beside other objects.
 
-    scale: of the evidence, that makes it a log likelihood.
+    scale: factor from evidence to log likelihood.
 
-    Explaining away: where a nearer contour of one of the others lies along the same edge, this
-    one's evidence is only what it has more. Occlusion: what lies behind another is seen through
-    it, all of it, or not, and then says nothing: its log likelihood is log(p exp(E) + 1 - p).
-    (Were each stretch of it seen or not for itself, noise would find enough that looks seen.)
+    Explaining away: where a nearer contour of another object lies along the same edge, only the
+    excess over that contour's evidence counts. Occlusion: the part behind another object is
+    visible through it as a whole with probability p, else it has no evidence; its log likelihood
+    is log(p exp(E) + 1 - p). (Separate decisions for each stretch would add up noise.)
     """
     evidence = points.evidence.copy()
     for other in others:
@@ -50,15 +55,16 @@ def sight(points: ContourPoints, others: Sequence[Observation], scale: float) ->
     front = _in_front(points, others)
     hidden = front >= 0
     seen = np.bincount(front[hidden], each[hidden], len(others))
-    mixed = np.logaddexp(np.log(_THROUGH) + seen, np.log(1 - _THROUGH))
-    weights[hidden] *= np.exp(np.log(_THROUGH) + seen - mixed)[front[hidden]]
+    mixed = np.logaddexp(np.log(_TRANSPARENT) + seen, np.log(1 - _TRANSPARENT))
+    weights[hidden] *= np.exp(np.log(_TRANSPARENT) + seen - mixed)[front[hidden]]
     length = float(points.lengths.sum())
-    return Sight(float(each[~hidden].sum() + mixed[np.unique(front[hidden])].sum()) / scale,
-                 weights, float(points.lengths @ weights) / length if length > 0 else 0.0)
+    value = float(each[~hidden].sum() + mixed[np.unique(front[hidden])].sum()) / scale
+    return VisibleEvidence(value, weights,
+                           float(points.lengths @ weights) / length if length > 0 else 0.0)
 
 
 def _in_front(points: ContourPoints, others: Sequence[Observation]) -> NDArray[np.int64]:
-    """(m,) which of the others points of a contour lie behind, the nearest; -1: of none."""
+    """(m,) index of the nearest other object that lies before each point; -1: none."""
     nearest, which = np.full(len(points.depths), np.inf), np.full(len(points.depths), -1)
     for number, other in enumerate(others):
         height, width = other.depth.shape
@@ -71,14 +77,31 @@ def _in_front(points: ContourPoints, others: Sequence[Observation]) -> NDArray[n
 
 def _not_explained(points: ContourPoints, evidence: NDArray[np.float64], other: ContourPoints
                    ) -> NDArray[np.float64]:
-    """(m,) the evidence of points less what a nearer contour along the same edge accounts for."""
+    """(m,) the evidence, less that of a nearer contour along the same edge."""
     if not len(other.pixels) or not len(points.pixels):
         return evidence
     away, nearest = cKDTree(other.pixels).query(points.pixels, distance_upper_bound=_SAME_EDGE)
     same = np.isfinite(away)
     nearest = np.where(same, nearest, 0)
-    # Edges have no sign: the other may lie on the other side.
+    # Edges have no sign: normals may be opposite.
     same &= np.abs((points.normals * other.normals[nearest]).sum(axis=1)) > _PARALLEL
     same &= (points.depths > other.depths[nearest]) & (evidence > 0)
     rest = np.maximum(evidence - np.maximum(other.evidence[nearest], 0), 0)
     return np.where(same, rest, evidence)
+
+
+def residual_edges(edges: EdgeVolume, contours: Sequence[ContourPoints]) -> EdgeVolume:
+    """The edge volume without the edges along contours, at all depths.
+
+    An edge has energy at most labels, as the views differ only in the place of the edge.
+    """
+    height, width = edges.tensor.shape[:2]
+    off = np.ones((height, width), bool)
+    for each in contours:
+        column, row = np.rint(each.pixels.T).astype(int)
+        off[row.clip(0, height - 1), column.clip(0, width - 1)] = False
+    away: NDArray[np.float64] = distance_transform_edt(off) if not off.all() else np.full(
+        off.shape, np.inf)
+    kept = (1 - np.exp(-0.5 * (away / _SUPPRESSED) ** 2)).astype(np.float32)
+    # The tensor holds squared energies.
+    return replace(edges, tensor=edges.tensor * (kept ** 2)[..., None, None])

@@ -1,4 +1,4 @@
-"""The joint choice is the best one: as all choices, one after the other, say."""
+"""The joint assignment has the largest value of all."""
 
 from itertools import combinations, product
 
@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmcl_ros.pmcl.multi_object.assignment import MOST_CHOICES, best_choice, most_candidates
+from pmcl_ros.pmcl.multi_object.candidates import (
+    MOST_ASSIGNMENTS,
+    best_assignment,
+    most_candidates,
+)
 from pmcl_ros.runtime.errors import LocalizationError
 
 VALUES = st.one_of(st.just(-np.inf), st.integers(-9, 9).map(float))
@@ -35,19 +39,19 @@ def problems(draw):
 def test_no_choice_is_worth_more(problem):
     own, pairs = problem
     choices = product(*([None, *range(len(each))] for each in own))
-    chosen = best_choice(own, pairs)
+    chosen = best_assignment(own, pairs)
     assert worth(own, pairs, chosen) == max(worth(own, pairs, each) for each in choices)
 
 
 def test_two_that_cannot_be_together_are_not():
     own = [np.array([5.0, 3.0]), np.array([4.0])]
-    assert best_choice(own, {(0, 1): np.array([[-np.inf], [0.0]])}) == [1, 0]
-    assert best_choice(own, {(0, 1): np.full((2, 1), -np.inf)}) == [0, None]
+    assert best_assignment(own, {(0, 1): np.array([[-np.inf], [0.0]])}) == [1, 0]
+    assert best_assignment(own, {(0, 1): np.full((2, 1), -np.inf)}) == [0, None]
 
 
 def test_as_many_candidates_as_are_allowed_can_be_chosen_from_and_no_more():
     for objects in (1, 2, 5, 8):
         most = most_candidates(objects)
-        assert (most + 1) ** objects <= MOST_CHOICES < (most + 2) ** objects
+        assert (most + 1) ** objects <= MOST_ASSIGNMENTS < (most + 2) ** objects
     with pytest.raises(LocalizationError, match='list fewer objects'):
-        best_choice([np.zeros(20)] * 8, {})
+        best_assignment([np.zeros(20)] * 8, {})

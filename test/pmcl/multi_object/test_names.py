@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmcl_ros.pmcl.multi_object.names import distinct_names
+from pmcl_ros.pmcl.multi_object.scene_localizer import distinct_names
 from pmcl_ros.runtime.errors import LocalizationError
 
 

@@ -9,11 +9,16 @@ from pmcl_scenes import model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, Placed, apart, deepest_pair
+from pmcl_ros.pmcl.multi_object.penetration import (
+    MAX_PENETRATION,
+    PlacedSolid,
+    deepest_penetration,
+    resolve_penetration,
+)
 from pmcl_ros.pmcl.multi_object.solid import Solid
 
-BALL = Solid.of(model_of(trimesh.creation.icosphere(4, 0.03)))
-BOX = Solid.of(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))
+BALL = Solid.from_model(model_of(trimesh.creation.icosphere(4, 0.03)))
+BOX = Solid.from_model(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))
 SURE = np.diag([1e-8, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
 DEEP = np.diag([1e-8, 1e-8, 25e-6, 1e-6, 1e-6, 1e-6])  # 5 mm along the line of sight
 
@@ -23,9 +28,9 @@ def at(x, y, z):
 
 
 def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
-    things = [Placed(BALL, at(0.01, 0, 0.5), SURE), Placed(BALL, at(0, 0, 0.55), DEEP)]
-    found = apart(things)
-    assert found.depth <= DEEPEST
+    things = [PlacedSolid(BALL, at(0.01, 0, 0.5), SURE), PlacedSolid(BALL, at(0, 0, 0.55), DEEP)]
+    found = resolve_penetration(things)
+    assert found.depth <= MAX_PENETRATION
     first, second = np.abs(found.deviations[:, :3])
     assert second[2] > 20 * first.max()
     assert second[2] > 20 * second[:2].max()
@@ -33,15 +38,15 @@ def test_the_less_sure_one_moves_and_along_the_way_it_is_unsure_of():
 
 
 def test_what_is_apart_stays_and_what_costs_too_much_is_given_up():
-    far = [Placed(BALL, at(0, 0, 0.5), SURE), Placed(BALL, at(0.07, 0, 0.5), SURE)]
-    found = apart(far)
+    far = [PlacedSolid(BALL, at(0, 0, 0.5), SURE), PlacedSolid(BALL, at(0.07, 0, 0.5), SURE)]
+    found = resolve_penetration(far)
     assert not found.deviations.any()
     assert found.cost == 0
-    assert deepest_pair([(each.solid, each.pose) for each in far]) <= 0
-    same = [Placed(BALL, at(0, 0, 0.5), SURE), Placed(BALL, at(0.01, 0, 0.5), SURE)]
-    given_up = apart(same, dearest=10.0)
+    assert deepest_penetration([(each.solid, each.pose) for each in far]) <= 0
+    same = [PlacedSolid(BALL, at(0, 0, 0.5), SURE), PlacedSolid(BALL, at(0.01, 0, 0.5), SURE)]
+    given_up = resolve_penetration(same, most=10.0)
     assert given_up.cost > 10
-    assert apart([]).depth == -np.inf
+    assert resolve_penetration([]).depth == -np.inf
 
 
 @settings(max_examples=8, deadline=None)
@@ -51,10 +56,11 @@ def test_any_three_are_apart_in_the_end(numbers):
     spots += [[0, 0, 0], [0.05, 0, 0], [0, 0.06, 0]]
     turn = Rotation.from_rotvec(numbers[9:])
     wide = np.diag([1e-4] * 3 + [1e-2] * 3)
-    things = [Placed(solid, pose_of(turn, spot), wide)
+    things = [PlacedSolid(solid, pose_of(turn, spot), wide)
               for solid, spot in zip((BALL, BOX, BALL), spots, strict=True)]
-    found = apart(things)
+    found = resolve_penetration(things)
     after = [(each.solid, retract(each.pose, off[None])[0])
              for each, off in zip(things, found.deviations, strict=True)]
-    assert deepest_pair(after) == pytest.approx(max(found.depth, deepest_pair(after)))
-    assert found.depth <= DEEPEST
+    depth = deepest_penetration(after)
+    assert depth == pytest.approx(max(found.depth, depth))
+    assert found.depth <= MAX_PENETRATION

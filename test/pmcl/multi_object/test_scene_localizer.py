@@ -7,7 +7,7 @@ import pytest
 from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.pmcl.multi_object.penetration import DEEPEST, deepest_pair
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.runtime.errors import LocalizationError
@@ -42,7 +42,7 @@ def test_one_behind_another_is_found_as_well_as_alone(found):
         assert not estimate.lost
         assert off.translation < max(0.006, error(alone, truth, model).translation + 0.002)
         assert off.rotation < 0.12
-    assert found.depth <= DEEPEST
+    assert found.depth <= MAX_PENETRATION
     assert set(found.as_dict()['objects']) == {'cup', 'bottle'}
     assert [line.split(':')[0] for line in found.describe().splitlines()] == ['cup', 'bottle']
 
@@ -67,7 +67,7 @@ def test_two_alike_are_at_two_places_from_left_to_right_and_an_absent_one_is_los
     assert [each.lost for each in found.estimates] == [False, True, False]
     for estimate, truth in zip(found.estimates[::2], (left, right), strict=True):
         assert error(estimate, truth, CUP).translation < 0.006
-    assert found.depth <= DEEPEST
+    assert found.depth <= MAX_PENETRATION
 
 
 def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_sight():
@@ -75,11 +75,12 @@ def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_
     front, behind = standing(-0.012, 0.005, 0.4, 0.1), standing(0.008, 0.0, 0.441, 0.1)
     seen = seen_together([(CUP, front), (BOTTLE, behind)], through=True)
     found = located([CUP, BOTTLE], seen)
-    solids = Solid.of(CUP), Solid.of(BOTTLE)
-    before = deepest_pair(list(zip(solids, (each.pose for each in found.alone), strict=True)))
-    assert before > DEEPEST
-    after = deepest_pair(list(zip(solids, (each.pose for each in found.estimates), strict=True)))
-    assert 0 < after == found.depth <= DEEPEST
+    solids = Solid.from_model(CUP), Solid.from_model(BOTTLE)
+    before, after = (
+        deepest_penetration(list(zip(solids, (each.pose for each in estimates), strict=True)))
+        for estimates in (found.alone, found.estimates))
+    assert before > MAX_PENETRATION
+    assert 0 < after == found.depth <= MAX_PENETRATION
     assert not any(each.lost for each in found.estimates)
     moved = found.estimates[1].pose[:3, 3] - found.estimates[0].pose[:3, 3] - (
         found.alone[1].pose[:3, 3] - found.alone[0].pose[:3, 3])

@@ -12,7 +12,7 @@ NEAR = 0.0006  # m: points on the surface are about that far apart
 
 
 def solid(mesh):
-    return Solid.of(model_of(mesh))
+    return Solid.from_model(model_of(mesh))
 
 
 BALL = solid(trimesh.creation.icosphere(4, 0.03))

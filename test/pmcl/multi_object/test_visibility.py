@@ -5,12 +5,12 @@ import pytest
 from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.visibility import sight
+from pmcl_ros.pmcl.multi_object.visibility import visible_evidence
 
 FRONT, BEHIND = standing(-0.01, 0, 0.38), standing(0.02, 0.01, 0.47)
 
 
-def looks(volume):
+def observations(volume):
     """Of the cup in front, and the bottle behind it."""
     made = []
     for model, pose in ((CUP, FRONT), (BOTTLE, BEHIND)):
@@ -21,12 +21,12 @@ def looks(volume):
 
 @pytest.fixture(scope='module')
 def opaque():
-    return looks(seen_together([(CUP, FRONT), (BOTTLE, BEHIND)]))
+    return observations(seen_together([(CUP, FRONT), (BOTTLE, BEHIND)]))
 
 
 @pytest.fixture(scope='module')
 def glass():
-    return looks(seen_together([(CUP, FRONT), (BOTTLE, BEHIND)], through=True))
+    return observations(seen_together([(CUP, FRONT), (BOTTLE, BEHIND)], through=True))
 
 
 def total(points):
@@ -36,7 +36,7 @@ def total(points):
 def test_alone_and_in_front_all_counts(opaque):
     front, behind = opaque
     for each, others in ((front, []), (behind, []), (front, [behind])):
-        found = sight(each.points, others, 0.3)
+        found = visible_evidence(each.points, others, 0.3)
         assert found.value == pytest.approx(total(each.points))
         assert found.share == pytest.approx(1)
         assert (found.weights == 1).all()
@@ -44,7 +44,7 @@ def test_alone_and_in_front_all_counts(opaque):
 
 def test_what_is_hidden_says_nothing(opaque):
     front, behind = opaque
-    found = sight(behind.points, [front], 0.3)
+    found = visible_evidence(behind.points, [front], 0.3)
     column, row = np.rint(behind.points.pixels.T).astype(int)
     hidden = front.depth[row, column] > 0
     assert 0.1 < hidden.mean() < 0.9
@@ -56,7 +56,7 @@ def test_what_is_hidden_says_nothing(opaque):
 
 def test_what_is_seen_through_glass_counts(glass):
     front, behind = glass
-    found = sight(behind.points, [front], 0.3)
+    found = visible_evidence(behind.points, [front], 0.3)
     assert found.share > 0.9
     assert found.value == pytest.approx(total(behind.points), rel=0.1)
 
@@ -69,8 +69,8 @@ def test_one_edge_speaks_for_one_of_two(opaque):
         near, far = localizer.observe(volume, [FRONT, standing(-0.01, 0, 0.383)])
     points = far.points
     assert total(points) > 100
-    kept = sight(near.points, [far], 0.3)
-    lost = sight(points, [near], 0.3)
+    kept = visible_evidence(near.points, [far], 0.3)
+    lost = visible_evidence(points, [near], 0.3)
     assert kept.value == pytest.approx(total(near.points), rel=0.15)
     assert lost.value < 0.4 * total(points)
     assert front.points.lengths.sum() > 100

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.pmcl.multi_object.penetration import deepest_pair
+from pmcl_ros.pmcl.multi_object.penetration import deepest_penetration
 from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -24,9 +24,10 @@ def test_things_overlap_in_view_and_nowhere_else(seed, count):
         pixels = pinhole.project(each.vertices @ each.pose[:3, :3].T + each.pose[:3, 3])
         assert ((pixels >= 0) & (pixels <= corner)).all()
         assert Region(each.roi_center, each.roi_size).contains(each.pose[None, :3, 3]).all()
-    solids = [(Solid.of(ObjectModel('it', each.vertices, each.faces, each.axis, True)), each.pose)
-              for each in targets]
-    assert deepest_pair(solids) < 0.0005
+    models = [ObjectModel('it', each.vertices, each.faces, each.axis, True) for each in targets]
+    solids = [(Solid.from_model(model), each.pose)
+              for model, each in zip(models, targets, strict=True)]
+    assert deepest_penetration(solids) < 0.0005
     first = {id(each.vertices): k for k, each in reversed([*enumerate(targets)])}
     assert tuple(first[id(each.vertices)] for each in targets) == group.copies
 
