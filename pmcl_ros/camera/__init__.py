@@ -1,1 +1,1 @@
-"""What can yield a RawFrame."""
+"""Sources of RawFrames: files, a Lytro, a simulated camera, a gateway."""

@@ -4,12 +4,12 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Protocol
 
-_TRIES = 3  # another client that uses the camera spoils a download, but not for ever
+_TRIES = 3  # another client of the camera can spoil a download, but not each time
 
 
 @dataclass(frozen=True)
 class CameraStatus:
-    """Who the camera is and how it is. battery: percent, None where there is none."""
+    """Identity and state of a camera. battery: percent; None: the camera has none."""
 
     serial: str
     firmware: str
@@ -24,7 +24,7 @@ class CameraStatus:
 class Picture:
     """A picture on the camera's card.
 
-    id: 'sha1-' and 40 hex digits, the camera's own name for it.
+    id: the camera's own name of the picture, 'sha1-' and 40 hex digits.
     shutter_ns: time of the shutter, nanoseconds since the epoch.
     """
 
@@ -33,19 +33,19 @@ class Picture:
 
 
 class CameraClient(Protocol):
-    """A camera to take pictures with; every method raises CameraError, and can be tried again."""
+    """Interface of a camera. Every method may raise CameraError and may be called again then."""
 
     def status(self) -> CameraStatus:
         """Who the camera is and how it is."""
 
     def pictures(self) -> list[Picture]:
-        """What is on the card, oldest first: also what was taken and never fetched."""
+        """All pictures on the card, oldest first, fetched or not."""
 
     def capture(self) -> Picture:
         """Take a picture; returns when it can be fetched."""
 
     def fetch(self, picture: Picture) -> tuple[bytes, str]:
-        """The .RAW (12 bits, packed) and the .TXT (JSON) of a picture, checked to be whole."""
+        """The complete .RAW (12 bits, packed) and .TXT (JSON) of a picture."""
 
     def delete(self, picture: Picture) -> None:
         """Delete a picture from the card."""
@@ -54,11 +54,11 @@ class CameraClient(Protocol):
         """End every connection."""
 
 
-class Roll:
-    """The pictures that were taken after this was made, by whomever, until they are `done`.
+class PictureQueue:
+    """Pictures taken since construction, by any client, that are not published yet.
 
-    A picture whose announcement, reply or download was lost is on the camera's card all the same:
-    the list of the card is what counts. Raises CameraError as the camera does.
+    The list of the camera's card decides: it holds a picture even if its announcement, reply or
+    download was lost. Raises the CameraErrors of the camera.
     """
 
     def __init__(self, camera: CameraClient) -> None:
@@ -67,21 +67,21 @@ class Roll:
         self._failed: Counter[str] = Counter()
 
     def waiting(self) -> list[Picture]:
-        """Oldest first."""
+        """Pictures to publish, oldest first."""
         pictures = self._camera.pictures()
         ids = {each.id for each in pictures}
-        self._done &= ids  # what is deleted need not be remembered
+        self._done &= ids  # forget deleted pictures
         for each in self._failed.keys() - ids:
             del self._failed[each]
         return [each for each in pictures if each.id not in self._done]
 
     def done(self, picture: Picture) -> None:
-        """It is published, or can never be."""
+        """Mark a picture as published, or as impossible to publish."""
         self._done.add(picture.id)
         del self._failed[picture.id]
 
     def failed(self, picture: Picture) -> bool:
-        """It came, but is no picture; whether that was so often that it counts as done."""
+        """Count a download that is no picture; True after three: it is given up."""
         self._failed[picture.id] += 1
         if self._failed[picture.id] < _TRIES:
             return False

@@ -20,14 +20,14 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
 
 _RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
-_MEMORY = 100 << 20  # bytes that unpacking may take; of what `xz -9` wrote it takes 65 MiB
+_MEMORY = 100 << 20  # most bytes for unpacking; files of `xz -9` need 65 MiB
 
 
 def read_raw_frame(path: Path | str, header: Header | None = None) -> RawFrame:
     """Read NAME.RAW or NAME.RAW.xz with NAME.TXT, or NAME.LFP (.LFR), in any letter case.
 
     CameraError says which file is wrong and how.
-    header: whose picture it is; by default the stamp is the file's modification time.
+    header: stamp and frame; by default the stamp is the file's modification time.
     """
     path = Path(path)
     raw, text = read_picture(path)
@@ -40,7 +40,7 @@ def read_raw_frame(path: Path | str, header: Header | None = None) -> RawFrame:
 
 
 def read_metadata(path: Path | str) -> CameraMetadata:
-    """Read what belongs to a picture as `read_raw_frame` takes, without its pixels."""
+    """Read the metadata of a picture without its pixels; `path` as of `read_raw_frame`."""
     path = Path(path)
     if _is_lfp(path):
         text = lfp_to_picture(Container.open(path))[1]
@@ -52,7 +52,7 @@ def read_metadata(path: Path | str) -> CameraMetadata:
 
 
 def read_picture(path: Path | str) -> tuple[bytes, str]:
-    """What the camera wrote: packed counts and JSON text, of a file as `read_raw_frame` takes."""
+    """Packed counts and JSON text as the camera wrote them; `path` as of `read_raw_frame`."""
     path = Path(path)
     if _is_lfp(path):
         return lfp_to_picture(Container.open(path))
@@ -70,7 +70,7 @@ def write_raw_frame(path: Path | str, frame: RawFrame) -> None:
 
 
 def write_picture(path: Path | str, raw: bytes, text: str) -> None:
-    """As `write_raw_frame`, of packed counts and JSON text."""
+    """Like `write_raw_frame`, from packed counts and JSON text."""
     path = Path(path)
     with _named(path, 'write'):
         if _is_lfp(path):
@@ -97,7 +97,7 @@ def list_pictures(path: Path | str) -> list[Path]:
 
 
 def is_picture(path: Path) -> bool:
-    """Whether it is a file that is called as `read_raw_frame` takes."""
+    """Whether a file exists and has a name that `read_raw_frame` accepts."""
     return path.is_file() and (_is_lfp(path) or path.name.upper().endswith(_RAW))
 
 
@@ -120,8 +120,8 @@ def _text_beside(path: Path) -> Path:
     for each in sorted(path.parent.iterdir()) if path.parent.is_dir() else ():
         if each.name.upper() == name.upper():
             return each
-    raise CameraError(f'no {name} beside it: the metadata that the camera writes belongs to the '
-                      'picture')
+    raise CameraError(f'no {name} beside it: a picture needs the metadata that the camera '
+                      'wrote')
 
 
 def _parsed(path: Path, text: str) -> CameraMetadata:
@@ -160,7 +160,7 @@ def _read_xz(path: Path) -> bytes:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Whole or not at all: who lists the folder meanwhile sees no half picture."""
+    """Write atomically: a reader of the folder never sees an incomplete picture."""
     part = path.with_name(f'{path.name}.part')
     try:
         part.write_bytes(data)
@@ -173,7 +173,7 @@ def _write(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def _named(path: Path | str, verb: str = 'read') -> Iterator[None]:
-    """Errors that say which file."""
+    """Prefix errors with the name of the file."""
     try:
         yield
     except OSError as error:

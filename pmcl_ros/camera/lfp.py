@@ -28,13 +28,13 @@ _BLOCK = 1 << 20
 LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
 _PARTS = ('metadata', 'privateMetadata')
 _REFERENCES = ('imageRef', *(f'{part}Ref' for part in _PARTS))
-_OUTSIDE = 'pmcl_ros.outside_master'  # what the camera wrote beside 'master', as 'debug'
+_OUTSIDE = 'pmcl_ros.outside_master'  # keeps entries beside 'master', as 'debug'
 _NAME = re.compile(r'\w[\w .+-]*', re.ASCII)
 
 
 @dataclass(frozen=True)
 class Section:
-    """Where a section's body lies in the file, bytes."""
+    """Place of a section's body in the file [bytes]."""
 
     is_table: bool
     reference: str
@@ -44,7 +44,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Container:
-    """An LFP file whose every section was found whole, with the SHA-1 that it claims."""
+    """An LFP file. All sections were checked against their SHA-1."""
 
     path: Path
     table: dict[str, Any]
@@ -52,7 +52,7 @@ class Container:
 
     @classmethod
     def open(cls, path: Path | str) -> 'Container':
-        """Index a file; CameraError says what is wrong with it, and at which byte."""
+        """Index a file; CameraError gives the fault and its byte offset."""
         path = Path(path)
         try:
             with path.open('rb') as stream:
@@ -105,7 +105,7 @@ def container_bytes(table: Mapping[str, Any], components: Sequence[bytes]) -> by
 
 
 def json_bytes(value: Any, what: str) -> bytes:
-    """JSON in ASCII; CameraError names `what` it is when it is nested too deeply to be written."""
+    """JSON in ASCII; CameraError (naming `what`) if it is nested too deeply."""
     try:
         return json.dumps(value, indent=1).encode('ascii')
     except RecursionError:
@@ -113,7 +113,7 @@ def json_bytes(value: Any, what: str) -> bytes:
 
 
 def json_object(body: bytes, what: str) -> dict[str, Any]:
-    """The JSON object in a body; CameraError names `what` it should have been."""
+    """The JSON object in a body; CameraError (naming `what`) if there is none."""
     try:
         value = json.loads(body.decode('utf-8'))
     except (ValueError, RecursionError) as error:
@@ -131,7 +131,7 @@ def _section(magic: bytes, body: bytes) -> Iterator[bytes]:
 
 
 def _verified(stream: BinaryIO, size: int) -> Iterator[Section]:
-    """The sections of a file of `size` bytes, each once its SHA-1 was found right."""
+    """The sections of a file of `size` bytes, each after its SHA-1 was checked."""
     if stream.read(len(_FILE)) != _FILE:
         raise CameraError('does not begin as an LFP file does')
     place, count = _HEAD.size, 0
@@ -207,7 +207,7 @@ class _File(BaseModel):
 def picture_to_lfp(raw: bytes, text: str) -> bytes:
     """The container of a .RAW and its .TXT (or a frame's metadata alone).
 
-    Raises CameraError when the text is none of a camera.
+    Raises CameraError when the text is not a camera's metadata.
     """
     CameraMetadata.parse(text)
     data = json_object(text.encode('utf-8', 'replace'), 'metadata')
@@ -229,7 +229,7 @@ def picture_to_lfp(raw: bytes, text: str) -> bytes:
 def lfp_to_picture(container: Container) -> tuple[bytes, str]:
     """The .RAW and the .TXT that a container was built from; the text has the same JSON.
 
-    Raises CameraError when it holds something else, as a refocused stack or a Lytro Illum's.
+    Raises CameraError for other contents, such as a refocused stack or a Lytro Illum's picture.
     """
     if 'frames' in container.table:
         raise CameraError(f'{container.path}: Lytro Illum (10 bit) is not supported, only the '
@@ -265,8 +265,8 @@ def is_file_set(container: Container) -> bool:
 def file_set(container: Container, pattern: str = '*') -> dict[str, str]:
     r"""Names without folders -> references, of a container of the camera's files (data.C.#).
 
-    pattern: as a shell has it, in any letter case: 'MOD_*' are the white images. A name is what
-    follows the last \ or /, so that nothing is ever written beside the folder that was asked for.
+    pattern: shell pattern in any letter case: 'MOD_*' are the white images. A name is the part
+    after the last \ or /: files are never written outside the requested folder.
     """
     entries = container.table.get('files')
     if not isinstance(entries, list):

@@ -128,7 +128,7 @@ class _Private(_Part):
 
 
 class CameraMetadata(BaseModel):
-    """What the decode needs of the camera's JSON (lytro_f01.md, B3); `text` keeps all of it."""
+    """Fields of the camera's JSON that decoding needs (lytro_f01.md, B3); `text` is all of it."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -159,17 +159,17 @@ class CameraMetadata(BaseModel):
 
     @property
     def zoom(self) -> float | None:
-        """Step of the zoom motor; None: not told."""
+        """Step of the zoom motor; None: unknown."""
         return self.devices.lens.zoomStep
 
     @property
     def focus(self) -> float | None:
-        """Step of the focus motor; None: not told."""
+        """Step of the focus motor; None: unknown."""
         return self.devices.lens.focusStep
 
     @property
     def exposure(self) -> float | None:
-        """Exposure time [s]; None: not told."""
+        """Exposure time [s]; None: unknown."""
         shutter = self.devices.shutter
         whole = shutter.frameExposureDuration
         return shutter.pixelExposureDuration if whole is None else whole
@@ -197,7 +197,7 @@ def _tags_of(data: Any) -> Any:
 def _frame_of(data: Any) -> tuple[Any, Any]:
     """The metadata and the private metadata of the picture's frame."""
     if not isinstance(data, dict) or 'master' not in data:
-        return data, {}  # what is no object is refused with the fields of one
+        return data, {}  # validation refuses anything but an object
     frame = data
     for step in ('master', 'picture', 'frameArray', 0, 'frame'):
         try:

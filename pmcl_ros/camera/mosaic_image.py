@@ -1,4 +1,4 @@
-"""A sensor's mosaic that somebody saved as an 8-bit image, as a RawFrame with derived metadata."""
+"""RawFrame from a sensor mosaic that was saved as an 8-bit image, with derived metadata."""
 
 import json
 from pathlib import Path
@@ -14,14 +14,14 @@ from pmcl_ros.runtime.errors import CameraError
 
 _SUFFIXES = ('.png', '.jpg', '.jpeg')
 _COUNTS = 16  # of 12 bits per level of 8 bits
-_DARK = 1.0  # percent of the pixels that get no light to speak of
+_DARK = 1.0  # percent of the pixels that are taken as unlit
 # The same for both first-generation cameras whose metadata are known (lytro_f01.md, B3).
 _TO_SRGB = (3.1116, -1.9394, -0.1722, -0.3629, 1.6409, -0.2780, 0.0790, -1.1558, 2.0768)
 _GAMMA = 0.41666
 
 
 def is_mosaic_image(path: Path | str) -> bool:
-    """Whether `path` is named as what `read_mosaic_image` reads."""
+    """Whether the name of `path` is one that `read_mosaic_image` accepts."""
     return Path(path).suffix.lower() in _SUFFIXES
 
 
@@ -29,15 +29,15 @@ def read_mosaic_image(path: Path | str, gain: float = 1.0, black: float | None =
                       header: Header | None = None) -> RawFrame:
     """Read a BGGR mosaic saved as a one-channel 8-bit PNG or JPEG.
 
-    gain: what the sensor's intensity was multiplied by when it was saved: counts are
-        16 / gain times the levels, and the white level is that of 255.
+    gain: factor applied to the sensor's intensity when the image was saved: counts are
+        16 / gain times the levels, and 255 becomes the white level.
     black: level of 8 bits without light; None: the darkest 1 % of the pixels (the gaps between
         lenslets, where the scene is dark).
-    header: whose picture it is; by default the stamp is the file's modification time.
+    header: stamp and frame; by default the stamp is the file's modification time.
 
     The metadata are derived, not a camera's, and say so (`derived`): a generic first-generation
     Lytro's colour matrix and gamma, white balance unknown (gains of 1).
-    Raises CameraError when the file cannot be read or is no such image.
+    Raises CameraError when the file cannot be read or is another kind of image.
     """
     path = Path(path)
     if not 0 < gain < 100:
@@ -75,7 +75,7 @@ def _read_levels(path: Path) -> NDArray[np.uint8]:
 
 
 def _derived_text(shape: tuple[int, ...], black: int, white: int, name: str, gain: float) -> str:
-    """The JSON of a frame, as far as it can be told."""
+    """The JSON of a frame, with the fields that can be derived."""
     colours = ('r', 'gr', 'gb', 'b')
     return json.dumps({
         'derived': {'from': name, 'gain': gain,

@@ -1,4 +1,4 @@
-"""The first of the four values: one picture as the sensor counted it."""
+"""RawFrame: one picture in the counts of the sensor, with the camera's metadata."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ _TILE, _UPPER_LEFT = 'r,gr:gb,b', 'b'
 
 @dataclass(frozen=True)
 class RawFrame:
-    """One picture and what the camera wrote about it.
+    """One picture and its metadata.
 
     counts: (height, width) uint16, 0..4095, BGGR mosaic.
     """
@@ -39,3 +39,8 @@ class RawFrame:
             raise CameraError(
                 f'raw frame holds a count of {self.counts.max()}, a 12-bit sensor ends at 4095; '
                 'publish the counts of the camera itself, not shifted to 16 bits')
+
+    def linear(self) -> NDArray[np.float32]:
+        """(height, width) linear light: 0 at the black level, 1 at the white level."""
+        black, white = self.metadata.black, self.metadata.white
+        return (self.counts - np.float32(black)) * np.float32(1 / (white - black))

@@ -21,37 +21,38 @@ Source = Literal['wifi', 'gateway', 'files']
 class CameraSettings(Settings):
     """Pictures -> RawFrame."""
 
-    source: Source = Field('wifi', description='where pictures come from: wifi, a Lytro in '
-                           'whose network this machine is; gateway, one that another machine '
-                           'reaches (pmcl camera gateway); files')
+    source: Source = Field('wifi', description='source of pictures: wifi, a Lytro whose '
+                           'network this machine has joined; gateway, a Lytro behind another '
+                           'machine (pmcl camera gateway); files')
     address: str = Field('10.100.1.1', min_length=1, description='wifi: HOST[:PORT'
                          '[:CALLBACK_PORT]] of the camera, or mdns: the one that announces itself')
     gateway: str = Field('', description='gateway: its address, http://HOST:PORT')
-    token_file: str = Field('', description='gateway: path of the file that holds its token; '
-                            'empty: it wants none')
+    token_file: str = Field('', description='gateway: path of the file with its token; empty: '
+                            'no token')
     path: str = Field('', description='files: path of a .RAW or .RAW.xz picture with its .TXT '
-                      'beside it, of an .LFP, or of a folder of such')
-    loop: bool = Field(False, description='files: begin again after the last picture')
-    delete: bool = Field(False, description='wifi: delete each picture from the camera once it is '
-                         'published')
-    picture_timeout: float = Field(30.0, gt=0, le=3600, description='wifi: from the command to '
-                                   'take a picture until it can be downloaded [s]')
-    patience: float = Field(20.0, gt=0, le=3600, description='wifi and gateway: reconnect and try '
-                            'again until nothing has come for so long [s]')
-    period: float = Field(0.0, ge=0, le=86400, description='time from picture to picture [s]; '
+                      'beside it, of an .LFP, or of a folder of pictures')
+    loop: bool = Field(False, description='files: start again after the last picture')
+    delete: bool = Field(False, description='wifi: delete each picture from the camera after '
+                         'publishing it')
+    picture_timeout: float = Field(30.0, gt=0, le=3600, description='wifi: longest time '
+                                   'from the capture command until the picture is available [s]')
+    patience: float = Field(20.0, gt=0, le=3600, description='wifi and gateway: retry after lost '
+                            'connections until nothing was received for this time [s]')
+    period: float = Field(0.0, ge=0, le=86400, description='interval between pictures [s]; '
                           '0: only when ~/capture is called')
     frame_id: str = Field('lytro_optical_frame', min_length=1, description='name of the optical '
                           'frame of the camera (x right, y down, z forward)')
 
 
 class NoMorePictures(CameraError):  # noqa: N818 -- the end of a folder, no failure
-    """The last picture has been taken."""
+    """All pictures of the folder are published."""
 
 
 class FileCamera:
-    """A `CameraClient` whose card is `path`, a picture or a folder of them.
+    """A `CameraClient` that takes the pictures on disk one after the other.
 
-    loop: begin again after the last. Raises CameraError when there is none.
+    path: a picture or a folder. loop: start again after the last picture.
+    Raises CameraError when there is no picture.
     """
 
     def __init__(self, path: Path | str, loop: bool = False) -> None:
@@ -63,11 +64,11 @@ class FileCamera:
         return CameraStatus(read_metadata(self._paths[0]).serial, '', None)
 
     def pictures(self) -> list[Picture]:
-        """What has been taken, oldest first."""
+        """All pictures taken so far, oldest first."""
         return list(self._taken)
 
     def capture(self) -> Picture:
-        """The next picture's shutter is pressed now; NoMorePictures after the last."""
+        """Take the next picture, stamped with the present time; NoMorePictures after the last."""
         count = len(self._taken)
         if count == len(self._paths) and not self._loop:
             raise NoMorePictures(f'all {count} pictures of {self._folder} are published; set loop '
@@ -82,17 +83,17 @@ class FileCamera:
         return read_picture(self._paths[number % len(self._paths)])
 
     def delete(self, picture: Picture) -> None:
-        """Nothing: the files stay."""
+        """Do nothing: files are never deleted."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing: no file is open."""
 
 
 def open_camera(settings: CameraSettings) -> CameraClient:
     """Connect to the camera of `settings.source`.
 
-    Raises CameraError when it cannot be reached, SettingsError when its address is none,
-    or it cannot do what they ask.
+    Raises CameraError when the camera cannot be reached, SettingsError for an invalid address or
+    an option that the source does not support.
     """
     if settings.delete and settings.source == 'gateway':
         raise SettingsError('a gateway deletes no pictures: set delete to false, and use `pmcl '

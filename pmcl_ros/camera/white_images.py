@@ -1,4 +1,4 @@
-"""Which white image belongs to a picture: the choice among a camera's own (lytro_f01.md, B4)."""
+"""Choice of the white image for a picture among those of its camera (lytro_f01.md, B4)."""
 
 import logging
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ _DARKEST, _BRIGHTEST = 0.02, 0.99
 
 @dataclass(frozen=True)
 class WhiteChoice:
-    """A white image, and why it was chosen, in words for the user."""
+    """A white image, and the reason of its choice as a message for the user."""
 
     path: Path
     frame: RawFrame
@@ -40,9 +40,9 @@ class _Candidate(NamedTuple):
 class WhiteImages:
     """The white images at `path`: one file, or all in a folder and its subfolders.
 
-    In a folder (as the camera's T1CALIB) those count that the camera marked as white
-    (modulationFrame) or named MOD_*. Their texts are read at once, their pixels when chosen.
-    Raises CameraError when there is none.
+    In a folder (such as the camera's T1CALIB) a white image is a picture that is marked as
+    modulationFrame or named MOD_*. Metadata are read at once, pixels when an image is chosen.
+    Raises CameraError when there is no white image.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -62,7 +62,7 @@ class WhiteImages:
 
     @property
     def serials(self) -> list[str]:
-        """The cameras they are of, sorted; without those whose text does not tell."""
+        """Serial numbers of their cameras, sorted; unknown ones are left out."""
         return sorted({each.metadata.serial for each in self._candidates} - {''})
 
     @property
@@ -73,8 +73,8 @@ class WhiteImages:
     def choose(self, picture: CameraMetadata) -> WhiteChoice:
         """The white image for a picture: nearest zoom, then nearest focus, then longest exposure.
 
-        One that is too dark or saturated is passed over. Raises CameraError when none is of the
-        picture's camera or of about its zoom, and where the texts do not tell which is.
+        Images that are too dark or saturated are skipped. Raises CameraError when no image has the
+        picture's camera and about its zoom, and where the metadata leave this open.
         """
         found = self._near(self._of_camera(picture), picture)
         found.sort(key=lambda each: (_distance(each.metadata.zoom, picture.zoom),
@@ -84,9 +84,9 @@ class WhiteImages:
             frame = self._read(each.path)
             if frame is not None:
                 why = _why(each, picture, len(self._candidates))
-                passed = self._told(before.path for before in found[:found.index(each)])
+                passed = self._skipped(before.path for before in found[:found.index(each)])
                 return WhiteChoice(each.path, frame, '; '.join([why, *passed]))
-        reasons = '; '.join(self._told(each.path for each in found))
+        reasons = '; '.join(self._skipped(each.path for each in found))
         raise CameraError(f'no usable white image at {self.path}: {reasons}')
 
     def _candidate(self, path: Path) -> _Candidate | None:
@@ -104,7 +104,7 @@ class WhiteImages:
         if not picture.serial:
             if len(self.serials) > 1:
                 raise CameraError(
-                    f"the picture's metadata tell no serial number, and {self.path} has white "
+                    f"the picture's metadata have no serial number, and {self.path} has white "
                     f'images of {", ".join(self.serials)}; give the folder of the right camera')
             return self._candidates
         same = [each for each in self._candidates if each.metadata.serial == picture.serial]
@@ -116,13 +116,13 @@ class WhiteImages:
         return same
 
     def _near(self, found: list[_Candidate], picture: CameraMetadata) -> list[_Candidate]:
-        """Those whose zoom may be the picture's."""
+        """Candidates of about the picture's zoom."""
         known = [each for each in found if each.metadata.zoom is not None]
         zooms = sorted({each.metadata.zoom for each in known if each.metadata.zoom is not None})
         if picture.zoom is None:
             if len(zooms) > 1:
                 raise CameraError(
-                    f"the picture's metadata tell no zoom step, and {self.path} has white images "
+                    f"the picture's metadata have no zoom step, and {self.path} has white images "
                     f'of zoom steps {_listed(zooms)}; give the file of the right one')
             return found
         near = [each for each in known if _distance(each.metadata.zoom, picture.zoom) <= _FARTHEST]
@@ -135,7 +135,7 @@ class WhiteImages:
         return near or found
 
     def _read(self, path: Path) -> RawFrame | None:
-        """Its pixels; None when it cannot be used."""
+        """Read an image; None when it cannot be used."""
         if path in self._unusable:
             return None
         if self._last is None or self._last[0] != path:
@@ -148,8 +148,8 @@ class WhiteImages:
             self._last = path, frame
         return self._last[1]
 
-    def _told(self, paths: Iterable[Path]) -> list[str]:
-        return [f'passed over {path.name}: {self._unusable[path]}' for path in paths]
+    def _skipped(self, paths: Iterable[Path]) -> list[str]:
+        return [f'skipped {path.name}: {self._unusable[path]}' for path in paths]
 
 
 def choose_white(path: Path | str, picture: CameraMetadata) -> WhiteChoice:
@@ -179,21 +179,21 @@ def _check_exposure(frame: RawFrame) -> None:
 
 
 def _distance(one: float | None, other: float | None) -> float:
-    """0 where either is not told."""
+    """Distance of two motor steps; 0 where either is unknown."""
     return 0 if one is None or other is None else abs(one - other)
 
 
 def _why(chosen: _Candidate, picture: CameraMetadata, count: int) -> str:
     white = chosen.metadata
     among = f'nearest of {count}' if count > 1 else 'the only one'
-    exposure = 'an exposure not told' if white.exposure is None else f'{white.exposure:g} s'
-    return (f'{chosen.path.name} of camera {white.serial or "not told"}, {among}: zoom step '
-            f'{_told_step(white.zoom)} (picture: {_told_step(picture.zoom)}), focus step '
-            f'{_told_step(white.focus)} (picture: {_told_step(picture.focus)}), {exposure}')
+    exposure = 'unknown exposure' if white.exposure is None else f'{white.exposure:g} s'
+    return (f'{chosen.path.name} of camera {white.serial or "unknown"}, {among}: zoom step '
+            f'{_step(white.zoom)} (picture: {_step(picture.zoom)}), focus step '
+            f'{_step(white.focus)} (picture: {_step(picture.focus)}), {exposure}')
 
 
-def _told_step(step: float | None) -> str:
-    return 'not told' if step is None else f'{step:g}'
+def _step(step: float | None) -> str:
+    return 'unknown' if step is None else f'{step:g}'
 
 
 def _listed(numbers: Sequence[float]) -> str:

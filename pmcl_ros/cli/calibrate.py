@@ -21,7 +21,7 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 
 @click.command()
 @click.option('--white', required=True, type=PATH, help='White image of the camera, or a folder '
-              'of such: the one that fits the first picture is chosen.')
+              'of white images: the one that fits the first picture is chosen.')
 @click.option('--boards', required=True, type=click.Path(exists=True, path_type=Path),
               help='Folder with pictures of the board, searched with its subfolders.')
 @click.option('--corners', required=True, metavar='COLUMNSxROWS',
@@ -32,7 +32,7 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path) -> None:
     """Calibrate the camera from pictures of a checkerboard at one zoom and focus.
 
-    What shows no complete board, or is of another camera, is named and left out.
+    Pictures without a complete board, or of another camera, are named and left out.
     """
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.BadParameter(f'{out} does not end in .yaml', param_hint='--out')
@@ -50,9 +50,9 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path)
 
 
 def run_calibration(white: Path, boards: Path, board: Checkerboard) -> CalibrationResult:
-    """Calibrate from the pictures in a folder; progress, and what is left out, is shown.
+    """Calibrate from the pictures in a folder, with progress and a line for each left-out one.
 
-    white: a white image, or a folder of such.
+    white: a white image, or a folder of white images.
     """
     if white.is_dir():
         choice = choose_white(white, read_metadata(list_pictures(boards)[0]))
@@ -80,7 +80,7 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
 def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path) -> None:
     """Write the calibration of simulated captures from their truth.json files.
 
-    That of a CAPTURE and that of the WHITE image.
+    Needs that of a CAPTURE and that of the WHITE image.
     """
     Calibration.from_truth(capture, white, serial).save(
         out, "Of a simulated camera, from its captures' truth files "

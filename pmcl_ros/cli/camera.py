@@ -1,4 +1,4 @@
-"""`pmcl camera`: a Lytro on the network, and one made of software."""
+"""`pmcl camera`: a Lytro on the network, and a simulated one."""
 
 import asyncio
 import contextlib
@@ -34,7 +34,7 @@ _USUAL_SECOND_PORT = 5679
 
 @click.group()
 def camera() -> None:
-    """A Lytro on the network, and one made of software."""
+    """A Lytro on the network, and a simulated one."""
 
 
 @camera.command(epilog='\b\nFaults:\n' + HELP)
@@ -52,26 +52,26 @@ def camera() -> None:
               help='From the shutter to NewPictureAvailable, seconds.')
 @click.option('--battery', default=87.5, show_default=True, type=click.FloatRange(0, 100),
               help='Charge, percent.')
-@click.option('--empty', is_flag=True, help='Begin with an empty card; else it holds PICTURES.')
-@click.option('--fault', multiple=True, metavar='FAULT', help='Let go wrong, see below.')
+@click.option('--empty', is_flag=True, help='Start with an empty card; else it holds PICTURES.')
+@click.option('--fault', multiple=True, metavar='FAULT', help='Fault to simulate, see below.')
 @click.option('--mdns', is_flag=True, help='Announce the camera by mDNS.')
 def serve(pictures: Path, host: str, port: int, callback_port: int, second_port: int | None,
           delay: float, battery: float, empty: bool, fault: tuple[str, ...], mdns: bool) -> None:
-    """Be a Lytro F01 to every client, until interrupted.
+    """Simulate a Lytro F01 for any client, until interrupted.
 
-    Each command to take a picture adds the next one of PICTURES in turn, and begins again after
-    the last. Nothing of it was compared with a real camera: clients of others work with it.
+    Each capture command adds the next one of PICTURES, in turn. It was tested with other people's
+    clients, but never compared with a real camera.
     """
     if second_port is None and port == Address().port:
         second_port = _USUAL_SECOND_PORT
-    card = Card.of(pictures, empty=empty)
+    card = Card.from_folder(pictures, empty=empty)
     simulated = SimulatedCamera(card, faults=Faults.parse(fault), delay=delay, battery=battery)
     server = CameraServer(simulated, host, port, callback_port, second_port)
     with announced(server.address, card.serial) if mdns else contextlib.nullcontext():
-        asyncio.run(_until_told(server, f'{len(card.records)} pictures'))
+        asyncio.run(_until_interrupted(server, f'{len(card.records)} pictures'))
 
 
-async def _until_told(server: CameraServer, what: str) -> None:
+async def _until_interrupted(server: CameraServer, what: str) -> None:
     task = asyncio.ensure_future(server.run())
     for each in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(each, task.cancel)
@@ -93,9 +93,9 @@ async def _until_told(server: CameraServer, what: str) -> None:
 @click.option('--list', 'listing', is_flag=True, help='List the pictures instead.')
 @click.option('--download', metavar='NAME|all', help='Download IMG_0001, or all that OUT does not '
               'have, instead.')
-@click.option('--delete', is_flag=True, help='Delete from the camera what was downloaded.')
+@click.option('--delete', is_flag=True, help='Delete downloaded pictures from the camera.')
 @click.option('--timeout', default=LinkSettings().picture_timeout, show_default=True,
-              type=click.FloatRange(0.1, 3600), help='For a picture to come, seconds.')
+              type=click.FloatRange(0.1, 3600), help='Longest wait for a picture, seconds.')
 def capture(address: str, out: Path | None, count: int, listing: bool, download: str | None,
             delete: bool, timeout: float) -> None:
     """Take pictures, and save them."""
@@ -116,7 +116,7 @@ def capture(address: str, out: Path | None, count: int, listing: bool, download:
 
 def _wanted(client: LytroClient, download: str | None, count: int, out: Path
             ) -> Iterator[tuple[Picture, PictureRecord]]:
-    """The pictures to save, oldest first; they are taken one after the other."""
+    """The pictures to save, oldest first; without `download` they are taken one by one."""
     if download is None:
         for _ in range(count):
             picture = client.capture()
@@ -170,16 +170,16 @@ def _save(client: LytroClient, picture: Picture, record: PictureRecord, out: Pat
 @click.option('--cache', type=click.Path(exists=True, file_okay=False, path_type=Path),
               help='Where to keep fetched pictures while it runs.  [default: temporary files]')
 @click.option('--cache-size', default=512, show_default=True, type=click.IntRange(1),
-              help='How much of them, MB.')
+              help='Size limit of them, MB.')
 def gateway(host: str, port: int, address: str, token_file: Path | None, cache: Path | None,
             cache_size: int) -> None:
-    """Hand out the camera's pictures over HTTP, until interrupted.
+    """Serve the camera's pictures over HTTP, until interrupted.
 
-    For a machine that has joined the camera's Wi-Fi and is in the robot's network too. What is
-    sent is not encrypted: use a network, or a tunnel, that you trust.
+    For a machine in the camera's Wi-Fi and in the robot's network. The connection is not
+    encrypted: use a network or a tunnel that you trust.
     """
     if address != 'mdns':
-        Address.parse(address)  # a mistake is told now, not at the first request
+        Address.parse(address)  # reports a mistake now, not at the first request
     token = None if token_file is None else read_token(token_file)
 
     def connect() -> LytroClient:
@@ -195,7 +195,7 @@ def gateway(host: str, port: int, address: str, token_file: Path | None, cache: 
 
 
 def _greet(service: Service) -> None:
-    """Say which camera it is, once it answers; meanwhile requests are served."""
+    """Print the camera's identity as soon as it answers; requests are served meanwhile."""
     try:
         status = service.status()
     except CameraError as error:

@@ -1,4 +1,4 @@
-"""`pmcl decode`: a raw picture's views, as NPZ and pictures."""
+"""`pmcl decode`: decode a raw picture into views, as NPZ and PNG files."""
 
 import math
 import re
@@ -36,12 +36,12 @@ def _size(_context: click.Context, _option: click.Parameter,
 @click.command()
 @click.argument('raw', type=FILE)
 @click.option('--calibration', type=FILE, help="The camera's calibration, YAML; without it the "
-              'views are lattice-aligned, and their geometry is not known.')
+              'views are lattice-aligned, with unknown geometry.')
 @click.option('--white', type=PATH, help="The camera's white image, RAW[.xz] with its TXT, or a "
-              'folder of such: the one that fits the picture is chosen. Without it, and without '
-              '--calibration, the picture itself must do.')
+              'folder of white images: the one that fits the picture is chosen. Without it and '
+              '--calibration, the light is estimated from the picture.')
 @click.option('--gain', type=float, default=1.0, show_default=True,
-              help='Of a PNG or JPEG: what its intensity was multiplied by.')
+              help='Of a PNG or JPEG: factor applied to its intensity.')
 @click.option('--views', type=click.IntRange(1), default=VIEWS, show_default=True,
               help='Views of a row and column, odd, one raw pixel apart.')
 @click.option('--size', metavar='WxH', callback=_size,
@@ -49,7 +49,7 @@ def _size(_context: click.Context, _option: click.Parameter,
 @click.option('--out', required=True, type=FOLDER, help='Folder for views.npz and pictures.')
 @click.option('--compare', type=FILE, metavar='VIEWS.npz',
               help='Ideal lattice-aligned views, `views` (3, 3, height, width, 3) three steps '
-              'apart: tell how the decode differs from them.')
+              'apart: print how the decode differs from them.')
 def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float, views: int,
            size: tuple[int, int] | None, out: Path, compare: Path | None) -> None:
     """Decode RAW into views: NPZ and PNG.
@@ -65,11 +65,11 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         raise click.UsageError('--calibration needs --white: an image of a white surface by the '
                                'same camera')
     else:
-        decoder = open_decoders(Calibration.load(calibration), white, views, size).of(
+        decoder = open_decoders(Calibration.load(calibration), white, views, size).decoder_for(
             frame.metadata)
     ideal = None if compare is None else IdealViews.load(compare)
     light_field = decoder.decode(frame)
-    if is_mosaic_image(raw):  # nobody wrote its white balance down
+    if is_mosaic_image(raw):  # its white balance is unknown
         gains = shades_of_grey(light_field.centre_view)
         light_field = replace(light_field, colour=replace(
             light_field.colour, gains=tuple(gains.tolist())))
@@ -78,7 +78,7 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         np.savez_compressed(out / 'views.npz', views=light_field.views,
                             weights=light_field.grid.weights,
                             positions=light_field.grid.positions)
-        click.echo('no calibration: the views are lattice-aligned, their geometry is not known',
+        click.echo('no calibration: the views are lattice-aligned, their geometry is unknown',
                    err=True)
     else:
         write_npz(out / 'views.npz', light_field)
@@ -91,6 +91,6 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)
     if ideal is not None:
         aligned = decoder.calibration.model_copy(update={'focus_distance': math.inf})
-        errors = compare_views(Decoder.of_light(aligned, decoder.light, views=views, size=size)
+        errors = compare_views(Decoder.from_light(aligned, decoder.light, views=views, size=size)
                                .decode(frame), ideal)
         click.echo(table(errors))

@@ -19,9 +19,9 @@ from pmcl_ros.lightfield.white_image import is_white_image, unevenness
 @click.argument('raw', type=FILE)
 @click.option('--out', required=True, type=FOLDER, help='Folder for lattice.yaml, lattice.png.')
 @click.option('--as', 'kind', type=click.Choice(['white', 'picture']),
-              help='What RAW is; default: found out.')
+              help='Kind of RAW; default: detected.')
 @click.option('--gain', type=float, default=1.0, show_default=True,
-              help='Of a PNG or JPEG: what its intensity was multiplied by.')
+              help='Of a PNG or JPEG: factor applied to its intensity.')
 def lattice(raw: Path, out: Path, kind: str | None, gain: float) -> None:
     """Estimate the lattice of lenslets from RAW: a white image, or a picture if there is none.
 
@@ -34,7 +34,7 @@ def lattice(raw: Path, out: Path, kind: str | None, gain: float) -> None:
         why = (f'its light is uneven by {100 * unevenness(frame):.1f} %' if marked is None
                else f'its metadata say modulationFrame: {str(marked).lower()}')
     else:
-        why = 'as told'
+        why = 'by --as'
     click.echo(f'{raw.name} taken as {"white image" if kind == "white" else kind} ({why})')
     fit = fit_lattice(frame) if kind == 'white' else lattice_from_picture(frame)
     found = fit.lattice

@@ -1,4 +1,4 @@
-"""`pmcl lfp`: Lytro's own container files, from and to what the camera wrote."""
+"""`pmcl lfp`: convert between Lytro's container files and the camera's own files."""
 
 from pathlib import Path
 from typing import Any
@@ -33,12 +33,12 @@ def pack(raw: Path, out: Path) -> None:
 @click.argument('file', type=FILE)
 @click.argument('out', type=FOLDER)
 @click.option('--only', default='*', show_default=True,
-              help="Of the camera's own files: those called like this, as 'MOD_*'.")
+              help="Of the camera's own files: those of this name pattern, as 'MOD_*'.")
 def unpack(file: Path, out: Path, only: str) -> None:
-    """Write what FILE holds to the folder OUT: its names are printed.
+    """Extract FILE to the folder OUT, and print the names of the files.
 
-    Of a picture, the .RAW and .TXT that the camera wrote. Of a camera's own files (data.C.0 and so
-    on) these themselves; MOD_* are its white images.
+    A picture becomes the .RAW and .TXT of the camera. A set of the camera's own files (data.C.0
+    and so on) is extracted file by file; MOD_* are its white images.
     """
     container = Container.open(file)
     try:
@@ -61,7 +61,7 @@ def unpack(file: Path, out: Path, only: str) -> None:
 @lfp.command()
 @click.argument('file', type=FILE)
 def info(file: Path) -> None:
-    """Say what FILE holds, and list its sections, each with its SHA-1 verified."""
+    """Describe FILE and list its sections, each with its verified SHA-1."""
     container = Container.open(file)
     if is_file_set(container):
         roles = {reference: name for name, reference in file_set(container).items()}
@@ -80,12 +80,12 @@ def info(file: Path) -> None:
 
 def _described(metadata: CameraMetadata) -> str:
     image = metadata.image
-    return (f'picture of camera {metadata.serial or "(not told)"}, {image.width}x{image.height} '
+    return (f'picture of camera {metadata.serial or "(unknown)"}, {image.width}x{image.height} '
             'pixels, 12 bits')
 
 
 def _references(table: dict[str, Any]) -> dict[str, str]:
-    """References -> what they are called, wherever in the table."""
+    """References -> their names, anywhere in the table."""
     found: dict[str, str] = {}
     left: list[Any] = [table]
     while left:

@@ -111,7 +111,7 @@ def _open(source: Path, calibration: Path | None, white: Path | None, every: int
         return lambda: capture, ''
     decoders = open_decoders(Calibration.load(calibration or _configured('calibration')),
                              white or _configured('white'))
-    decoders.of(capture.metadata)
+    decoders.decoder_for(capture.metadata)
     return partial(decoders.decode, capture), capture.metadata.serial
 
 

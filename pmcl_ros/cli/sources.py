@@ -46,9 +46,9 @@ def open_source(source: Path, calibration: Path | None, white: Path | None, ever
     if (every, shrink) != (1, 1):
         raise click.UsageError(f'{source} is a raw picture: --every and --shrink are for light '
                                'fields')
-    decoder, frame = open_decoders(Calibration.load(calibration), white), read_raw_frame(source)
-    decoder.of(frame.metadata)
-    return partial(decoder.decode, frame)
+    decoders, frame = open_decoders(Calibration.load(calibration), white), read_raw_frame(source)
+    decoders.decoder_for(frame.metadata)
+    return partial(decoders.decode, frame)
 
 
 def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,

@@ -28,20 +28,20 @@ def sweep() -> None:
 
 @sweep.command()
 @click.option('--distance', required=True, type=click.FloatRange(0, min_open=True),
-              help='Of what is looked for [m].')
+              help='Distance of the objects [m].')
 @click.option('--resolution', required=True, type=click.FloatRange(0, min_open=True),
-              help='Standard deviation of depth that is wanted there [m].')
+              help='Wanted standard deviation of depth there [m].')
 @click.option('--fx', required=True, type=click.FloatRange(1), help='Focal length [px].')
 @click.option('--size', type=click.IntRange(16), nargs=2, metavar='WIDTH HEIGHT',
-              help='Of the images [px]: tells how much all views show.')
+              help='Size of the images [px], to print the common part of all views.')
 @click.option('--matching', type=click.FloatRange(0, min_open=True), default=MATCHING,
               show_default=True, help='Standard deviation of a displacement [px].')
 @click.option('--views', type=click.IntRange(2, 99), nargs=2, default=(5, 5), show_default=True,
               metavar='ROWS COLUMNS', help='Of the grid.')
 @click.option('--pose', type=float, nargs=7, metavar='X Y Z QX QY QZ QW',
-              help="The camera's optical frame at the grid's middle, in --frame; left out: poses "
-              'are told in that of the camera itself.')
-@click.option('--frame', default='base_link', show_default=True, help='In which --pose is told.')
+              help="Pose of the camera's optical frame at the grid's middle, in --frame; default: "
+              "poses relative to that camera.")
+@click.option('--frame', default='base_link', show_default=True, help='Frame of --pose.')
 @click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
               help='The plan, YAML.')
 def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | None,
@@ -56,7 +56,7 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
     rows, columns = views
     step = width / (max(rows, columns) - 1)
     middle = None if pose is None else pose_of(pose[:3], pose[3:], '--pose')
-    made = SweepPlan.of(rows, columns, round(step, 6), middle, frame if pose else '')
+    made = SweepPlan.from_grid(rows, columns, round(step, 6), middle, frame if pose else '')
     width = made.baseline * (max(rows, columns) - 1)
     sigma = depth_resolution(distance, fx, width, matching)
     made.save(out, f'{rows}x{columns} views for a depth resolution of {1e3 * sigma:.2f} mm at '
@@ -85,15 +85,15 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
 @click.option('--size', type=click.IntRange(64), default=328, show_default=True,
               help='Side of a view [px].')
 @click.option('--unknown', type=click.FloatRange(0), default=0.0, show_default=True,
-              help="Standard deviation of what is wrong with each told place of the sweep's "
-              'camera, on each axis [m].')
+              help="Standard deviation of the error of each position of the sweep's camera, on "
+              'each axis [m].')
 @click.option('--unknown-turn', type=click.FloatRange(0), default=0.0, show_default=True,
-              help='Likewise of its direction, about each axis [rad].')
-@click.option('--each', 'singly', is_flag=True, help='A row for each scene, not their medians.')
+              help='Standard deviation of the error of its direction, about each axis [rad].')
+@click.option('--each', 'singly', is_flag=True, help='Print each scene instead of medians.')
 def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple[float, ...],
                     views: int, size: int, unknown: float, unknown_turn: float, singly: bool
                     ) -> None:
-    """How much better poses get: made-up scenes, seen by a light-field camera and by sweeps."""
+    """Compare poses in generated scenes from a light-field camera and from sweeps."""
     settings = SceneSettings.make({'kinds': kinds, 'empty': 0, 'outside': 0, 'size': size},
                                   'pmcl sweep compare')
     arm = Arm(unknown=unknown, unknown_turn=unknown_turn)
@@ -103,7 +103,7 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
             found.append(each)
             status.update(f'{each.seed}: {each.scene}, {each.camera}')
     table = Table('scenes', 'camera', 'depth error', 'pose error', 'along the ray', 'axis error',
-                  'told sigma along the ray', 'lost')
+                  'estimated sigma along the ray', 'lost')
     groups: dict[tuple[str, str], list[Found]] = {}
     for each in found:
         name = f'{each.seed}: {each.scene}' if singly else each.scene.partition(':')[0]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import LightFieldError
 
-_SATURATING = 0.95  # of the sensor's range: from here to 1 a value turns into a lower bound
+_SATURATING = 0.95  # of the sensor's range: values above gradually count as lower bounds
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _NORM = 6  # Minkowski's; 1 would be the grey world, infinity the brightest pixel
 _SATURATED, _DARK = 0.9, 0.005
@@ -17,19 +17,18 @@ _LEAST = 100  # pixels
 
 @dataclass(frozen=True)
 class Colour:
-    """How to show linear RGB of a camera.
+    """Conversion of a camera's linear RGB to sRGB.
 
-    gains: white balance: a grey under the picture's light has equal values after them.
-    matrix: then from the camera's primaries to those of sRGB, row by row; rows of sum 1 keep grey
-        grey.
+    gains: white balance, applied first.
+    matrix: from the camera's primaries to those of sRGB, row by row; rows of sum 1 keep grey.
     """
 
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
     matrix: tuple[tuple[float, float, float], ...] = _IDENTITY
 
     @classmethod
-    def of(cls, metadata: CameraMetadata) -> 'Colour':
-        """What the camera wrote beside a picture."""
+    def from_metadata(cls, metadata: CameraMetadata) -> 'Colour':
+        """White balance and matrix from a picture's metadata."""
         color = metadata.image.color
         gain, m = color.whiteBalanceGain, color.ccmRgbToSrgbArray
         return cls((gain.r, (gain.gr + gain.gb) / 2, gain.b), (m[:3], m[3:6], m[6:]))
@@ -37,9 +36,9 @@ class Colour:
     def displayed(self, linear: NDArray[np.floating], gamma: float) -> NDArray[np.uint8]:
         """(..., 3) uint8 RGB of (..., 3) linear RGB, 1 at the sensor's white, encoded by `gamma`.
 
-        A saturated channel says only how bright it is at least. It is raised to the brightest of
-        the three after the white balance: what saturates all channels is white, not of the
-        colour of the gains, and a lamp whose one channel saturates keeps its hue.
+        A saturated channel is only a lower bound. It is raised to the brightest of the three after
+        the white balance: a pixel with three saturated channels becomes white, and a lamp with
+        one saturated channel keeps its hue.
         """
         linear = np.asarray(linear, np.float32)
         balanced = linear * np.array(self.gains, np.float32)
@@ -51,17 +50,16 @@ class Colour:
         return np.round(255 * shown).astype(np.uint8)
 
 
-NEUTRAL = Colour()  # of a camera that has the primaries of a screen
+NEUTRAL = Colour()  # of a camera with the primaries of sRGB
 
 
 def shades_of_grey(view: NDArray[np.floating]) -> NDArray[np.float64]:
     """(3,) gains of red, green (1) and blue that make a view grey on average.
 
     view: (..., 3) linear RGB of the camera, 0 at black, 1 at the sensor's white.
-    The Minkowski mean of order 6, so that bright colours count most (Finlayson, Trezzi: Shades of
-    Gray and Colour Constancy, 2004); saturated and dark pixels are left out. An estimate: wrong
-    where what is bright in the picture is not grey.
-    Raises LightFieldError when too few pixels are left.
+    Minkowski mean of order 6, in which bright colours dominate (Finlayson, Trezzi: Shades of Gray
+    and Colour Constancy, 2004), without saturated and dark pixels. It is wrong where bright
+    surfaces are not grey. Raises LightFieldError when too few pixels remain.
     """
     colours = np.asarray(view, float).reshape(-1, 3)
     colours = colours[(colours.max(axis=1) < _SATURATED) & (colours.min(axis=1) > _DARK)]

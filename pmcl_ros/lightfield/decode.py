@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets, sum_lenslets
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.pupil import Pupil
-from pmcl_ros.lightfield.readers.reduction import MOST_BYTES
+from pmcl_ros.lightfield.readers.pictures import MOST_BYTES
 from pmcl_ros.lightfield.resample import StandIns, ViewPixels, resample_views
 from pmcl_ros.lightfield.white_image import relative_light
 from pmcl_ros.runtime.errors import LightFieldError
@@ -22,9 +22,8 @@ from pmcl_ros.runtime.settings import Settings
 
 _MOST_VIEWS = 21
 _LEAST_SIDE = 8  # px, of a view, as in a calibration
-_LIGHT = 2 ** 14  # counts of relative light 1, when it is summed as if it were a picture
+_LIGHT = 2 ** 14  # counts of relative light 1 where light is summed like a picture
 VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
-_PITCH = 10  # raw pixels per pixel of the calibration
 
 
 class DecodeSettings(Settings):
@@ -34,8 +33,8 @@ class DecodeSettings(Settings):
                              description='path of the calibration of the camera, YAML')
     white: str = Field('', json_schema_extra={'live': True},
                        description='path of the white image of the camera, RAW or RAW.xz with its '
-                       'TXT beside it, or of a folder of such: the one that fits each picture is '
-                       'chosen')
+                       'TXT beside it, or of a folder of white images: the one that fits each '
+                       'picture is chosen')
     views: int = Field(9, ge=1, le=21, description='views of a row and column of the grid, odd, '
                        'one raw pixel apart')
     width: int = Field(0, ge=0, le=2000, description='width of a view [px]; 0: that of the '
@@ -60,11 +59,11 @@ class DecodeSettings(Settings):
 
 @dataclass(frozen=True)
 class DecodePlan:
-    """What is read where, and how bright it is made, for one calibration and map of light.
+    """Everything of a decode that does not depend on the picture.
 
-    grid: geometry and weights of the views. inside: (n, 2) row and column of those with light.
-    lenslets: all that they are read from. factors: (rows, n, 3, columns) float32, 1 / the light of
-    each sample. pixels, shifts, stand_ins: where a pixel of a view lies among the samples.
+    grid: geometry and weights of the views. inside: (n, 2) row and column of the views with light.
+    lenslets: all lenslets that they sample. factors: (rows, n, 3, columns) float32, 1 / the light
+    of each sample. pixels, shifts, stand_ins: map a view's pixels to the samples.
     """
 
     grid: ViewGrid
@@ -82,8 +81,8 @@ class DecodePlan:
         """For `views` x `views` views of `size` (width and height, None: the calibration's).
 
         light: (height, width), 1 at the centres of lenslets. Raises LightFieldError when the
-        lattice is not that of the light, or there is no such grid of views: their number, or their
-        pixels, are impossible or too many.
+        lattice does not fit the light, or when the number or the size of views is impossible or
+        too large.
         """
         if views % 2 == 0 or not 1 <= views <= _MOST_VIEWS:
             raise LightFieldError(f'{views} views of a row: their number must be odd, from 1 to '
@@ -100,11 +99,11 @@ class DecodePlan:
         height, width = light.shape
         last = np.array([width - 1, height - 1])
         pupil = Pupil.measure(light, Lenslets.covering(lattice, 0, last[0], 0, last[1]), views)
-        # To the bit what messages bring: single precision, and -P[3] over fx.
+        # Rounded as in messages (single precision, -P[3] over fx): every transport keeps the bits.
         positions = pupil.positions.astype(np.float32).astype(np.float64)
         baseline = pinhole.fx * calibration.baseline / pinhole.fx
         inside = np.argwhere(pupil.weights > 0)
-        # A view is shifted by where it looks from indeed, be that its nominal step or not.
+        # The shift of a view follows its true position, which may differ from the nominal one.
         focus = baseline / calibration.focus_distance
         shifts = positions[pupil.weights > 0] * [pinhole.fx * focus, pinhole.fy * focus]
         pixels = ViewPixels(pinhole, (width / pinhole.width, height / pinhole.height),
@@ -151,9 +150,9 @@ class Decoder:
 
     calibration: geometry and lattice. white: a white image of the same body, zoom and focus.
     views: of a row and column of the grid, odd, one raw pixel apart. size: width and height of a
-    view [px] other than the calibration's.
-    Keeps the plan of the decode; `light` is the (height, width) map of the light that each raw
-    pixel got. Raises LightFieldError when calibration and white image do not fit each other.
+    view [px]; None: the calibration's.
+    `plan` is the precomputed part, `light` the (height, width) map of the light at each raw pixel.
+    Raises LightFieldError when calibration and white image do not fit each other.
     """
 
     def __init__(self, calibration: Calibration, white: RawFrame, views: int = VIEWS,
@@ -162,12 +161,12 @@ class Decoder:
         self._prepare(relative_light(white), views, size)
 
     @classmethod
-    def of_light(cls, calibration: Calibration, light: NDArray[np.float32], serial: str = '',
+    def from_light(cls, calibration: Calibration, light: NDArray[np.float32], serial: str = '',
                  views: int = VIEWS, size: tuple[int, int] | None = None) -> 'Decoder':
-        """A decoder where there is no white image.
+        """A decoder without a white image.
 
-        light: (height, width) float32, the light each pixel got, 1 at the centres of lenslets.
-        serial: of the camera that it belongs to; empty: unknown.
+        light: (height, width) float32, the light at each pixel, 1 at the centres of lenslets.
+        serial: serial number of its camera; empty: unknown.
         """
         decoder = cls.__new__(cls)
         decoder._begin(calibration, light.shape, serial, 'the map of light')
@@ -186,21 +185,21 @@ class Decoder:
         if frame.counts.shape != self.light.shape:
             raise LightFieldError(f'raw frame {frame.counts.shape} and white image '
                                   f'{self.light.shape} differ in size')
-        # A fresh array of this size from numpy has large pages, which cost little to get.
+        # numpy allocates a fresh array of this size in large pages, which is cheap.
         views = np.empty((*self.grid.shape, pinhole.height, pinhole.width, 3), np.float32)
         with self._busy:
             self.plan.sample(frame, self._samples)
             self.plan.resample(self._samples, views)
         return LightField(frame.header, views, self.grid, metadata.image.color.gamma,
-                          Colour.of(metadata))
+                          Colour.from_metadata(metadata))
 
     def _begin(self, calibration: Calibration, shape: tuple[int, ...], serial: str,
                what: str) -> None:
         self.calibration = calibration
-        if shape != (calibration.height * _PITCH, calibration.width * _PITCH):
+        if shape != (calibration.height * RAW_PITCH, calibration.width * RAW_PITCH):
             raise LightFieldError(
                 f'calibration is for views of {calibration.width}x{calibration.height}, that is '
-                f'raw frames of {calibration.width * _PITCH}x{calibration.height * _PITCH}; '
+                f'raw frames of {calibration.width * RAW_PITCH}x{calibration.height * RAW_PITCH}; '
                 f'{what} has {"x".join(str(side) for side in shape[::-1])}')
         self._check_serial(serial, what)
 
@@ -209,7 +208,7 @@ class Decoder:
         self.light = light
         self.plan = DecodePlan.make(self.calibration, light, views, size)
         self._samples = np.empty(self.plan.factors.shape, np.float32)
-        self._busy = threading.Lock()  # of the samples, which every picture overwrites
+        self._busy = threading.Lock()  # guards the samples, which every picture overwrites
 
     def _check_serial(self, serial: str, what: str) -> None:
         expected = self.calibration.serial

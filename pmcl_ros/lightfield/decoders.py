@@ -1,4 +1,4 @@
-"""Which decoder a picture needs: with a calibration and white images, or without."""
+"""The decoder for a picture: by calibration and white images, or from the picture alone."""
 
 import logging
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from pathlib import Path
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.camera.white_images import WhiteImages
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
 from pmcl_ros.lightfield.calibration.light_from_picture import light_from_picture
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
@@ -15,16 +15,15 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
-_PITCH = 10  # raw px for each view pixel
 
 
 class Decoders:
-    """Decodes with the white image that fits each picture; the last decoder made is kept.
+    """Decodes each picture with its fitting white image; the last decoder is kept.
 
-    white: a white image of the calibrated camera, or a folder of such. One file is read, and its
-    decoder made, at once; of a folder what the pictures need. chosen: told, in words, about each
-    choice, which is logged too. views, size: as of `Decoder`.
-    Raises CameraError or LightFieldError when nothing there fits the calibration.
+    white: a white image of the calibrated camera, or a folder of white images. A single file is
+    read at once, files of a folder when a picture needs them. chosen: called with the reason of
+    each choice, which is also logged. views, size: as of `Decoder`.
+    Raises CameraError or LightFieldError when no white image fits the calibration.
     """
 
     def __init__(self, calibration: Calibration, white: Path | str,
@@ -43,15 +42,15 @@ class Decoders:
                 f'is for {calibration.serial}; use the calibration and the white image of one '
                 'camera')
         if self._whites.path.is_file():
-            self.of(self._whites.first)
+            self.decoder_for(self._whites.first)
 
     @property
     def serial(self) -> str:
-        """Of the camera that the calibration is for; empty: unknown."""
+        """Serial number of the calibrated camera; empty: unknown."""
         return self._calibration.serial
 
-    def of(self, picture: CameraMetadata) -> Decoder:
-        """The decoder for a picture of these metadata; see `WhiteImages.choose` for errors."""
+    def decoder_for(self, picture: CameraMetadata) -> Decoder:
+        """The decoder for a picture with these metadata; errors as of `WhiteImages.choose`."""
         settings = picture.serial, picture.zoom, picture.focus
         if self._decoder is None or settings != self._settings:
             self._check_lens(picture)
@@ -67,10 +66,10 @@ class Decoders:
 
     def decode(self, frame: RawFrame) -> LightField:
         """The views of one raw frame."""
-        return self.of(frame.metadata).decode(frame)
+        return self.decoder_for(frame.metadata).decode(frame)
 
     def _check_lens(self, picture: CameraMetadata) -> None:
-        """Warn where the lens stands otherwise than when it was calibrated."""
+        """Warn when zoom or focus differ from the calibration's."""
         calibration = self._calibration
         for name, found, expected in (('zoom', picture.zoom, calibration.zoom),
                                       ('focus', picture.focus, calibration.focus)):
@@ -82,18 +81,18 @@ class Decoders:
 
 def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: int = VIEWS,
                          size: tuple[int, int] | None = None) -> Decoder:
-    """Decodes lattice-aligned views: without a calibration their geometry is not known.
+    """A decoder of lattice-aligned views, whose geometry is unknown without a calibration.
 
-    The lattice is estimated from the white image, or else from the picture, as is the light under
-    its lenslets then. views, size: as of `Decoder`.
-    Raises LightFieldError when no lattice of lenslets is seen.
+    The lattice is estimated from the white image, else lattice and light are estimated from the
+    picture. views, size: as of `Decoder`.
+    Raises LightFieldError when the image shows no lattice of lenslets.
     """
     fit = lattice_from_picture(frame) if white is None else fit_lattice(white)
     _LOG.info('lattice from the %s: %s', 'picture itself' if white is None else 'white image',
               fit.lattice)
-    height, width = (side // _PITCH for side in frame.counts.shape)
+    height, width = (side // RAW_PITCH for side in frame.counts.shape)
     calibration = Calibration.aligned(fit.lattice, width, height)
     if white is not None:
         return Decoder(calibration, white, views, size)
     light = light_from_picture(frame, fit.lattice)
-    return Decoder.of_light(calibration, light, frame.metadata.serial, views, size)
+    return Decoder.from_light(calibration, light, frame.metadata.serial, views, size)

@@ -1,4 +1,4 @@
-"""Read colours under each lenslet: demosaicing that never looks beyond a lenslet's own disc.
+"""Colours under each lenslet: demosaicing within the lenslet's own disc.
 
 All samples of a lenslet lie whole pixels apart, so they share one sub-pixel phase, and the sums
 are separable: along the sensor's rows first, then along its columns. Many lenslets are summed at
@@ -16,7 +16,7 @@ from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
 DARKEST = 0.05  # of the light at a lenslet's centre: less holds more noise than picture
-# Lenslets that are summed at once: a row of them, so that samples are written one after the other.
+# Lenslets of a row that are summed at once, with contiguous writes of samples.
 # The compiler must see that the lines of lanes in an array do not overlap: it does when their
 # distance is a constant and indices have no sign.
 _LANES = 384
@@ -42,7 +42,10 @@ class Lenslets:
                  bottom: float) -> 'Lenslets':
         """The corners of all cells of the lattice in a part of the sensor's plane [raw px]."""
         corners = np.array([[x, y] for x in (left, right) for y in (top, bottom)])
-        along, across = _indices(lattice, corners).T
+        x, y = (corners - lattice.centre_px).T
+        cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
+        along = (cos * x + sin * y) / lattice.pitch_px
+        across = (cos * y - sin * x) / lattice.row_step_px
         i0, i1 = math.floor(along.min()) - 2, math.floor(along.max()) + 4
         j0, j1 = math.floor(across.min()) - 1, math.floor(across.max()) + 3
         i, j = np.meshgrid(np.arange(i0, i1), np.arange(j0, j1))
@@ -56,21 +59,8 @@ class Lenslets:
 
     def nearest(self, lattice: Lattice, places: NDArray[np.floating]) -> NDArray[np.int64]:
         """(n, 2) row and column in the block of the lenslets next to places (n, 2) [raw px]."""
-        along, across = _indices(lattice, places).T
-        j = np.floor(across).astype(np.int64) + np.array([[0], [1]])  # it is in one of two rows
-        i = np.rint(along - j % 2 / 2).astype(np.int64)
-        distance = np.hypot(*np.moveaxis(lattice.centres(i, j) - places, -1, 0))
-        found = np.stack([j, i], axis=-1)
-        nearest = np.where((distance[0] <= distance[1])[:, None], found[0], found[1])
-        return np.asarray(nearest - self.origin)
-
-
-def _indices(lattice: Lattice, places: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(..., 2) places [raw px] along the lattice's rows [pitches] and across them [row steps]."""
-    x, y = np.moveaxis(places - np.array(lattice.centre_px), -1, 0)
-    cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
-    return np.stack([(cos * x + sin * y) / lattice.pitch_px,
-                     (cos * y - sin * x) / lattice.row_step_px], axis=-1)
+        i, j = lattice.nearest(places)
+        return np.stack([j, i], axis=-1) - self.origin
 
 
 def sum_lenslets(counts: NDArray[np.uint16], black: float, lenslets: Lenslets,
@@ -90,7 +80,7 @@ def sum_lenslets(counts: NDArray[np.uint16], black: float, lenslets: Lenslets,
     slots[views[:, 0], views[:, 1]] = np.arange(len(views))
     pairs = np.ascontiguousarray(counts).view(np.uint32)
     factors = factors.reshape(-1)
-    factors.flags.writeable = False  # as some are: what differs in this is compiled twice
+    factors.flags.writeable = False  # as some already are: one kernel serves both
     with LOCK:
         _sum(pairs, np.float32(black), lenslets.centres, np.float32(lenslets.radius), slots,
              factors, np.float32(scale), out.reshape(-1))

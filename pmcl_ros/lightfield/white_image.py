@@ -6,24 +6,24 @@ from numpy.typing import NDArray
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.runtime.errors import LightFieldError
 
-# Below this part of the light at a lenslet's centre a pixel holds more noise than picture: it is
-# not brightened further.
+# Least share of a lenslet centre's light that is compensated for: darker pixels hold more noise
+# than signal.
 _DARKEST = 0.05
 _BLOCK = 40  # raw px, even: some twenty lenslets
-# Relative brightness of blocks about a smooth surface: in a white image what the lenslets that a
-# block cuts make of it (1 %), in a picture of anything some ten times as much.
+# Relative unevenness of blocks about a smooth surface: about 1 % in a white image, from cut
+# lenslets; some ten times as much in other pictures.
 _FLAT = 0.03
 
 
 def relative_light(white: RawFrame) -> NDArray[np.float32]:
-    """(height, width) float32: the light each pixel got, 1 where its colour got most.
+    """(height, width) float32: light at each pixel, relative to the maximum of its colour.
 
     Each of the four phases of the mosaic is divided by its own brightest level (99th percentile:
-    the centres of lenslets), so that the colour of the white light does not tint the picture.
+    the centres of lenslets): the colour of the white light does not tint the picture.
     Raises LightFieldError when the frame is no white image: too dark, or saturated where it is
     brightest.
     """
-    light = _linear(white)
+    light = white.linear()
     for row in (0, 1):
         for column in (0, 1):
             phase = light[row::2, column::2]
@@ -44,13 +44,7 @@ def devignette(frame: RawFrame, light: NDArray[np.float32]) -> NDArray[np.float3
     if frame.counts.shape != light.shape:
         raise LightFieldError(
             f'raw frame {frame.counts.shape} and white image {light.shape} differ in size')
-    return _linear(frame) / np.maximum(light, np.float32(_DARKEST))
-
-
-def _linear(frame: RawFrame) -> NDArray[np.float32]:
-    """0 at black, 1 at the sensor's white."""
-    black, white = frame.metadata.black, frame.metadata.white
-    return (frame.counts - np.float32(black)) * np.float32(1 / (white - black))
+    return frame.linear() / np.maximum(light, np.float32(_DARKEST))
 
 
 def is_white_image(frame: RawFrame) -> bool:
@@ -64,7 +58,7 @@ def is_white_image(frame: RawFrame) -> bool:
 
 
 def unevenness(frame: RawFrame) -> float:
-    """Of the brightness of blocks of the frame: relative rms about a surface of fourth order.
+    """Relative rms of the brightness of blocks about a surface of fourth order.
 
     Infinite for a frame that is too small or has no light.
     """

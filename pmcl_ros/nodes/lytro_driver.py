@@ -17,7 +17,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from pmcl_ros.camera.client import Picture, Roll
+from pmcl_ros.camera.client import Picture, PictureQueue
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
@@ -76,7 +76,7 @@ class LytroDriver(StageNode):
         self.configured.callback(self._thread.shutdown, cancel_futures=True)
         self._camera = open_camera(settings.model_copy(update=paths))
         self.configured.callback(self._camera.close)  # first: what waits for it gives up
-        self._roll = Roll(self._camera)
+        self._queue = PictureQueue(self._camera)
         self._told: dict[str, object] = {'source': settings.source}
         self._failures, self._next_look = 0, 0.0
         self._ask_status()
@@ -153,7 +153,7 @@ class LytroDriver(StageNode):
         """Publish what waits on the card; come back later and later while there is no answer."""
         with self.watched('camera'):
             try:
-                for picture in self._roll.waiting():
+                for picture in self._queue.waiting():
                     self._deliver(picture)
                 if time.monotonic() >= self._next_status:
                     self._ask_status()
@@ -185,7 +185,7 @@ class LytroDriver(StageNode):
         except LinkError:
             raise
         except PmclError as error:  # its own fault, or another client's that uses the camera too
-            what = 'given up' if self._roll.failed(picture) else 'will be tried again'
+            what = 'given up' if self._queue.failed(picture) else 'will be tried again'
             raise CameraError(f'picture {picture.id}: {error}; it is {what}') from error
         self._told['last download [s]'] = f'{seconds:.2f}'
         self._told['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
@@ -196,7 +196,7 @@ class LytroDriver(StageNode):
             self._metadata.publish(String(data=metadata.text))
             heard = self._image.wanted()
             self._image.publish(frame)
-            self._roll.done(picture)
+            self._queue.done(picture)
             self.health.frames_in += 1
             self.done(time.monotonic() - began, f'published {picture.id} as capture '
                       f'{picture.shutter_ns}')

@@ -56,7 +56,7 @@ class SubapertureNode(StageNode):
         decoders, last = _load(settings), self._metadata
         if last is not None and (last.serial == decoders.serial
                                  or '' in (last.serial, decoders.serial)):
-            decoders.of(last)
+            decoders.decoder_for(last)
 
         def use() -> None:
             self._decoders = decoders

@@ -3,7 +3,7 @@
 import pytest
 from simulated_cameras import SIDE, write_captures
 
-from pmcl_ros.camera.client import Roll
+from pmcl_ros.camera.client import PictureQueue
 from pmcl_ros.camera.sources import CameraSettings, FileCamera, open_camera
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -16,21 +16,21 @@ def camera(tmp_path, camera_text):
 
 def test_what_was_there_before_is_not_waiting_what_comes_is_until_it_is_done(camera):
     camera.capture()
-    roll = Roll(camera)
-    assert roll.waiting() == []
+    queue = PictureQueue(camera)
+    assert queue.waiting() == []
     taken = [camera.capture(), camera.capture()]
-    assert roll.waiting() == roll.waiting() == taken
-    roll.done(taken[0])
-    assert roll.waiting() == taken[1:]
+    assert queue.waiting() == queue.waiting() == taken
+    queue.done(taken[0])
+    assert queue.waiting() == taken[1:]
 
 
 def test_a_picture_that_is_none_is_given_up_at_the_third_time(camera):
-    roll = Roll(camera)
+    queue = PictureQueue(camera)
     bad, good = camera.capture(), camera.capture()
-    assert [roll.failed(bad) for _ in range(2)] == [False, False]
-    assert roll.waiting() == [bad, good]
-    assert roll.failed(bad)
-    assert roll.waiting() == [good]
+    assert [queue.failed(bad) for _ in range(2)] == [False, False]
+    assert queue.waiting() == [bad, good]
+    assert queue.failed(bad)
+    assert queue.waiting() == [good]
 
 
 def test_a_gateway_is_not_asked_to_delete():

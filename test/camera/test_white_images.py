@@ -116,8 +116,8 @@ def test_a_saturated_and_a_dark_one_are_passed_over_and_named(folder, picture):
     folder('MOD_0003', 0.01, exposure=0.02)
     choice = choose_white(folder.path, picture('A1', 600, 700))
     assert choice.path.stem == 'MOD_0001'
-    assert 'passed over MOD_0003.RAW: too dark, at 1 %' in choice.why
-    assert 'passed over MOD_0002.RAW: saturated, at 100 %' in choice.why
+    assert 'skipped MOD_0003.RAW: too dark, at 1 %' in choice.why
+    assert 'skipped MOD_0002.RAW: saturated, at 100 %' in choice.why
 
 
 def test_a_broken_one_is_passed_over(folder, picture):
@@ -191,10 +191,10 @@ def test_what_the_texts_do_not_tell(folder, picture):
     for known in (picture('A1', 600, 700), picture('')):
         choice = choose_white(folder.path, known)
         assert choice.path == path
-        assert 'zoom step not told' in choice.why
+        assert 'zoom step unknown' in choice.why
     folder('MOD_0002', zoom=100)
     folder('MOD_0003', zoom=600)
-    with pytest.raises(CameraError, match=r'tell no zoom step, .* of zoom steps 100, 600'):
+    with pytest.raises(CameraError, match=r'have no zoom step, .* of zoom steps 100, 600'):
         choose_white(folder.path, picture('A1'))
 
 

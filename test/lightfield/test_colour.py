@@ -24,8 +24,8 @@ def test_the_cameras_own_words_are_read(camera_text):
     data['image']['color'] = {
         'ccmRgbToSrgbArray': [each for row in MATRIX for each in row], 'gamma': GAMMA,
         'whiteBalanceGain': {'r': 1.1484, 'gr': 0.98, 'gb': 1.02, 'b': 1.2}}
-    assert Colour.of(CameraMetadata.parse(json.dumps(data))) == F01
-    assert Colour.of(CameraMetadata.parse(camera_text(20, 20))) == Colour()
+    assert Colour.from_metadata(CameraMetadata.parse(json.dumps(data))) == F01
+    assert Colour.from_metadata(CameraMetadata.parse(camera_text(20, 20))) == Colour()
 
 
 @settings(deadline=None)

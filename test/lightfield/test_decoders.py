@@ -52,10 +52,10 @@ def test_each_picture_gets_the_white_image_of_its_zoom(camera, folder, caplog):
 
 def test_the_decoder_is_made_again_only_for_another_white_image(camera, folder):
     decoders = Decoders(camera().calibration, folder)
-    first = decoders.of(camera(600, focus=1).metadata)
-    assert decoders.of(camera(600, focus=900).metadata) is first
-    assert decoders.of(camera(560, focus=900).metadata) is first
-    assert decoders.of(camera(90).metadata) is not first
+    first = decoders.decoder_for(camera(600, focus=1).metadata)
+    assert decoders.decoder_for(camera(600, focus=900).metadata) is first
+    assert decoders.decoder_for(camera(560, focus=900).metadata) is first
+    assert decoders.decoder_for(camera(90).metadata) is not first
 
 
 def test_one_file_is_checked_at_once(camera, folder):
@@ -64,9 +64,9 @@ def test_one_file_is_checked_at_once(camera, folder):
         Decoders(camera().calibration.model_copy(update={'width': 80, 'height': 80}), path)
     decoders = Decoders(camera().calibration, path)
     with pytest.raises(CameraError, match=r'zoom step 100, the nearest .* zoom step 600'):
-        decoders.of(camera(100).metadata)
+        decoders.decoder_for(camera(100).metadata)
     with pytest.raises(CameraError, match=r'camera A2, .* of A1'):
-        decoders.of(camera(600, 'A2').metadata)
+        decoders.decoder_for(camera(600, 'A2').metadata)
 
 
 def test_white_images_of_another_camera_than_the_calibration(camera, folder):
@@ -78,8 +78,8 @@ def test_white_images_of_another_camera_than_the_calibration(camera, folder):
 def test_another_zoom_or_focus_than_the_calibration_s_is_told(camera, folder, caplog):
     known = camera().calibration.model_copy(update={'zoom': 600.0, 'focus': 650.0})
     decoders = Decoders(known, folder)
-    decoders.of(camera(zoom=600, focus=650).picture(waves, 0.4).metadata)
+    decoders.decoder_for(camera(zoom=600, focus=650).picture(waves, 0.4).metadata)
     assert not [each for each in caplog.records if each.levelname == 'WARNING']
-    decoders.of(camera(zoom=600, focus=700).picture(waves, 0.4).metadata)
+    decoders.decoder_for(camera(zoom=600, focus=700).picture(waves, 0.4).metadata)
     assert 'at focus step 700, the calibration is for 650' in caplog.text
     assert 'at zoom step' not in caplog.text

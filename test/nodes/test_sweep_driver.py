@@ -52,7 +52,7 @@ def frames(scene):
     """Nine pictures of a hand-eye camera near the planned places, a second apart."""
     rng = np.random.default_rng(0)
     poses = []
-    for each in SweepPlan.of(3, 3, STEP).poses:
+    for each in SweepPlan.from_grid(3, 3, STEP).poses:
         pose = each.pose
         if (each.row, each.column) != (1, 1):
             pose[:3, 3] += 0.001 * rng.standard_normal(3) * [1, 1, 0.2]
@@ -102,7 +102,7 @@ def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
     record(tmp_path / 'bag', frames)
     target = scene.targets[0]
     trimesh.Trimesh(target.vertices, target.faces, process=False).export(tmp_path / 'model.obj')
-    SweepPlan.of(3, 3, STEP, BASE, 'base_link').save(tmp_path / 'plan.yaml')
+    SweepPlan.from_grid(3, 3, STEP, BASE, 'base_link').save(tmp_path / 'plan.yaml')
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(yaml.safe_dump({
         'sweep_driver': {'ros__parameters': {'near': NEAR, 'far': FAR, 'poses': 'topic',
@@ -231,7 +231,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
 
 def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
     plan = tmp_path / 'plan.yaml'
-    SweepPlan.of(2, 2, 0.01, BASE, 'base_link').save(plan)
+    SweepPlan.from_grid(2, 2, 0.01, BASE, 'base_link').save(plan)
     wrong = [({'near': 2.0}, {'near': 0.3}, 'near 2.0 m must be smaller'),
              ({'plan': '/nowhere.yaml'}, {'plan': ''}, 'there is no /nowhere.yaml'),
              ({'plan': str(plan), 'fixed_frame': 'map'}, {'fixed_frame': 'base_link'},

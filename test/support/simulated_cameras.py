@@ -36,7 +36,7 @@ def write_captures(folder, text, count=3, side=SIDE):
 @contextmanager
 def serving(folder, *faults, empty=False, delay=0.02, at=None):
     """The address of a camera in a thread of this process, any or `at`."""
-    camera = SimulatedCamera(Card.of(folder, empty=empty), faults=Faults.parse(faults),
+    camera = SimulatedCamera(Card.from_folder(folder, empty=empty), faults=Faults.parse(faults),
                              delay=delay)
     ports = (at.port, at.callback_port) if at else (0, 0)
     with CameraServer(camera, '127.0.0.1', *ports).in_thread() as address:

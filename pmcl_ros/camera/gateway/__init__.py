@@ -1,1 +1,1 @@
-"""A camera by way of another machine: for robots whose own Wi-Fi is taken."""
+"""Gateway: a camera behind another machine, for robots that cannot join its Wi-Fi."""

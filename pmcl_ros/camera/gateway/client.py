@@ -34,10 +34,9 @@ _Value = TypeVar('_Value')
 
 @dataclass(frozen=True)
 class ClockDifference:
-    """The other clock less ours: between `low_ns` and `high_ns`, as found at `found_ns`.
+    """Bounds of the gateway's clock minus this machine's, measured at `found_ns`.
 
-    0 as long as nothing says otherwise: two clocks that NTP holds together differ by less than an
-    answer takes.
+    An interval that contains 0 counts as 0: clocks under NTP differ by less than a round trip.
     """
 
     low_ns: float = float('-inf')
@@ -46,17 +45,17 @@ class ClockDifference:
 
     @property
     def ahead_ns(self) -> int:
-        """The best guess."""
+        """Estimate of the difference [ns]."""
         if self.low_ns <= 0 <= self.high_ns:
             return 0
         return round((self.low_ns + self.high_ns) / 2)
 
-    def heard(self, asked_ns: int, told_ns: int, now_ns: int) -> 'ClockDifference':
-        """What is known once, between `asked_ns` and `now_ns` by our clock, the other told its.
+    def updated(self, asked_ns: int, remote_ns: int, now_ns: int) -> 'ClockDifference':
+        """Add a measurement: the other clock was `remote_ns` between our `asked_ns` and `now_ns`.
 
-        The narrower interval counts, the older one less with time.
+        The narrower interval is kept; the older one widens with time by the clocks' drift.
         """
-        new = ClockDifference(told_ns - now_ns, told_ns - asked_ns, now_ns)
+        new = ClockDifference(remote_ns - now_ns, remote_ns - asked_ns, now_ns)
         loss = _DRIFT * abs(now_ns - self.found_ns)
         set_anew = new.low_ns > self.high_ns + loss or new.high_ns < self.low_ns - loss
         if set_anew or now_ns - asked_ns <= self.high_ns - self.low_ns + 2 * loss:
@@ -89,12 +88,12 @@ _PICTURES = TypeAdapter(list[_Picture])
 
 
 class GatewayClient:
-    """A `CameraClient` by way of a gateway (`pmcl camera gateway`); usable from several threads.
+    """A `CameraClient` behind a gateway (`pmcl camera gateway`); usable from several threads.
 
-    url: as in http://192.168.1.7:5680. token: what the gateway's --token-file holds.
-    Nothing is asked until a method is called; it tries again where the connection is lost, until
-    `settings.patience` is over, then raises LinkError; other errors are CameraError. Stamps are of
-    this machine's clock, whatever the gateway's says.
+    url: as in http://192.168.1.7:5680. token: the content of the gateway's --token-file.
+    Methods retry after lost connections for `settings.patience`, then raise LinkError; other
+    errors are CameraError. Nothing is sent before the first call. Stamps are in this machine's
+    clock.
     """
 
     def __init__(self, url: str, token: str | None = None,
@@ -111,22 +110,22 @@ class GatewayClient:
     # CameraClient
 
     def status(self) -> CameraStatus:
-        """Who the camera is and how it is; LinkError when the gateway does not reach it."""
+        """Identity and state of the camera; LinkError when the gateway does not reach it."""
         found = self._get('/status', _Status.model_validate_json)
         if found.link != 'up':
             raise LinkError(f'gateway: {found.problem[:1000]}')
         return CameraStatus(found.serial, found.firmware, found.battery)
 
     def pictures(self) -> list[Picture]:
-        """What is on the card, oldest first."""
+        """All pictures on the card, oldest first."""
         return [self._picture(each) for each in self._get('/pictures', _PICTURES.validate_json)]
 
     def capture(self) -> Picture:
         """Take a picture; returns when it can be fetched.
 
-        However often the request has to be repeated, the gateway takes one picture.
+        Repeated requests have one Idempotency-Key: the gateway takes one picture.
         """
-        self.pictures()  # compares the clocks, and finds out in time who cannot be reached
+        self.pictures()  # compares the clocks, and fails before the shutter if nobody answers
         key = {'Idempotency-Key': uuid.uuid4().hex}
 
         def attempt() -> Picture:
@@ -137,7 +136,7 @@ class GatewayClient:
     def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON), checked by their SHA-256.
 
-        progress: told bytes got and bytes in all, of the .RAW.
+        progress: of the .RAW.
         """
         path, slow = f'/pictures/{quote(picture.id, safe="")}', self._settings.answer_timeout
         body = self._download(f'{path}/txt', Download(f'{picture.id}, text,', LARGEST_TEXT), slow)
@@ -148,13 +147,13 @@ class GatewayClient:
         image = CameraMetadata.parse(text).image
         expected = image.width * image.height * 3 // 2
 
-        def told(got: int, total: int) -> None:
+        def report(got: int, total: int) -> None:
             self._check_open()
             if progress is not None:
                 progress(got, total)
 
-        # The gateway fetched both from its camera: it need not be waited for as long again.
-        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, told),
+        # The gateway has fetched both files by now, and answers at once.
+        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, report),
                              self._settings.timeout)
         if len(raw) != expected:
             raise CameraError(f'{picture.id} has {len(raw)} bytes, its metadata says {expected}')
@@ -165,7 +164,7 @@ class GatewayClient:
         raise CameraError(f'picture {picture.id} stays on the camera: a gateway deletes none')
 
     def close(self) -> None:
-        """End every connection; what waits in another thread raises LinkError, soon."""
+        """End every connection; calls that wait in other threads raise LinkError soon."""
         self._closed.set()
         self._session.close()
 
@@ -194,17 +193,17 @@ class GatewayClient:
     @contextmanager
     def _ask(self, method: str, path: str, headers: dict[str, str] | None = None,
              timeout: float | None = None) -> Iterator[requests.Response]:
-        """The answer, its body not read; LostError when the connection fails until it is."""
+        """The answer with its body unread; LostError when the connection fails."""
         timeouts = (self._settings.timeout, timeout or self._settings.answer_timeout)
         asked = time.time_ns()
         try:
             with self._session.request(method, self._url + path, headers=headers, stream=True,
                                        allow_redirects=False, timeout=timeouts) as response:
-                told = response.headers.get(TIME_HEADER, '')
-                if not _TIME.fullmatch(told):  # its last line
+                stamp = response.headers.get(TIME_HEADER, '')
+                if not _TIME.fullmatch(stamp):  # its last line
                     raise LostError(f'{self._url} answers as no gateway of pmcl_ros does, or its '
                                     'answer was cut short')
-                self._clock = self._clock.heard(asked, int(told), time.time_ns())
+                self._clock = self._clock.updated(asked, int(stamp), time.time_ns())
                 if response.status_code not in (200, 201, 206):
                     raise _refusal(response)
                 yield response
@@ -217,7 +216,7 @@ class GatewayClient:
 
     def _persist(self, attempt: Callable[[], _Value],
                  progress: Callable[[], int] = lambda: 0) -> _Value:
-        """The value of the first attempt that does not lose the connection."""
+        """Retry `attempt` after lost connections, while `progress` grows or patience lasts."""
         began, before, pause = time.monotonic(), progress(), _PAUSE
         while True:
             self._check_open()
@@ -245,7 +244,7 @@ def _checked(url: str) -> str:
 
 
 def _value(response: requests.Response, read: Callable[[bytes], _Value]) -> _Value:
-    """What a JSON answer says; CameraError when it is none, or too long."""
+    """The value in a JSON answer; CameraError when it is invalid or too long."""
     body = b''
     for block in response.iter_content(_LARGEST_ANSWER):
         body += block
@@ -261,7 +260,7 @@ def _value(response: requests.Response, read: Callable[[bytes], _Value]) -> _Val
 
 
 def _refusal(response: requests.Response) -> CameraError:
-    """The error that an answer stands for."""
+    """The error for an answer with an error status."""
     code = response.status_code
     try:
         reason = _value(response, _Problem.model_validate_json).error[:1000]
@@ -269,7 +268,7 @@ def _refusal(response: requests.Response) -> CameraError:
         return error
     except CameraError:
         reason = 'no reason given'
-    if code in (409, 416):  # somebody else's capture; another file than before
+    if code in (409, 416):  # another client's capture; the file has changed
         return LostError(f'gateway: {reason}')
     if code == 503:
         return LinkError(f'gateway: {reason}')

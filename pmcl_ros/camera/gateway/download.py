@@ -1,4 +1,4 @@
-"""A file that comes in as many pieces as the connection breaks into, and is whole in the end."""
+"""A file download that resumes after lost connections, checked by its SHA-256."""
 
 import base64
 import binascii
@@ -10,38 +10,35 @@ import requests
 from pmcl_ros.runtime.errors import CameraError, LinkError
 from pmcl_ros.runtime.progress import BytesProgress
 
-_BLOCK = 1 << 14  # bytes; what is lost with a connection is less than one
+_BLOCK = 1 << 14  # bytes; a lost connection loses less than one block
 _CONTENT_RANGE = re.compile(r'bytes ([0-9]{1,15})-[0-9]{1,15}/([0-9]{1,15})')
 _DIGEST = re.compile(r'sha-256=:([A-Za-z0-9+/]{43}=):')
 
 
 class LostError(LinkError):
-    """The gateway was not reached, or the connection was lost; what was asked can be repeated."""
+    """No connection to the gateway, or it was lost; the request can be repeated."""
 
 
 class Download:
-    """What has come so far of a file of at most `largest` bytes.
-
-    progress: told bytes got and bytes in all.
-    """
+    """A file of at most `largest` bytes, and its part that was received so far."""
 
     def __init__(self, name: str, largest: int, progress: BytesProgress | None = None) -> None:
         self._name, self._largest, self._progress = name, largest, progress
         self._got = bytearray()
         self._etag, self._total, self._digest = '', 0, b''
-        self.most = 0  # bytes that have come at best
+        self.most = 0  # most bytes that were received in any attempt
 
     @property
     def headers(self) -> dict[str, str]:
-        """Of the next request: what is missing, if the file is still the same."""
+        """Headers of the next request: the missing range, if the file is unchanged."""
         if not self._got:
             return {}
         return {'Range': f'bytes={len(self._got)}-', 'If-Range': self._etag}
 
     def take(self, response: requests.Response) -> bytes:
-        """Read what comes; the whole file.
+        """Read an answer and return the whole file.
 
-        Raises LostError when the connection breaks, CameraError when what comes is impossible.
+        Raises LostError when the connection breaks, CameraError for an impossible answer.
         """
         if response.status_code == 206:
             self._continue(response)
@@ -59,7 +56,7 @@ class Download:
         found = bytes(self._got)
         if hashlib.sha256(found).digest() != self._digest:
             self._got.clear()
-            raise LostError(f'{self._name}: its SHA-256 is not what the gateway says')
+            raise LostError(f"{self._name}: its SHA-256 differs from the gateway's")
         return found
 
     def _begin(self, response: requests.Response) -> None:
@@ -82,5 +79,5 @@ class Download:
         found = _CONTENT_RANGE.fullmatch(response.headers.get('Content-Range', ''))
         expected = (len(self._got), self._total)
         if found is None or (int(found[1]), int(found[2])) != expected or not self._got:
-            raise CameraError(f'{self._name}: asked for what follows byte {expected[0]} of '
-                              f'{expected[1]}, the answer is something else')
+            raise CameraError(f'{self._name}: asked for the bytes from {expected[0]} of '
+                              f'{expected[1]}, the answer has others')

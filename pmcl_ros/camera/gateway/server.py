@@ -19,7 +19,7 @@ from socketserver import TCPServer
 from typing import Any, BinaryIO
 from urllib.parse import unquote, urlsplit
 
-from pmcl_ros.camera.gateway.service import BusyError, CachedFile, Capture, Service
+from pmcl_ros.camera.gateway.service import BusyError, CachedFile, CapturedPicture, Service
 from pmcl_ros.camera.gateway.settings import TIME_HEADER
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
@@ -34,13 +34,13 @@ MAX_CONNECTIONS = 32
 
 
 class UnsatisfiableError(ValueError):
-    """No byte of the file is asked for."""
+    """The requested range contains no byte of the file."""
 
 
 def selected(header: str | None, size: int) -> range | None:
-    """The bytes that a Range header asks for, of a file of `size` bytes; None: all of it.
+    """The bytes of a file of `size` bytes that a Range header requests; None: all.
 
-    What is not understood, as several ranges at once, is ignored, as RFC 9110 has it. Raises
+    Unsupported headers, such as several ranges, are ignored (RFC 9110, section 14). Raises
     UnsatisfiableError when the range lies beyond the file.
     """
     found = _RANGE.fullmatch(header.replace(' ', '')) if header else None
@@ -59,7 +59,7 @@ def selected(header: str | None, size: int) -> range | None:
 
 
 class _RefusedError(Exception):
-    """A request that is answered by a status and a reason."""
+    """A refused request, with status and reason of the answer."""
 
     def __init__(self, status: HTTPStatus, reason: str, **headers: str) -> None:
         super().__init__(reason)
@@ -80,7 +80,7 @@ class Handler(BaseHTTPRequestHandler):
         super().handle_one_request()
 
     def do_GET(self) -> None:
-        """Everything comes here: which method is allowed depends on the path."""
+        """Handle all methods: the path decides which are allowed."""
         try:
             self._read_body()
             self.server.reading(self.connection, False)
@@ -98,17 +98,17 @@ class Handler(BaseHTTPRequestHandler):
     do_HEAD = do_POST = do_PUT = do_DELETE = do_PATCH = do_OPTIONS = do_GET  # noqa: N815
 
     def send_error(self, code: int, *_: Any, **__: Any) -> None:
-        """What the base class refuses: nothing of the request is repeated."""
+        """Answer requests that the base class refuses, without an echo of the request."""
         self.close_connection = True
         status = HTTPStatus(code)
         self._send_problem(status, status.description or status.phrase)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
-        """A line for each request."""
+        """Log a line for each request."""
         _log.debug('%s: ' + format, self.client_address[0], *args)
 
     def _read_body(self) -> None:
-        """Nothing needs one, but what is sent has to be taken off the connection."""
+        """Take an unused body off the connection: the next request follows it."""
         if 'Transfer-Encoding' in self.headers:
             self.close_connection = True
             raise _RefusedError(HTTPStatus.LENGTH_REQUIRED, 'a request has no chunks here')
@@ -123,8 +123,8 @@ class Handler(BaseHTTPRequestHandler):
         self.rfile.read(int(lengths[0]))
 
     def _admit(self) -> None:
-        """Raise when whoever asks may not."""
-        if 'Origin' in self.headers:  # a web page that a browser on this machine has open
+        """Refuse web pages, foreign host names and wrong tokens."""
+        if 'Origin' in self.headers:  # a web page in a browser on this machine
             raise _RefusedError(HTTPStatus.FORBIDDEN, 'this is no service for web pages')
         if self.server.token is None:
             if self.server.local_only and not _is_loopback(self.headers.get('Host')):
@@ -136,7 +136,7 @@ class Handler(BaseHTTPRequestHandler):
         if not hmac.compare_digest(shown, expected):
             raise _RefusedError(
                 HTTPStatus.UNAUTHORIZED, 'missing or wrong token: send Authorization: Bearer with '
-                'what is in the file that the gateway was started with', **{
+                "the token of the gateway's --token-file", **{
                     'WWW-Authenticate': 'Bearer'})
 
     def _answer(self) -> None:
@@ -241,12 +241,12 @@ class Handler(BaseHTTPRequestHandler):
             self.send_header(name, value)
         if self.close_connection:
             self.send_header('Connection', 'close')
-        # Last: a client that finds it knows that it has all of the others.
+        # The last header: a client that has it has received all others.
         self.send_header(TIME_HEADER, f'{time.time_ns():019d}')
         self.end_headers()
 
 
-def _described(capture: Capture) -> dict[str, Any]:
+def _described(capture: CapturedPicture) -> dict[str, Any]:
     picture = capture.picture
     shutter = datetime.fromtimestamp(picture.shutter_ns / 1e9, timezone.utc)
     found: dict[str, Any] = {'id': picture.id, 'shutter_ns': picture.shutter_ns,
@@ -259,13 +259,13 @@ def _described(capture: Capture) -> dict[str, Any]:
 
 
 def _names(header: str | None, etag: str) -> bool:
-    """Whether an If-None-Match names this entity tag."""
+    """Whether an If-None-Match header contains this entity tag."""
     tags = [each.strip().removeprefix('W/') for each in (header or '').split(',')]
     return etag in tags or tags == ['*']
 
 
 def _is_loopback(host: str | None) -> bool:
-    """Whether a Host header names this machine; a name of a web page's may lead here too."""
+    """Whether a Host header names this machine; a web page's own name may resolve to it too."""
     try:
         name = urlsplit(f'//{host or "localhost"}').hostname or ''
         return name == 'localhost' or ipaddress.ip_address(name).is_loopback
@@ -276,8 +276,8 @@ def _is_loopback(host: str | None) -> bool:
 class GatewayServer(ThreadingHTTPServer):
     """Serves a `Service` over HTTP at one address.
 
-    token: what 'Authorization: Bearer ...' has to show. Without one only a loopback address is
-    served, as anybody in reach could take pictures and see them: SettingsError otherwise.
+    token: required in 'Authorization: Bearer ...'. Without a token only loopback addresses are
+    allowed (SettingsError), since anybody in the network could take and see pictures.
     """
 
     daemon_threads = True
@@ -307,16 +307,16 @@ class GatewayServer(ThreadingHTTPServer):
 
     @property
     def url(self) -> str:
-        """Where it is served."""
+        """Address of the gateway."""
         host, port = self.server_address[:2]
         return f'http://[{host!s}]:{port}' if ':' in str(host) else f'http://{host!s}:{port}'
 
     def server_bind(self) -> None:
-        """Without asking a name server who we are."""
+        """Bind without a query to a name server."""
         TCPServer.server_bind(self)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """A thread for a connection, while there are not too many."""
+        """Start a thread for a connection, up to MAX_CONNECTIONS."""
         if self._slots.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
@@ -324,7 +324,7 @@ class GatewayServer(ThreadingHTTPServer):
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """In the thread of a connection."""
+        """Serve a connection, in its thread."""
         try:
             super().process_request_thread(request, client_address)
         finally:
@@ -332,12 +332,12 @@ class GatewayServer(ThreadingHTTPServer):
             self._slots.release()
 
     def reading(self, connection: socket.socket, begins: bool) -> None:
-        """A request is awaited on this connection, or was read."""
+        """Start or end the time limit for reading a request."""
         deadline = time.monotonic() + self.request_timeout if begins else math.inf
         self._deadlines[connection] = deadline
 
     def service_actions(self) -> None:
-        """Several times a second: end connections that send a request byte by byte."""
+        """End connections that exceed the time limit; called several times a second."""
         self._end(time.monotonic())
 
     def server_close(self) -> None:
@@ -352,7 +352,7 @@ class GatewayServer(ThreadingHTTPServer):
                     connection.shutdown(socket.SHUT_RDWR)
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
-        """Connections end in many ways; only what is no network's fault gets a traceback."""
+        """Log the end of a connection; only errors beside network errors get a traceback."""
         error = sys.exc_info()[1]
         if isinstance(error, OSError):
             _log.debug('connection of %s: %s', client_address, error)

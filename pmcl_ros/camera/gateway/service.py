@@ -15,7 +15,7 @@ from typing import BinaryIO
 from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.runtime.errors import CameraError
 
-_REMEMBERED = 100  # captures whose keys are not taken for new ones
+_REMEMBERED = 100  # captures whose keys are recognised when they are repeated
 _log = logging.getLogger(__name__)
 
 
@@ -29,10 +29,10 @@ class CachedFile:
 
 
 class Cache:
-    """Picture id -> its files, the least recently used forgotten; usable from several threads.
+    """Files by picture id, with least-recently-used eviction; usable from several threads.
 
-    folder: where a folder of its own is made, which `close` removes; by default the system's for
-    temporary files. limit: bytes in all; the newest picture is kept even if it alone has more.
+    folder: parent of the cache's own folder, which `close` removes; default: the system's for
+    temporary files. limit: bytes in all; the newest picture is kept even if it exceeds them.
     """
 
     def __init__(self, folder: Path | None = None, limit: int = 1 << 29) -> None:
@@ -52,14 +52,14 @@ class Cache:
             return self._pictures.get(picture)
 
     def open(self, picture: str, kind: str) -> tuple[CachedFile, BinaryIO] | None:
-        """A file of a picture, readable until it is closed even if it is forgotten meanwhile."""
+        """Open a file of a picture; it stays readable even if the picture is evicted meanwhile."""
         with self._lock:
             files = self._pictures.get(picture)
             if files is None:
                 return None
             try:
                 stream = files[kind].path.open('rb')
-            except OSError:  # somebody tidied up the folder for temporary files
+            except OSError:  # the folder for temporary files was cleaned up
                 del self._pictures[picture]
                 return None
             self._pictures.move_to_end(picture)
@@ -68,8 +68,8 @@ class Cache:
     def put(self, picture: str, contents: Mapping[str, bytes]) -> Mapping[str, CachedFile]:
         """Keep the files of a picture, kind -> content.
 
-        Names on disk are numbers: nothing that came over a network is part of a path. Raises
-        CameraError when the disk is full.
+        Names on disk are numbers: paths never contain received text. Raises CameraError when
+        the disk is full.
         """
         files = {}
         try:
@@ -90,7 +90,7 @@ class Cache:
         return files
 
     def close(self) -> None:
-        """Forget everything."""
+        """Remove all files."""
         with self._lock:
             self._pictures.clear()
             self._folder.cleanup()
@@ -105,14 +105,14 @@ def _remove(files: Mapping[str, CachedFile]) -> None:
 
 
 class BusyError(CameraError):
-    """Another capture is under way; this one was not begun."""
+    """Another capture is in progress; this one was not started."""
 
 
 @dataclass(frozen=True)
-class Capture:
+class CapturedPicture:
     """A picture that was taken, and its files by kind ('raw', 'txt').
 
-    files: empty where the picture could not be fetched yet, `problem` says why; it is on the card.
+    files: empty if the picture could not be fetched yet; `problem` is the reason.
     """
 
     picture: Picture
@@ -123,33 +123,33 @@ class Capture:
 class Service:
     """One camera for many requests, usable from several threads.
 
-    connect: makes the client of the camera; called again by every request until it succeeds.
+    connect: creates the camera's client; every request calls it until it has succeeded.
     """
 
     def __init__(self, connect: Callable[[], CameraClient], cache: Cache) -> None:
         self._connect, self._cache = connect, cache
         self._client: CameraClient | None = None
         self._connecting, self._fetching = threading.Lock(), threading.Lock()
-        self._lock = threading.Lock()  # of what follows
+        self._lock = threading.Lock()  # of the attributes below
         self._capturing = False
-        self._captures: OrderedDict[str, Future[Capture]] = OrderedDict()
+        self._captures: OrderedDict[str, Future[CapturedPicture]] = OrderedDict()
         self._known: dict[str, Picture] = {}
 
     def status(self) -> CameraStatus:
-        """Who the camera is and how it is."""
+        """Identity and state of the camera."""
         return self._camera().status()
 
     def pictures(self) -> list[Picture]:
-        """What is on the card, oldest first."""
+        """All pictures on the card, oldest first."""
         found = self._camera().pictures()
         with self._lock:
             self._known = {each.id: each for each in found}
         return found
 
-    def capture(self, key: str) -> Capture:
-        """Take a picture and fetch it; the same `key` again gets the same picture, or error.
+    def capture(self, key: str) -> CapturedPicture:
+        """Take a picture and fetch it; a repeated `key` gets the same picture or error.
 
-        Raises BusyError while a capture of another key is under way.
+        Raises BusyError while a capture with another key is in progress.
         """
         with self._lock:
             future = self._captures.get(key)
@@ -166,7 +166,7 @@ class Service:
         return future.result()
 
     def open(self, identity: str, kind: str) -> tuple[CachedFile, BinaryIO] | None:
-        """A file ('raw' or 'txt') of a picture on the card; None when there is no such picture."""
+        """Open a file ('raw' or 'txt') of a picture on the card; None: no such picture."""
         with self._lock:
             picture = self._known.get(identity)
         if picture is None:
@@ -178,7 +178,7 @@ class Service:
         return found
 
     def close(self) -> None:
-        """End every connection, forget every picture."""
+        """End every connection and remove all cached files."""
         with self._connecting:
             if self._client is not None:
                 self._client.close()
@@ -190,32 +190,32 @@ class Service:
                 self._client = self._connect()
             return self._client
 
-    def _run(self, future: 'Future[Capture]') -> None:
-        outcome: Capture | BaseException
+    def _run(self, future: 'Future[CapturedPicture]') -> None:
+        outcome: CapturedPicture | BaseException
         try:
             outcome = self._capture()
         except BaseException as error:
             outcome = error
         with self._lock:
-            self._capturing = False  # before anybody hears of it and asks for the next
-        if isinstance(outcome, Capture):
+            self._capturing = False  # first: a waiting client may request the next
+        if isinstance(outcome, CapturedPicture):
             future.set_result(outcome)
         else:
             future.set_exception(outcome)
 
-    def _capture(self) -> Capture:
+    def _capture(self) -> CapturedPicture:
         picture = self._camera().capture()
         with self._lock:
             self._known[picture.id] = picture
         _log.info('took %s', picture.id)
         try:
-            return Capture(picture, self._files(picture))
+            return CapturedPicture(picture, self._files(picture))
         except CameraError as error:
             _log.warning('%s is on the card, but could not be fetched: %s', picture.id, error)
-            return Capture(picture, {}, str(error))
+            return CapturedPicture(picture, {}, str(error))
 
     def _files(self, picture: Picture) -> Mapping[str, CachedFile]:
-        with self._fetching:  # who waits here finds it kept then
+        with self._fetching:  # a thread that waited here finds the files in the cache
             files = self._cache.files(picture.id)
             if files is None:
                 raw, text = self._camera().fetch(picture)

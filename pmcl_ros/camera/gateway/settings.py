@@ -13,18 +13,18 @@ _TOKEN = re.compile(r'[A-Za-z0-9._~+/=-]{16,512}')  # what RFC 6750 allows in a 
 
 
 class GatewaySettings(Settings):
-    """How long a gateway may take, in seconds."""
+    """Time limits of a gateway's client."""
 
-    timeout: float = Field(10.0, gt=0, le=600, description='wait so long for a connection, or '
-                           'the next bytes of a picture [s]')
-    answer_timeout: float = Field(90.0, gt=0, le=3600, description='wait so long until the '
-                                  'gateway has an answer from its camera [s]')
-    patience: float = Field(20.0, gt=0, le=3600, description='try again until nothing has come '
-                            'for so long [s]')
+    timeout: float = Field(10.0, gt=0, le=600, description='longest wait for a connection, or '
+                           'for the next bytes of a picture [s]')
+    answer_timeout: float = Field(90.0, gt=0, le=3600, description='longest wait until '
+                                  'the gateway has an answer from its camera [s]')
+    patience: float = Field(20.0, gt=0, le=3600, description='retry until nothing was received '
+                            'for this time [s]')
 
 
 def read_token(path: Path | str) -> str:
-    """The token in a file, white space around it dropped.
+    """The token in a file, without surrounding white space.
 
     Raises SettingsError when the file cannot be read or its token is too short to be safe.
     """
@@ -37,7 +37,7 @@ def read_token(path: Path | str) -> str:
 
 
 def check_token(token: str, what: str = 'this') -> str:
-    """The token itself; SettingsError when it is too short to be safe, or no word."""
+    """Return the token; SettingsError when it is too short to be safe, or has other characters."""
     if not _TOKEN.fullmatch(token):
         raise SettingsError(f'{what} is no token: expected 16 to 512 letters, digits and '
                             '._~+/=-, as `openssl rand -hex 16 > FILE` makes one')

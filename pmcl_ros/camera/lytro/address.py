@@ -15,7 +15,7 @@ CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera
 
 
 class Address(Settings):
-    """Where a camera answers; by default where a Lytro is in its own network."""
+    """Address of a camera; default: a Lytro in its own network."""
 
     host: str = Field('10.100.1.1', min_length=1, description='name or address of the camera')
     port: int = Field(5678, ge=1, le=65535, description='TCP port for commands')
@@ -25,7 +25,7 @@ class Address(Settings):
     def parse(cls, text: str) -> 'Address':
         """Read HOST[:PORT[:CALLBACK_PORT]]; an IPv6 host stands in brackets.
 
-        Raises SettingsError when it is none.
+        Raises SettingsError for anything else.
         """
         found = re.fullmatch(r'(?:\[([^][]+)\]|([^][:]+))(?::(\d{1,5})(?::(\d{1,5}))?)?', text)
         if not found:
@@ -38,7 +38,7 @@ class Address(Settings):
 
     @property
     def text(self) -> str:
-        """What `parse` reads."""
+        """The address in the form that `parse` reads."""
         return f'{self}:{self.callback_port}'
 
     def __str__(self) -> str:
@@ -47,34 +47,34 @@ class Address(Settings):
 
 
 class LinkSettings(Settings):
-    """How long the camera may take, in seconds."""
+    """Time limits of the connections to a camera."""
 
-    timeout: float = Field(5.0, gt=0, le=600, description='wait so long for a connection, a '
-                           'reply or the next bytes of one [s]')
-    patience: float = Field(20.0, gt=0, le=3600, description='reconnect and try again until '
-                            'nothing has come for so long [s]')
-    picture_timeout: float = Field(30.0, gt=0, le=3600, description='from the command to take a '
-                                   'picture until it can be downloaded [s]')
-    watchdog: float = Field(5.0, gt=0, le=600, description='the callback connection is lost when '
-                            'nothing comes for so long; a tick comes every 0.1 s [s]')
-    keep_alive: float = Field(25.0, gt=0, le=240, description='ask for the battery when nothing '
-                              'else was asked for so long: after 300 s of silence the camera '
-                              'turns its Wi-Fi off [s]')
+    timeout: float = Field(5.0, gt=0, le=600, description='longest wait for a connection, a '
+                           'reply or its next bytes [s]')
+    patience: float = Field(20.0, gt=0, le=3600, description='retry after lost connections until '
+                            'nothing was received for this time [s]')
+    picture_timeout: float = Field(30.0, gt=0, le=3600, description='longest time from the '
+                                   'capture command until the picture is available [s]')
+    watchdog: float = Field(5.0, gt=0, le=600, description='longest silence of the callback '
+                            'connection, which ticks every 0.1 s [s]')
+    keep_alive: float = Field(25.0, gt=0, le=240, description='query the battery after this time '
+                              'without requests: after 300 s the camera turns its Wi-Fi off '
+                              '[s]')
 
 
 @dataclass(frozen=True)
 class Announcement:
-    """A camera that announces itself; name: as in lytro-A000000001."""
+    """A camera announced by mDNS; name: as in lytro-A000000001."""
 
     name: str
     address: Address
 
 
 def find_camera(text: str) -> Address:
-    """The address that `Address.parse` reads, or for 'mdns' that of the camera announced.
+    """The address in `text` (see `Address.parse`), or for 'mdns' that of the announced camera.
 
-    Raises SettingsError when it is none, LinkError when no camera is announced, CameraError when
-    several are.
+    Raises SettingsError for an invalid address, LinkError when no camera is announced, CameraError
+    when several are.
     """
     if text != 'mdns':
         return Address.parse(text)
@@ -87,7 +87,7 @@ def find_camera(text: str) -> Address:
 
 
 def discover(timeout: float = 5.0) -> list[Announcement]:
-    """Wait until a camera is announced, at most `timeout` seconds; all that are, by name.
+    """All announced cameras, by name; waits for the first at most `timeout` seconds.
 
     Raises LinkError when there is none, or when this machine cannot send to multicast addresses.
     """

@@ -41,9 +41,9 @@ _log = logging.getLogger(__name__)
 class LytroClient:
     """A `CameraClient` by the camera's own protocol; usable from several threads.
 
-    The constructor raises LinkError when nobody answers. After that a lost connection is made
-    again until `settings.patience` is over, then a method raises LinkError; other errors are
-    CameraError. Threads of its own listen to the callbacks and keep the camera's Wi-Fi on.
+    The constructor raises LinkError when nobody answers. Later, methods reconnect and retry for
+    `settings.patience`, then raise LinkError; other errors are CameraError. Two threads listen to
+    the callbacks and keep the camera's Wi-Fi on.
     Only documented commands are sent: no unlock, exposure or ISO.
     """
 
@@ -74,15 +74,15 @@ class LytroClient:
     # CameraClient
 
     def status(self) -> CameraStatus:
-        """Serial number, software version; the battery is asked for anew."""
+        """Serial number, software version, and the present charge of the battery."""
         return CameraStatus(self._info.serial, self._info.software, self.battery())
 
     def pictures(self) -> list[Picture]:
-        """What is on the card and complete, oldest first.
+        """The complete pictures on the card, oldest first.
 
         `shutter_ns` is the arrival of the ShutterPressed callback, or else the time just before
-        the command was sent. Where this client saw neither it is the camera's date less the
-        difference of the two clocks, good to about a second.
+        the command was sent. If this client saw neither, it is the camera's date minus the
+        difference of the two clocks, accurate to about a second.
         """
         return self._arrivals.listed(self.records())
 
@@ -93,8 +93,8 @@ class LytroClient:
     def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON).
 
-        The text is checked to be a camera's, and the length of the .RAW to be what the text says.
-        progress: told bytes got and bytes in all, of the .RAW.
+        The text must be a camera's metadata, and the .RAW of the length that it states.
+        progress: of the .RAW.
         """
         record = self._record(picture)
         path = record.path('TXT')
@@ -113,10 +113,10 @@ class LytroClient:
         return raw, text
 
     def close(self) -> None:
-        """End threads and connections; what waits in another thread raises LinkError."""
+        """End threads and connections; calls that wait in other threads raise LinkError."""
         self._closed.set()
         self._link.close()
-        self._arrivals.callbacks(False)  # wakes who waits for a picture
+        self._arrivals.callbacks(False)  # wakes threads that wait for a picture
         if self._listener is not None:
             self._listener.close()
         if self._keeper.is_alive():
@@ -126,11 +126,11 @@ class LytroClient:
 
     @property
     def connected(self) -> bool:
-        """Whether callbacks are heard, the sign that the camera is in reach."""
+        """Whether the callback connection is up, that is, the camera in reach."""
         return self._arrivals.connected
 
     def hardware_info(self) -> HardwareInfo:
-        """Who the camera is."""
+        """Identity of the camera."""
         return HardwareInfo.decode(self._link.load(protocol.LOAD_HARDWARE_INFO, 'hardware info'))
 
     def battery(self) -> float:
@@ -138,7 +138,7 @@ class LytroClient:
         return decode_battery(self._link.ask(protocol.BATTERY))
 
     def camera_time(self) -> datetime:
-        """The camera's clock, UTC; a real camera tells whole seconds."""
+        """The camera's clock, UTC; a real camera's has a resolution of a second."""
         return decode_time(self._link.ask(protocol.CAMERA_TIME))
 
     def set_time(self, moment: datetime | None = None) -> None:
@@ -148,7 +148,7 @@ class LytroClient:
         self._compare_clocks()
 
     def records(self) -> list[PictureRecord]:
-        """The picture list, newest first; LinkError when another camera answers by now."""
+        """The picture list, newest first; LinkError when another camera answers now."""
         listed = self._link.load(protocol.LOAD_PICTURE_LIST, 'the picture list', grows=True)
         if (made := self._link.made) != self._known:
             self._recognize()
@@ -156,7 +156,7 @@ class LytroClient:
         return decode_picture_list(listed)
 
     def calibration(self) -> dict[str, bytes]:
-        """The calibration files that the camera hands out, path -> content."""
+        """The camera's calibration files, path -> content."""
         return decode_files(self._link.load(protocol.LOAD_CALIBRATION, 'the calibration'))
 
     def download(self, path: str, progress: BytesProgress | None = None) -> bytes:
@@ -164,12 +164,12 @@ class LytroClient:
         return self._link.load(protocol.load_file(path), path, progress=progress)
 
     def take_picture(self) -> Shot:
-        """Press the shutter; does not wait for the picture.
+        """Press the shutter without waiting for the picture.
 
-        Once sent the command is not sent again: `confirmed` is False when the reply was lost, and
-        the picture may have been taken.
+        The command is sent once: `confirmed` is False when the reply was lost, and the picture may
+        have been taken.
         """
-        self.battery()  # a connection that had died is found and made again here
+        self.battery()  # detects and replaces a dead connection before the command
         shot = self._arrivals.commanded(time.time_ns())
         try:
             self._link.ask_once(protocol.TAKE_PICTURE)
@@ -182,7 +182,7 @@ class LytroClient:
         return shot
 
     def wait_for_picture(self, timeout: float | None = None, shot: Shot | None = None) -> Picture:
-        """The next picture since the client connected that was not waited for, or that of `shot`.
+        """Wait for the picture of `shot`, or for the next picture that nobody waited for.
 
         timeout: seconds, by default `settings.picture_timeout`. CameraError when none comes.
         """
@@ -212,13 +212,13 @@ class LytroClient:
             'it is in a menu')
 
     def delete(self, picture: Picture) -> None:
-        """Delete a picture from the card; CameraError when it is still in the list then."""
+        """Delete a picture from the card; CameraError when it stays in the list."""
         self._link.ask(Request(Command.DELETE_PICTURE, self._record(picture).key))
         deadline = time.monotonic() + self._settings.timeout
         while picture.id in {each.id for each in self.records()}:
             if time.monotonic() > deadline:
-                raise CameraError(f'the camera keeps {picture.id} although it was told to delete '
-                                  'it; delete it on the camera')
+                raise CameraError(f'the camera keeps {picture.id} despite the delete command; '
+                                  'delete it on the camera')
             self._closed.wait(_PAUSE)
 
     def __enter__(self) -> 'LytroClient':
@@ -235,14 +235,14 @@ class LytroClient:
         raise CameraError(f'the camera has no picture {picture.id} (any more)')
 
     def _recognize(self) -> None:
-        """All cameras have one address: after a lost connection it may be another that answers."""
+        """Check the serial number: all cameras have one address, another one may answer now."""
         serial = self.hardware_info().serial
         if serial != self._info.serial:
             raise LinkError(f'camera {serial} answers at {self._address}, where '
                             f'{self._info.serial} was: connect to it anew, or bring that one back')
 
     def _heard(self, event: Event) -> None:
-        """In the thread of the callbacks."""
+        """Record an event; runs in the thread of the callbacks."""
         _log.debug('%s', event)
         if event.name == SHUTTER_PRESSED:
             self._arrivals.pressed(event.arrived_ns)

@@ -20,13 +20,13 @@ SHUTTER_PRESSED = 'ShutterPressed'
 NEW_PICTURE = 'NewPictureAvailable'
 PICTURE_DELETED = 'PictureDeleted'
 
-_LONGEST = 4096  # bytes of an event; those of the camera have less than 80
+_LONGEST = 4096  # bytes of an event; the camera's have less than 80
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 5.0  # seconds before the next try, doubled each time
 
 _log = logging.getLogger(__name__)
 _EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
 _SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
-_OLDEST_NS = 60_000_000_000  # a shot without a picture for so long stays without
+_OLDEST_NS = 60_000_000_000  # a shot without a picture after this time gets none
 _PATIENCE = 5.0  # seconds for an announced picture to be in the list
 
 
@@ -44,13 +44,13 @@ class Event:
 
 
 class EventParser:
-    """Puts events together from pieces as they come."""
+    """Assembles events from received pieces."""
 
     def __init__(self) -> None:
         self._rest = b''
 
     def feed(self, data: bytes, arrived_ns: int = 0) -> list[Event]:
-        """The events that `data` completes; ProtocolError when these are no events."""
+        """The events that `data` completes; ProtocolError for anything else."""
         *complete, self._rest = (self._rest + data).split(b'\0')
         if len(self._rest) > _LONGEST:
             raise ProtocolError(f'a callback has no end: {self._rest[:48]!r} ...')
@@ -68,10 +68,10 @@ def _parse(line: bytes, arrived_ns: int) -> Event:
 
 
 class CallbackListener:
-    """A thread that hands every event except heartbeats to `heard`, and connects again when lost.
+    """A thread that passes every event except heartbeats to `heard`, and reconnects.
 
-    `connected` is told True after each connection, False when it is lost: what the camera said in
-    between is lost too. Raises LinkError when the first connection cannot be made.
+    `connected` is called with True after each connection and with False when it is lost; events
+    in between are lost. Raises LinkError when the first connection cannot be made.
     """
 
     def __init__(self, address: Address, settings: LinkSettings, heard: Callable[[Event], None],
@@ -123,7 +123,7 @@ class CallbackListener:
             self._connected(True)
 
     def _listen(self) -> str:
-        """Hand events on until the connection is lost; why it was."""
+        """Pass events on until the connection is lost; the reason of the loss."""
         parser = EventParser()
         try:
             while data := self._socket.recv(4096):
@@ -139,11 +139,11 @@ class CallbackListener:
 
 @dataclass(eq=False)
 class Shot:
-    """The shutter as this host knows it, nanoseconds since the epoch.
+    """A press of the shutter, with times of this host's clock [ns since the epoch].
 
-    sent_ns: before the command was sent, None when the camera's own button was pressed.
-    pressed_ns: when the ShutterPressed callback arrived, None until then.
-    confirmed: whether the command was answered. picture: what it became, None until that is known.
+    sent_ns: just before the command was sent; None: the camera's own button was pressed.
+    pressed_ns: arrival of the ShutterPressed callback; None: not yet.
+    confirmed: whether the command was answered. picture: the resulting picture; None: not yet.
     """
 
     sent_ns: int | None = None
@@ -153,51 +153,51 @@ class Shot:
 
     @property
     def stamp_ns(self) -> int:
-        """The best that is known of the time of the shutter."""
+        """Best estimate of the time of the shutter."""
         return self.pressed_ns or self.sent_ns or 0
 
 
 class Arrivals:
     """Matches commands, callbacks and picture lists; safe to use from several threads.
 
-    The list is the truth; callbacks say when to look at it, and which picture is complete. After a
-    gap in the callbacks every picture that is new in the list counts.
+    The list decides which pictures exist. Callbacks say when to read it, and which picture is
+    complete. After a gap in the callbacks every new picture in the list counts as complete.
     """
 
     def __init__(self) -> None:
         self.changed = threading.Condition()
         self.clock_ahead_ns = 0  # the camera's clock less this host's
         self._pictures: dict[str, Picture] | None = None  # on the card and complete, oldest first
-        self._announced: dict[str, float] = {}  # not in the list so far: since when
+        self._announced: dict[str, float] = {}  # not in the list yet: time of the announcement
         self._shots: list[Shot] = []  # without a picture so far
         self._new: deque[Picture] = deque()
         self._connected, self._gap = True, False
 
     @property
     def pending(self) -> bool:
-        """Whether the list should be looked at."""
+        """Whether the list should be read."""
         with self.changed:
             return bool(self._announced) or self._gap
 
     @property
     def connected(self) -> bool:
-        """Whether callbacks are heard."""
+        """Whether the callback connection is up."""
         return self._connected
 
     def commanded(self, sent_ns: int) -> Shot:
-        """A command to take a picture is about to be sent."""
+        """Record that a capture command is about to be sent."""
         with self.changed:
             self._shots.append(Shot(sent_ns))
             return self._shots[-1]
 
     def given_up(self, shot: Shot) -> None:
-        """No picture will come of `shot`."""
+        """Forget a shot without a picture."""
         with self.changed:
             if shot in self._shots:
                 self._shots.remove(shot)
 
     def pressed(self, arrived_ns: int) -> None:
-        """ShutterPressed arrived."""
+        """Record a ShutterPressed callback."""
         with self.changed:
             for shot in self._shots:
                 if (shot.pressed_ns is None and shot.sent_ns is not None
@@ -208,23 +208,24 @@ class Arrivals:
                 self._shots.append(Shot(pressed_ns=arrived_ns))
 
     def announced(self, identity: str) -> None:
-        """NewPictureAvailable arrived."""
+        """Record a NewPictureAvailable callback."""
         with self.changed:
             if identity not in (self._pictures or {}):
                 self._announced[identity] = time.monotonic()
                 self.changed.notify_all()
 
     def callbacks(self, connected: bool) -> None:
-        """Callbacks are heard from now on, or were lost."""
+        """Record that the callback connection was made, or lost."""
         with self.changed:
             self._gap = self._gap or not connected
             self._connected = connected
             self.changed.notify_all()
 
     def listed(self, records: list[PictureRecord], *, all_complete: bool = False) -> list[Picture]:
-        """The camera's list, newest first, has come; the complete pictures, oldest first.
+        """Record the camera's list (newest first); the complete pictures, oldest first.
 
-        The first list's pictures are not new. all_complete: count what was not announced too.
+        Pictures of the first list are not new. all_complete: include pictures that were not
+        announced.
         """
         with self.changed:
             first, known = self._pictures is None, self._pictures or {}
@@ -247,7 +248,7 @@ class Arrivals:
             return list(pictures.values())
 
     def take(self, shot: Shot | None = None) -> Picture | None:
-        """The oldest new picture, or that of `shot`; it is not new any more."""
+        """Take the oldest new picture, or that of `shot`; None: there is none yet."""
         with self.changed:
             if shot is None:
                 return self._new.popleft() if self._new else None
@@ -256,12 +257,12 @@ class Arrivals:
             return shot.picture
 
     def wait(self, seconds: float) -> None:
-        """Until `pending`, at most so long."""
+        """Wait until `pending`, at most so long."""
         with self.changed:
             self.changed.wait_for(lambda: self._announced or self._gap, seconds)
 
     def _arrived(self, record: PictureRecord) -> Picture:
-        """Whose shutter it was: the shot nearest to the camera's date, if any can be it."""
+        """The picture of a record, stamped by the shot nearest to the camera's date, if any."""
         date = record.taken
         oldest = time.time_ns() - _OLDEST_NS
         self._shots = [each for each in self._shots if each.stamp_ns > oldest]

@@ -22,7 +22,7 @@ from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 from pmcl_ros.runtime.progress import BytesProgress
 
 _SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has stalled
-LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600: what announces more is not downloaded
+LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600; larger files are refused
 T = TypeVar('T')
 _log = logging.getLogger(__name__)
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
@@ -30,7 +30,7 @@ _ANOTHER_CLIENT = 'does another client use the camera?'
 
 
 def dial(host: str, port: int, timeout: float) -> socket.socket:
-    """Connect; LinkError says what to look at when nobody answers."""
+    """Connect; LinkError with advice when nobody answers."""
     try:
         connected = socket.create_connection((host, port), timeout)
     except (OSError, UnicodeError) as error:  # UnicodeError: an impossible host name
@@ -43,7 +43,7 @@ def dial(host: str, port: int, timeout: float) -> socket.socket:
 
 
 class Connection:
-    """One request in flight at a time; whatever goes wrong closes the connection.
+    """One request in flight at a time; any error closes the connection.
 
     timeout: seconds to wait for the connection, and for the next bytes of a reply.
     Raises LinkError, or ProtocolError when the reply is not one to the request.
@@ -62,10 +62,10 @@ class Connection:
             return bytes(payload)
 
     def download(self, offset: int, into: memoryview, landed: Callable[[int], None]) -> int:
-        """Ask for the transfer buffer from byte `offset`; as many bytes as came in reply.
+        """Download the transfer buffer from byte `offset` into `into`; the bytes received.
 
-        They are written to the beginning of `into`, which is what there is room for; `landed` is
-        told how many more are there, as they come.
+        The size of `into` is the requested one. `landed` is called with the number of each new
+        bytes.
         """
         request = download(offset, len(into))
         with self._closed_on_error(request):
@@ -74,7 +74,7 @@ class Connection:
             return length
 
     def abort(self) -> None:
-        """End the connection, also under another thread that waits for a reply."""
+        """End the connection, also while another thread waits for a reply."""
         try:
             self._socket.shutdown(socket.SHUT_RDWR)
         except OSError:
@@ -105,7 +105,7 @@ class Connection:
 
     @contextmanager
     def _closed_on_error(self, request: Request) -> Iterator[None]:
-        """What follows in the stream after an error is unknown."""
+        """Close the connection after an error: the rest of the stream has no meaning."""
         try:
             yield
         except ProtocolError as error:
@@ -129,7 +129,7 @@ def _reason(error: Exception) -> str:
 class Link:
     """Requests and downloads; safe to use from several threads.
 
-    One request is in flight at a time; between two pieces of a download other requests may go,
+    One request is in flight at a time. Other requests may go between two pieces of a download,
     except loads: the camera has a single transfer buffer.
     """
 
@@ -157,10 +157,10 @@ class Link:
              progress: BytesProgress | None = None, *, grows: bool = False) -> bytes:
         """Load `what` into the transfer buffer and download all of it.
 
-        expected: its length, if that is known. After a lost connection it is loaded again and
-        resumed where it stopped. Raises CameraError when the camera does not have it, or it is
-        too large, or another length than expected.
-        grows: its length may be another when it is loaded again; then it is begun again.
+        After a lost connection it is loaded again and the download resumes where it stopped.
+        expected: its length, if known. grows: its length may change between loads; then the
+        download starts again. Raises CameraError when the camera does not have it, or when it is
+        too large or of another length than expected.
         """
         with self._buffer:
             download = _Download(self, request, what, expected, progress, grows)
@@ -168,21 +168,21 @@ class Link:
             return bytes(download.data)
 
     def close(self) -> None:
-        """End the connection; what waits in another thread raises LinkError."""
+        """End the connection; calls that wait in other threads raise LinkError."""
         self._closed.set()
         connection = self._connection
         if connection is not None:
             connection.abort()
 
     def with_connection(self, step: Callable[[Connection], T]) -> T:
-        """Run `step` with the connection, made if there is none; once."""
+        """Run `step` once with the connection, which is made if there is none."""
         with self._wire:
             if self._closed.is_set():
                 raise LinkError(f'the connection to {self._address} is closed')
             if self._connection is None:
                 self._connection = Connection(self._address, self._settings.timeout)
                 self.made += 1
-                if self._closed.is_set():  # meanwhile: `close` did not see this one
+                if self._closed.is_set():  # `close` did not see this connection
                     self._connection.abort()
             try:
                 result = step(self._connection)
@@ -210,7 +210,7 @@ class Link:
 
 
 class _Download:
-    """The transfer buffer's content on its way; `run` goes on where the last run was lost."""
+    """A download of the transfer buffer; `run` resumes where the last run was lost."""
 
     def __init__(self, link: Link, request: Request, what: str, expected: int | None,
                  progress: BytesProgress | None, grows: bool) -> None:
@@ -221,7 +221,7 @@ class _Download:
         self.got = 0
 
     def run(self) -> None:
-        """Load, then get the pieces that are missing."""
+        """Load, then download the missing pieces."""
         found = self._link.ask_once(self._request)
         if self._request.payload is not None and not found:
             raise CameraError(f'the camera has no {self._what}')
@@ -242,7 +242,7 @@ class _Download:
         return connection.download(self.got, into, self._landed)
 
     def _check_again(self, came: int) -> None:
-        """A short piece may be the end of another, shorter file, that another client loaded."""
+        """Check a short piece: another client may have loaded a shorter file meanwhile."""
         self._check_length()
         again = bytearray(came)
         first = self.got - came

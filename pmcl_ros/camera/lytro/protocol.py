@@ -22,8 +22,8 @@ _RECORD = struct.Struct('<8s8sii16xif48s28si')
 _KEY_LENGTH = 24
 _TIME = struct.Struct('<7H')
 _FILE_ENTRY = struct.Struct('<I32s')
-_MOST_FILES = 4096  # a camera has some hundreds; what holds more is no table
-# Where the fields of a record begin; the list says so itself, in its own header.
+_MOST_FILES = 4096  # a camera has some hundreds; a longer table is damaged
+# Offsets of the fields of a record, which the header of the list repeats.
 _FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
 _ROTATIONS = {0: 0, 1: 0, 8: 90, 3: 180, 6: 270}
 # Names become paths, on the camera and on this machine's disk.
@@ -56,8 +56,8 @@ class Command(IntEnum):
 class Header:
     """The first 28 bytes of every message.
 
-    code: class * 256 + sub-command, a `Command` where it is a known one.
-    length: bytes of payload that follow; in a request without payload the room for the reply.
+    code: class * 256 + sub-command, a `Command` if it is known.
+    length: bytes of payload that follow; in a request without payload, room for the reply.
     parameters: 13 bytes.
     """
 
@@ -73,7 +73,7 @@ class Header:
 
     @property
     def offset(self) -> int:
-        """Where in the transfer buffer a download begins, bytes."""
+        """First byte of a download in the transfer buffer."""
         return int.from_bytes(self.parameters[:4], 'little')
 
     def reply(self, length: int) -> 'Header':
@@ -87,7 +87,7 @@ class Header:
 
     @classmethod
     def decode(cls, data: bytes) -> 'Header':
-        """Read 28 bytes; ProtocolError when they are not the beginning of a message."""
+        """Read 28 bytes; ProtocolError when they are no header."""
         if len(data) != HEADER_LENGTH:
             raise ProtocolError(f'a header has {HEADER_LENGTH} bytes, got {len(data)}')
         magic, length, flags, group, sub, parameters = _HEADER.unpack(data)
@@ -98,10 +98,10 @@ class Header:
 
 @dataclass(frozen=True)
 class Request:
-    """What a client asks.
+    """A request of a client.
 
-    payload: sent with it, or None. room: most bytes of payload that the reply may have; a reply to
-    a request with payload mirrors it, or is empty.
+    payload: data to send, or None. room: largest payload of the reply [bytes]; a reply to a
+    request with payload mirrors the payload, or is empty.
     """
 
     command: Command
@@ -111,7 +111,7 @@ class Request:
 
     @property
     def header(self) -> Header:
-        """What is sent first."""
+        """Header of the request."""
         parameters = self.parameters.ljust(13, b'\0')
         if self.payload is None:
             return Header(self.command, self.room, _NO_PAYLOAD, parameters)
@@ -122,9 +122,9 @@ class Request:
         return self.header.encode() + (self.payload or b'')
 
     def check(self, reply: Header) -> int:
-        """How many bytes of payload follow `reply`; ProtocolError when it answers something else.
+        """Bytes of payload that follow `reply`; ProtocolError when it answers another request.
 
-        The length is bounded by what was asked for, before anything is allocated.
+        The length is checked against the requested one before memory is allocated.
         """
         asked = self.header
         expected = asked.reply(reply.length)
@@ -158,7 +158,7 @@ BATTERY = Request(Command.BATTERY, room=4)
 
 @dataclass(frozen=True)
 class HardwareInfo:
-    """Who the camera is."""
+    """Identity of the camera."""
 
     manufacturer: str
     serial: str
@@ -172,7 +172,7 @@ class HardwareInfo:
 
     @classmethod
     def decode(cls, data: bytes) -> 'HardwareInfo':
-        """Read what C2 00 00 loads; ProtocolError when it is too short or no text."""
+        """Decode the data of C2 00 00; ProtocolError when it is too short or no text."""
         if len(data) != HARDWARE_INFO_LENGTH:
             raise ProtocolError(f'hardware info has {HARDWARE_INFO_LENGTH} bytes, got {len(data)}')
         *texts, _ = _HARDWARE.unpack(data)
@@ -184,7 +184,7 @@ class PictureRecord:
     """A record of the picture list.
 
     id: "sha1-" and 40 hexadecimal digits. date: of the camera's clock, ISO 8601, UTC.
-    focus: the lambda chosen on the camera. orientation: the camera's code, see `rotation`.
+    focus: the lambda selected on the camera. orientation: the camera's code, see `rotation`.
     """
 
     folder: int
@@ -203,12 +203,12 @@ class PictureRecord:
         return f'{self.prefix}{self.number:04d}'
 
     def path(self, extension: str) -> str:
-        r"""Of its file on the camera, as in I:\DCIM\100PHOTO\IMG_0001.RAW."""
+        r"""Path of its file on the camera, as in I:\DCIM\100PHOTO\IMG_0001.RAW."""
         return rf'I:\DCIM\{self.folder:03d}{self.folder_postfix}\{self.name}.{extension}'
 
     @property
     def rotation(self) -> int | None:
-        """Degrees counter-clockwise; None when the code is not a known one."""
+        """Degrees counter-clockwise; None for unknown codes."""
         return _ROTATIONS.get(self.orientation)
 
     @property
@@ -222,7 +222,7 @@ class PictureRecord:
 
     @property
     def key(self) -> bytes:
-        """The 24 bytes that C0 00 05 deletes a picture by: the beginning of its record."""
+        """The first 24 bytes of the record, by which C0 00 05 deletes a picture."""
         return self.encode()[:_KEY_LENGTH]
 
     def encode(self) -> bytes:
@@ -233,7 +233,7 @@ class PictureRecord:
 
     @classmethod
     def decode(cls, data: bytes) -> 'PictureRecord':
-        """Read the first 128 bytes of a record; ProtocolError when they are impossible."""
+        """Decode the first 128 bytes of a record; ProtocolError for impossible values."""
         postfix, prefix, folder, number, liked, focus, identity, date, orientation = \
             _RECORD.unpack(data[:RECORD_LENGTH])
         texts = [_text(each, 'picture list') for each in (postfix, prefix, identity, date)]
@@ -246,16 +246,16 @@ class PictureRecord:
 
 
 def encode_picture_list(pictures: list[PictureRecord]) -> bytes:
-    """What C2 00 02 loads; the newest picture first."""
+    """The data of C2 00 02: records, the newest picture first."""
     fields = b''.join(struct.pack('<II', *each) for each in enumerate(_FIELD_OFFSETS))
     header = struct.pack('<III', 1, RECORD_LENGTH, len(_FIELD_OFFSETS)) + fields
     return header + b''.join(each.encode() for each in pictures)
 
 
 def decode_picture_list(data: bytes) -> list[PictureRecord]:
-    """Read what C2 00 02 loads; ProtocolError when it is impossible.
+    """Decode the data of C2 00 02; ProtocolError for impossible values.
 
-    The header tells how long it and the records are; what is left at the end is no record.
+    The header contains its own length and the records'. Trailing bytes are ignored.
     """
     if len(data) < 12:
         raise ProtocolError(f'picture list has {len(data)} bytes, its header alone has 12')
@@ -276,7 +276,7 @@ def encode_time(moment: datetime) -> bytes:
 
 
 def decode_time(data: bytes) -> datetime:
-    """Read 14 bytes: a time in UTC; ProtocolError when there is no such time."""
+    """Decode 14 bytes: a time in UTC; ProtocolError for an impossible time."""
     if len(data) != _TIME.size:
         raise ProtocolError(f'a time has {_TIME.size} bytes, got {len(data)}')
     year, month, day, hour, minute, second, milliseconds = _TIME.unpack(data)
@@ -287,7 +287,7 @@ def decode_time(data: bytes) -> datetime:
 
 
 def decode_battery(data: bytes) -> float:
-    """Read 4 bytes: percent; ProtocolError when it is no number from 0 to 100."""
+    """Decode 4 bytes: percent; ProtocolError for anything but a number from 0 to 100."""
     if len(data) != 4:
         raise ProtocolError(f'a battery level has 4 bytes, got {len(data)}')
     percent = float(struct.unpack('<f', data)[0])
@@ -297,20 +297,20 @@ def decode_battery(data: bytes) -> float:
 
 
 def decode_length(data: bytes) -> int:
-    """Read 4 bytes: how many bytes the transfer buffer holds."""
+    """Decode 4 bytes: number of bytes in the transfer buffer."""
     if len(data) != 4:
         raise ProtocolError(f'a length has 4 bytes, got {len(data)}')
     return int.from_bytes(data, 'little')
 
 
 def encode_files(files: dict[str, bytes]) -> bytes:
-    """What C2 00 06 loads: a table of lengths and paths, then the files."""
+    """The data of C2 00 06: a table of lengths and paths, then the files."""
     table = [_FILE_ENTRY.pack(len(body), path.encode()) for path, body in files.items()]
     return b''.join([*table, *files.values()])
 
 
 def decode_files(data: bytes) -> dict[str, bytes]:
-    """Read what C2 00 06 loads; the table ends where it and the files make up all bytes."""
+    """Decode the data of C2 00 06; the table ends where it and its files fill all bytes."""
     entries: list[tuple[int, str]] = []
     total = 0
     while (begin := _FILE_ENTRY.size * len(entries)) + total < len(data):
@@ -330,7 +330,7 @@ def decode_files(data: bytes) -> dict[str, bytes]:
 
 
 def _text(data: bytes, where: str) -> str:
-    """What stands before the first NUL."""
+    """The text before the first NUL."""
     try:
         text = data.split(b'\0', 1)[0].decode()
     except UnicodeDecodeError:

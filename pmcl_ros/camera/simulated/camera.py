@@ -1,4 +1,4 @@
-"""A camera made of software: what it answers to each command (lytro_f01.md, A2 to A6)."""
+"""A simulated camera: its state, and its answer to each command (lytro_f01.md, A2 to A6)."""
 
 import asyncio
 import hashlib
@@ -29,7 +29,7 @@ _log = logging.getLogger(__name__)
 
 
 class SimulatedCamera:
-    """The state of the camera; one event loop uses it.
+    """State of the camera; used by one event loop.
 
     delay: seconds from the shutter to NewPictureAvailable. battery: percent.
     """
@@ -79,17 +79,17 @@ class SimulatedCamera:
         return b''
 
     def listen(self) -> 'asyncio.Queue[Event]':
-        """Events from now on; end it with `ignore`."""
+        """A queue of events from now on; end it with `ignore`."""
         queue: asyncio.Queue[Event] = asyncio.Queue(1000)
         self._listeners.add(queue)
         return queue
 
     def ignore(self, queue: 'asyncio.Queue[Event]') -> None:
-        """No more events for `queue`."""
+        """Stop events for `queue`."""
         self._listeners.discard(queue)
 
     def close(self) -> None:
-        """Pictures that are not complete never will be."""
+        """Cancel the completion of pending pictures."""
         for each in self._pending:
             each.cancel()
 
@@ -99,21 +99,21 @@ class SimulatedCamera:
             _log.info('command to take a picture ignored: busy or full')
             return
         record, capture = self.card.expose(self._now())
-        self._tell(events.SHUTTER_PRESSED, 'CLICK')
+        self._notify(events.SHUTTER_PRESSED, 'CLICK')
 
         def complete() -> None:
             self._pending.discard(timer)
             self.card.store(record, capture)
-            self._tell(events.NEW_PICTURE, record.id)
+            self._notify(events.NEW_PICTURE, record.id)
             _log.info('%s is %s', record.name, capture.path)
 
         timer = asyncio.get_running_loop().call_later(self._delay, complete)
         self._pending.add(timer)
 
-    def _tell(self, name: str, argument: str) -> None:
+    def _notify(self, name: str, argument: str) -> None:
         for queue in self._listeners:
             if queue.full():
-                queue.get_nowait()  # who does not read misses the oldest
+                queue.get_nowait()  # a slow listener loses the oldest
             queue.put_nowait(Event(name, (argument,)))
 
     def _now(self) -> datetime:
@@ -168,7 +168,7 @@ class SimulatedCamera:
         record = self.card.delete(payload)
         if record is not None:
             self.faults.deleted()
-            self._tell(events.PICTURE_DELETED, record.id)
+            self._notify(events.PICTURE_DELETED, record.id)
         return payload
 
     def _monitor(self, payload: bytes) -> bytes:
@@ -197,10 +197,10 @@ def _mirror(payload: bytes) -> bytes:
 
 
 def _counted(content: bytes) -> bytes:
-    """As loaded by id: a client that was used with real cameras skips the first four bytes."""
+    """Data of a load by id: clients of real cameras skip the first four bytes."""
     return struct.pack('<I', len(content)) + content
 
 
 def _text(payload: bytes) -> str:
-    """What stands before the first NUL."""
+    """The text before the first NUL."""
     return payload.split(b'\0', 1)[0].decode('utf-8', 'replace')

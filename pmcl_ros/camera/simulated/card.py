@@ -54,14 +54,14 @@ def _bgr(raw: bytes, width: int, height: int, side: int) -> NDArray[np.uint8]:
 
 
 @dataclass(frozen=True)
-class Capture:
-    """A picture on this machine's disk that the camera shows as its own."""
+class StoredPicture:
+    """A picture on disk that the simulated camera serves as its own."""
 
     path: Path
     metadata: CameraMetadata
 
     def file(self, extension: str) -> bytes:
-        """What the camera would have stored; KeyError for an extension that it has not."""
+        """The file with this extension; KeyError for extensions that a camera does not have."""
         content = {'RAW': self._raw, 'JPG': self._jpeg, '128': self._thumbnail,
                    'TXT': self.metadata.text.encode}[extension.upper()]
         return content()
@@ -84,30 +84,30 @@ def _raw_bytes(path: Path) -> bytes:
 class Card:
     """The camera's memory.
 
-    pictures, whites: what is served; white images are calibration files. empty: begin without a
-    picture; else all are there, as taken in the order of their names.
+    pictures: captures in turn. whites: served as calibration files. empty: start with an empty
+    card, else all pictures are stored in the order of their names.
     """
 
-    def __init__(self, pictures: list[Capture], whites: list[Capture], *,
+    def __init__(self, pictures: list[StoredPicture], whites: list[StoredPicture], *,
                  empty: bool = False) -> None:
         self._captures = pictures
         self._whites = whites
         self._next = 0
         self._number = 0
-        self._stored: dict[str, tuple[PictureRecord, Capture]] = {}  # by id, oldest first
+        self._stored: dict[str, tuple[PictureRecord, StoredPicture]] = {}  # by id, oldest first
         newest = 0.0
         for capture in () if empty else pictures:
             newest = max(newest, capture.path.stat().st_mtime)
             self.store(*self.expose(datetime.fromtimestamp(newest, timezone.utc)))
 
     @classmethod
-    def of(cls, folder: Path | str, *, empty: bool = False) -> 'Card':
+    def from_folder(cls, folder: Path | str, *, empty: bool = False) -> 'Card':
         """The pictures at `folder` and in its subfolders; CameraError when there is none.
 
-        Those that the camera marked as white (modulationFrame) are calibration files, unless there
-        are no others.
+        Pictures marked as white (modulationFrame) are calibration files, unless there are no
+        others.
         """
-        captures = [Capture(path, read_metadata(path)) for path in list_pictures(folder)]
+        captures = [StoredPicture(path, read_metadata(path)) for path in list_pictures(folder)]
         whites = [each for each in captures if each.metadata.tags.modulationFrame]
         pictures = [each for each in captures if not each.metadata.tags.modulationFrame]
         _log.info('%d pictures and %d white images in %s', len(pictures), len(whites), folder)
@@ -115,7 +115,7 @@ class Card:
 
     @property
     def serial(self) -> str:
-        """Of the camera that took the pictures."""
+        """Serial number of the camera that took the pictures."""
         return self._captures[0].metadata.serial or 'A000000000'
 
     @property
@@ -123,8 +123,8 @@ class Card:
         """The picture list, newest first."""
         return [record for record, _ in reversed(self._stored.values())]
 
-    def expose(self, moment: datetime) -> tuple[PictureRecord, Capture]:
-        """Take the next capture in turn; it is not stored yet."""
+    def expose(self, moment: datetime) -> tuple[PictureRecord, StoredPicture]:
+        """Take the next picture in turn, without storing it."""
         capture = self._captures[self._next]
         self._next = (self._next + 1) % len(self._captures)
         self._number += 1
@@ -133,19 +133,19 @@ class Card:
         digest = hashlib.sha1(f'{self.serial} {self._number} {capture.path.name} {date}'.encode())
         return PictureRecord(100 + folder, number + 1, f'sha1-{digest.hexdigest()}', date), capture
 
-    def store(self, record: PictureRecord, capture: Capture) -> None:
-        """The picture can be downloaded from now on."""
+    def store(self, record: PictureRecord, capture: StoredPicture) -> None:
+        """Store a picture: it can be downloaded from now on."""
         self._stored[record.id] = (record, capture)
 
     def delete(self, key: bytes) -> PictureRecord | None:
-        """Delete by the first 24 bytes of a record; what was deleted."""
+        """Delete by the first 24 bytes of a record; the deleted record, if any."""
         for record, _ in self._stored.values():
             if record.key == key:
                 return self._stored.pop(record.id)[0]
         return None
 
     def file(self, path: str) -> Callable[[], bytes] | None:
-        r"""What reads a file by its path on the camera; slashes and letter case do not matter."""
+        r"""Reader of a file by its path on the camera, with any slashes and letter case."""
         path = path.replace('/', '\\').upper()
         extension = path.rpartition('.')[2]
         for record, capture in self._stored.values():
@@ -154,13 +154,13 @@ class Card:
         return self._calibration().get(path)
 
     def picture(self, identity: str, digit: str) -> Callable[[], bytes] | None:
-        """What reads a picture's file by its id and the digit of C2 00 05."""
+        """Reader of a picture's file by its id and the digit of C2 00 05."""
         if identity not in self._stored or digit not in _DIGITS:
             return None
         return _reader(self._stored[identity][1], _DIGITS[digit])
 
     def calibration(self) -> bytes:
-        """What C2 00 06 loads."""
+        """The data of C2 00 06."""
         return encode_files({path: read() for path, read in self._calibration().items()})
 
     def _calibration(self) -> dict[str, Callable[[], bytes]]:
@@ -172,7 +172,7 @@ class Card:
         return files
 
     def _lenslets(self) -> bytes:
-        """What the metadata says of the lenslets."""
+        """The lenslets' part of the metadata, as JSON."""
         found: Any = json.loads(self._captures[0].metadata.text)
         for step in ('master', 'picture', 'frameArray', 0, 'frame', 'metadata', 'devices', 'mla'):
             try:
@@ -182,5 +182,5 @@ class Card:
         return json.dumps({'mla': found}, indent=1).encode()
 
 
-def _reader(capture: Capture, extension: str) -> Callable[[], bytes]:
+def _reader(capture: StoredPicture, extension: str) -> Callable[[], bytes]:
     return lambda: capture.file(extension)

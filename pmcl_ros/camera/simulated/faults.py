@@ -1,4 +1,4 @@
-"""What shall go wrong at the simulated camera, and when."""
+"""Faults of the simulated camera, and when they happen."""
 
 import re
 from collections.abc import Iterable
@@ -27,9 +27,9 @@ _UNITS = {'': 1, 'B': 1, 'kB': 1000, 'MB': 10**6, 'KiB': 2**10, 'MiB': 2**20}
 
 @dataclass
 class Faults:
-    """Sizes in bytes, rates in bytes per second, None where nothing shall go wrong.
+    """Sizes in bytes, rates in bytes per second; None: no such fault.
 
-    The counters that say when are in it too: one `Faults` belongs to one server.
+    It contains the counters of requests and replies: one `Faults` belongs to one server.
     """
 
     drop_after: int | None = None
@@ -40,14 +40,14 @@ class Faults:
     garbage_header: int | None = None
     silence: int | None = None
     busy: int = 0
-    room: int | None = None  # for so many more pictures
-    chance: Random = field(default_factory=lambda: Random(0))
+    room: int | None = None  # pictures that still fit on the card
+    rng: Random = field(default_factory=lambda: Random(0))
     _replies: int = 0
     _requests: int = 0
 
     @classmethod
     def parse(cls, texts: Iterable[str]) -> 'Faults':
-        """Read what `HELP` describes; SettingsError names what cannot be read."""
+        """Parse faults in the form of `HELP`; SettingsError for anything else."""
         faults = cls()
         for text in texts:
             name, _, value = text.partition('=')
@@ -66,7 +66,7 @@ class Faults:
                 self.drop_after, self.drop_once = _size(value), {'once': True, '': False}[option]
             case 'drop-random':
                 self.drop_random = _size(value)
-                self.chance.seed(int(option or 0))
+                self.rng.seed(int(option or 0))
             case 'slow':
                 self.slow = _size(value.removesuffix('/s'))
             case 'short-chunks':
@@ -83,16 +83,16 @@ class Faults:
                 raise KeyError
 
     def budget(self) -> int | None:
-        """After how many bytes a new connection is cut; None: never."""
+        """Bytes after which a new connection is cut; None: never."""
         if self.drop_random is not None:
-            return round(self.chance.expovariate(1 / self.drop_random))
+            return round(self.rng.expovariate(1 / self.drop_random))
         budget = self.drop_after
         if self.drop_once:
             self.drop_after = None
         return budget
 
     def unanswered(self) -> bool:
-        """Whether the request that has just come is to be ignored."""
+        """Whether to ignore this request."""
         self._requests += 1
         return self.silence is not None and self._requests % self.silence == 0
 
@@ -100,11 +100,11 @@ class Faults:
         """The header to send instead of `header`."""
         self._replies += 1
         if self.garbage_header is not None and self._replies % self.garbage_header == 0:
-            return self.chance.randbytes(len(header))
+            return self.rng.randbytes(len(header))
         return header
 
     def refused(self) -> bool:
-        """Whether the camera ignores the command to take a picture that has just come."""
+        """Whether to ignore this capture command."""
         if self.busy:
             self.busy -= 1
             return True
@@ -117,7 +117,7 @@ class Faults:
         return False
 
     def deleted(self) -> None:
-        """A picture was deleted."""
+        """Record that a picture was deleted."""
         if self.room is not None:
             self.room += 1
 

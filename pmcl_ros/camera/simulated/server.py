@@ -26,7 +26,7 @@ _LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 
 _MOST_CONNECTIONS = 64
 _TOGETHER = 4096  # bytes of a payload that leave in one segment with the header: some clients
 _log = logging.getLogger(__name__)
-READY = 'camera at '  # what the process prints before its address
+READY = 'camera at '  # printed by the process before its address
 
 
 @contextmanager
@@ -170,24 +170,24 @@ class CameraServer:
             self._camera.ignore(queue)
 
     def _drop(self, connected: socket.socket) -> None:
-        """Cut a connection as the faults say."""
-        chance = self._camera.faults.chance
+        """Cut a connection in the manner of the fault."""
+        rng = self._camera.faults.rng
         if self._camera.faults.drop_random is None:
             return
-        if chance.random() < 0.5:  # a reset: what is on its way is lost
+        if rng.random() < 0.5:  # a reset: bytes in transit are lost
             connected.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
-        if chance.random() < 0.5:
+        if rng.random() < 0.5:
             for each in self._callbacks:
                 with contextlib.suppress(OSError):
                     each.shutdown(socket.SHUT_RDWR)
 
 
 class _DroppedError(Exception):
-    """A fault says that the connection ends here."""
+    """A fault ends the connection here."""
 
 
 class _Incoming:
-    """Bytes as they come, in the pieces that are wanted."""
+    """Received bytes in pieces of requested lengths."""
 
     def __init__(self, connected: socket.socket) -> None:
         self._socket, self._rest = connected, bytearray()
@@ -205,7 +205,7 @@ class _Incoming:
 
 
 class _Outgoing:
-    """Bytes on their way to the client, slowed down and cut off as the faults say."""
+    """Sent bytes, slowed down and cut off by the faults."""
 
     def __init__(self, connected: socket.socket, camera: SimulatedCamera) -> None:
         self._socket, self._slow = connected, camera.faults.slow

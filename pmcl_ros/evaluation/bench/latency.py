@@ -61,7 +61,7 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
         random = np.random.default_rng(pmcl.seed)
         # The nodes make the volume as in the mode default, in both modes.
         with Pipeline.for_object(model, pmcl, _PLAIN) as pipeline:
-            dlv = pipeline.settings_for(decoders.of(frame.metadata).grid)
+            dlv = pipeline.settings_for(decoders.decoder_for(frame.metadata).grid)
             parameters: dict[str, dict[str, Any]] = {
                 'lytro_driver': {'source': 'files', 'path': str(raw), 'loop': True},
                 'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},

@@ -74,7 +74,7 @@ def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settin
         for width in widths:
             of = SweepSettings(rows=views, columns=views, baseline=width / (views - 1), near=near,
                                far=far)
-            plan = SweepPlan.of(views, views, of.baseline)
+            plan = SweepPlan.from_grid(views, views, of.baseline)
             poses = [_missed(each.pose, arm.aside, arm.turned, rng) for each in plan.poses]
             middle = views * views // 2
             poses = [np.linalg.inv(poses[middle]) @ each for each in poses]

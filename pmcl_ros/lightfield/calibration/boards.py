@@ -20,15 +20,15 @@ _EFFORTS = (0, cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE)
 # the focus distance of an F01 to infinity.
 _COARSE = np.arange(-2.0, 1.51, 0.5)
 _FINE = np.arange(-2.0, 1.51, 0.05)
-_AGREEING = 0.9  # of the corners of a checkerboard, those whose squares alternate as they should
+_AGREEING = 0.9  # least share of corners with correctly alternating squares
 
 
 @dataclass(frozen=True)
 class Checkerboard:
     """columns, rows: of inner corners. square: side of a square [m].
 
-    The first inner corner is the one beside a light corner square of the board. That tells a board
-    from itself turned by 180 degrees where one of columns and rows is odd and the other even.
+    The first inner corner is the one beside a light corner square of the board. This resolves a
+    turn by 180 degrees if one of columns and rows is odd and the other even.
     """
 
     columns: int
@@ -54,7 +54,7 @@ class Checkerboard:
 
     def find(self, light_field: LightField,
              ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """About where the corners are: positions and disparities, (rows, columns, 2) px.
+        """Approximate positions and disparities of the corners, (rows, columns, 2) px.
 
         light_field: of lattice-aligned views. The board's z axis points away from the camera.
         Raises LightFieldError when there is no complete board.
@@ -70,7 +70,7 @@ class Checkerboard:
     def oriented(self, corners: Corners) -> Corners:
         """The corners from the board's first one on, as the class says.
 
-        A board that looks the same turned by 180 degrees keeps its x axis to the right. Raises
+        The x axis of a board with a symmetry of 180 degrees points to the right. Raises
         LightFieldError when the squares do not alternate: it is no checkerboard.
         """
         row, column = np.indices(corners.valid.shape)
@@ -78,7 +78,7 @@ class Checkerboard:
         lighter = np.mean(alternating[corners.valid] > 0) if corners.valid.any() else 0.5
         if max(lighter, 1 - lighter) < _AGREEING or corners.valid.mean() < _AGREEING:
             raise LightFieldError(
-                f'what looks like a board is none, or too blurred or partly covered: '
+                f'the pattern is no board, or too blurred or partly covered: '
                 f'{corners.valid.sum()} of {corners.valid.size} corners could be measured, at '
                 f'{100 * max(lighter, 1 - lighter):.0f} % of them light and dark squares '
                 'alternate')
@@ -121,7 +121,7 @@ def _visible(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 class _Views:
-    """The grey views that got light, and where they look from."""
+    """Grey views with light, and their positions."""
 
     def __init__(self, light_field: LightField) -> None:
         lit = light_field.grid.weights > 0
@@ -160,7 +160,7 @@ class _Views:
         values = _FINE[best] + (_FINE[1] - _FINE[0]) * np.clip((before - after) / 2 / bend, -1, 1)
         affine = np.concatenate([np.ones((len(flat), 1)), flat], axis=1)
         weights = np.ones(len(flat))
-        for _ in range(10):  # a few corners may be sharpest anywhere
+        for _ in range(10):  # robust: a few corners may be wrong
             root = np.sqrt(weights)
             plane = np.linalg.lstsq(affine * root[:, None], values * root, rcond=None)[0]
             off = np.abs(values - affine @ plane)

@@ -20,8 +20,8 @@ _DONE = 1e-9  # relative change of the cost
 _STEP = 1e-6  # for derivatives, of the usual sizes of the camera's and a pose's parameters:
 _SIZES = np.array([1e3, 1e3, 1e2, 1e2, 1e-3, 1, 1, 1, 1, 1, 1, 0.1, 0.1, 0.1])
 _MODELS = [Model(focals, distortions) for focals in (2, 1) for distortions in (2, 1, 0)]
-_BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: usual ones of an F01, where the corners do not tell
-_DISTINCT = 3  # boards that a resample must hold: fewer do not tell a camera
+_BASELINE, _FOCUS = 7e-4, 2.0  # m, 1/m: typical of an F01, used where corners give no estimate
+_DISTINCT = 3  # least number of different boards in a resample
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Observations:
     whitening: NDArray[np.float64]
 
     @classmethod
-    def of(cls, boards: Sequence[Corners], square: float) -> 'Observations':
+    def from_corners(cls, boards: Sequence[Corners], square: float) -> 'Observations':
         """square: side of the board's squares [m]."""
         rows, columns = boards[0].valid.shape
         y, x = np.mgrid[:rows, :columns] * square
@@ -59,14 +59,14 @@ class Observations:
         """(n, m) which corners were measured."""
         return np.asarray(self.whitening.any(axis=(-1, -2)))
 
-    def without(self, dropped: NDArray[np.bool_]) -> 'Observations':
+    def excluding(self, dropped: NDArray[np.bool_]) -> 'Observations':
         """Without some corners (n, m)."""
         return replace(self, whitening=self.whitening * ~dropped[..., None, None])
 
 
 @dataclass(frozen=True)
 class Fit:
-    """What explains the corners best.
+    """The most likely camera and poses.
 
     camera: (8,) as `PARAMETERS`. poses: (n, 6) of the boards, rotation vector and origin [m].
     residuals: (n, m, 4) measured minus predicted, in standard deviations of the corners' own
@@ -83,11 +83,11 @@ class Fit:
     cost: float
 
 
-def adjust(observations: Observations, model: Model, camera: NDArray[np.float64],
+def bundle_adjust(observations: Observations, model: Model, camera: NDArray[np.float64],
            poses: NDArray[np.float64], noise: float = 1.0) -> Fit:
     """The most likely camera and poses, from a start, by Gauss-Newton steps.
 
-    noise: as in `Fit`; beyond three such standard deviations a residual counts by its size only.
+    noise: as in `Fit`; residuals beyond three standard deviations have a linear cost (Huber).
     Raises LightFieldError when no camera explains the corners.
     """
     basis = model.basis
@@ -96,7 +96,7 @@ def adjust(observations: Observations, model: Model, camera: NDArray[np.float64]
     cost = _cost(residuals, noise)
     for _ in range(_STEPS):
         try:
-            by_camera, by_pose = linearised(observations, model, camera, poses, noise).step()
+            by_camera, by_pose = linearize(observations, model, camera, poses, noise).step()
         except np.linalg.LinAlgError:
             break
         for part in 0.5 ** np.arange(_HALVINGS):
@@ -119,32 +119,32 @@ def adjust(observations: Observations, model: Model, camera: NDArray[np.float64]
     return Fit(model, observations, camera, poses, residuals, spread, cost)
 
 
-def simplest(observations: Observations, camera: NDArray[np.float64],
+def select_model(observations: Observations, camera: NDArray[np.float64],
              poses: NDArray[np.float64]) -> tuple[Fit, dict[Model, float]]:
-    """The fit of the model that the corners speak for, and what every model gains over the least.
+    """The fit of the best model by Schwarz's criterion (BIC), and the gain of every model.
 
-    Corners that lie six standard deviations from the least model's are dropped first, the worst
+    First, corners beyond six standard deviations from the smallest model are dropped, the worst
     before the others.
-    Another focal length or distortion term must lower the robust sum of squares, in units of the
-    noise that the largest model leaves, by more than the logarithm of the number of measured
-    values (Schwarz's criterion; by chance it does so once in some 200 calibrations). The gains
-    are those sums, less that price: the chosen model has the largest.
+    An additional focal length or distortion term must lower the robust sum of squares, in units of
+    the largest model's noise, by more than the logarithm of the number of measured values (by
+    chance this happens once in some 200 calibrations). The gain of a model is its reduction of
+    that sum minus this penalty; the selected model has the largest gain.
     """
-    first = adjust(observations, Model(), camera, poses)
+    first = bundle_adjust(observations, Model(), camera, poses)
     for _ in range(_STEPS):
         off = np.abs(first.residuals).max(axis=-1)
-        wild = off > max(_WILD * np.sqrt(first.noise), off.max() / 2)  # they draw others with them
+        wild = off > max(_WILD * np.sqrt(first.noise), off.max() / 2)  # the worst bias the others
         if not wild.any():
             break
-        observations = observations.without(wild)
-        first = adjust(observations, Model(), first.camera, first.poses, first.noise)
+        observations = observations.excluding(wild)
+        first = bundle_adjust(observations, Model(), first.camera, first.poses, first.noise)
     fits: list[Fit] = []
-    for model in _MODELS:  # the largest first: what it leaves is noise
+    for model in _MODELS:  # the largest first: its residuals estimate the noise
         noise = fits[0].noise if fits else first.noise
         try:
-            fits.append(adjust(observations, model, first.camera, first.poses, noise))
+            fits.append(bundle_adjust(observations, model, first.camera, first.poses, noise))
         except LightFieldError as error:
-            _LOG.info('%s: %s', model, error)  # the corners do not tell so much
+            _LOG.info('%s: %s', model, error)  # the corners do not determine this model
     if not fits or fits[-1].model != Model():
         raise LightFieldError('no camera explains the corners of the boards')
     noise, least = fits[0].noise, fits[-1].cost
@@ -155,13 +155,13 @@ def simplest(observations: Observations, camera: NDArray[np.float64],
 
 
 @dataclass(frozen=True)
-class Linearisation:
-    """The corners' dependence on the camera's free parameters alone, the poses following.
+class Linearization:
+    """Linearization in the camera's free parameters, with the poses eliminated (Schur complement).
 
-    jacobian: (n, m, 4, free) of the predictions while every pose moves to where its own corners
-        fit best: `follow` (n, 6, free) is how. freedom: (n, 6, 6) inverse of the information on
-        each pose. residuals: (n, m, 4). All weighted: outliers count less.
-    to_pose: (n, 6) what each pose would move if the camera stayed.
+    jacobian: (n, m, 4, free) of the predictions, while every pose follows the camera to its own
+        best fit by `follow` (n, 6, free). freedom: (n, 6, 6) inverse of the information on each
+        pose. residuals: (n, m, 4). All are weighted: outliers count less.
+    to_pose: (n, 6) step of each pose for a fixed camera.
     """
 
     jacobian: NDArray[np.float64]
@@ -179,14 +179,14 @@ class Linearisation:
         return np.asarray((self.jacobian.swapaxes(-1, -2) @ self.residuals[..., None])[..., 0])
 
     def step(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """What the free parameters (free,) and the poses (n, 6) should change by."""
+        """Gauss-Newton steps of the free parameters (free,) and the poses (n, 6)."""
         by_camera = np.linalg.solve(self.information().sum(axis=(0, 1)),
                                     self.gradient().sum(axis=(0, 1)))
         return by_camera, self.to_pose - self.follow @ by_camera
 
 
-def linearised(observations: Observations, model: Model, camera: NDArray[np.float64],
-               poses: NDArray[np.float64], noise: float) -> Linearisation:
+def linearize(observations: Observations, model: Model, camera: NDArray[np.float64],
+               poses: NDArray[np.float64], noise: float) -> Linearization:
     """About a camera and poses; numpy's LinAlgError when a board's pose is open."""
     of_camera, of_pose = _derivatives(observations, camera, poses)
     residuals = _residuals(observations, camera, poses)
@@ -199,7 +199,7 @@ def linearised(observations: Observations, model: Model, camera: NDArray[np.floa
     freedom = np.linalg.inv(p.swapaxes(1, 2) @ p)
     solve = freedom @ p.swapaxes(1, 2)
     follow = solve @ a
-    return Linearisation((a - p @ follow).reshape(boards, corners, 4, -1), follow, freedom,
+    return Linearization((a - p @ follow).reshape(boards, corners, 4, -1), follow, freedom,
                          left.reshape(residuals.shape), (solve @ left[..., None])[..., 0])
 
 
@@ -232,7 +232,7 @@ def _cost(residuals: NDArray[np.float64], noise: float) -> float:
     return float(np.where(size <= limit, size ** 2, 2 * limit * size - limit ** 2).sum())
 
 
-def start(observations: Observations, width: int,
+def initial_guess(observations: Observations, width: int,
           height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The camera (8,) and the poses (n, 6), nearly right; width, height: of a view.
 
@@ -266,7 +266,7 @@ def start(observations: Observations, width: int,
                           for turn, origin in zip(*candidates, strict=True)])
         off = predict(observations.points, camera, found) - observations.values[board]
         off = off[:, observations.valid[board], 2:]
-        # The slope over the board tells the tilt; the middle tells the distance.
+        # The slope over the board depends on the tilt, the middle on the distance.
         off = np.abs(off - np.median(off, axis=1, keepdims=True))
         poses[board] = found[np.median(off, axis=(1, 2)).argmin()]
     return _with_baseline(observations, camera, poses), poses
@@ -296,7 +296,7 @@ class Uncertainty:
 
     expected: from the covariance of the corners, scaled by the noise.
     of_corners, of_boards: of the bootstrap over the corners of each board, and over the boards,
-        which also feels what the corners of one board have in common; NaN: too few boards.
+        which includes errors common to the corners of one board; NaN: too few boards.
     camera: the larger of the two. poses: (n, 6) of the boards' poses [rad, m].
     """
 
@@ -314,7 +314,7 @@ def uncertainty(fit: Fit, rng: np.random.Generator, resamples: int = 1000) -> Un
     eliminated, so that a resample costs a sum of small matrices. Raises numpy's LinAlgError when
     the corners leave a parameter open.
     """
-    linear = linearised(fit.observations, fit.model, fit.camera, fit.poses, fit.noise)
+    linear = linearize(fit.observations, fit.model, fit.camera, fit.poses, fit.noise)
     information, gradient = linear.information(), linear.gradient()
     boards, corners = gradient.shape[:2]
     covariance = fit.noise * np.linalg.inv(information.sum(axis=(0, 1)))

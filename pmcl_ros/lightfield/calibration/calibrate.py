@@ -1,4 +1,4 @@
-"""Boards' raw frames -> Calibration: the geometry of a light-field camera, and how sure it is."""
+"""Raw frames of a board -> Calibration of a light-field camera, with its uncertainty."""
 
 import logging
 from collections import Counter
@@ -18,11 +18,11 @@ from pmcl_ros.lightfield.calibration.bundle import (
     Fit,
     Observations,
     Uncertainty,
-    simplest,
-    start,
+    initial_guess,
+    select_model,
     uncertainty,
 )
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.camera_model import PARAMETERS, Model
 from pmcl_ros.lightfield.calibration.corners import CornerMeter, Corners
 from pmcl_ros.lightfield.calibration.lattice import Lattice
@@ -34,8 +34,8 @@ from pmcl_ros.runtime.errors import CalibrationError, CameraError, LightFieldErr
 _LOG = logging.getLogger(__name__)
 
 _FEWEST = 3  # boards
-_LEAST_USED = 0.5  # of a board's corners, those that must agree with the camera
-_SURE = 0.05  # relative standard deviation of focal length, baseline, focus that is of any use
+_LEAST_USED = 0.5  # least share of a board's corners that agree with the camera
+_SURE = 0.05  # largest useful relative standard deviation of focal length, baseline, focus
 _ADVICE = ('photograph the board at several distances (half to twice the focus distance), tilted '
            'by 20 to 40 degrees to different sides, filling different parts of the picture')
 
@@ -51,7 +51,7 @@ class LeftOut(NamedTuple):
 class BoardView:
     """One picture's board.
 
-    picture: (height, width, 3) uint8, the centre view, to look at. setting: zoom and focus step.
+    picture: (height, width, 3) uint8, the centre view for display. setting: zoom and focus step.
     """
 
     name: str
@@ -62,9 +62,9 @@ class BoardView:
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """A calibration and what it rests on.
+    """A calibration, with its data and its uncertainty.
 
-    fit: boards in the order of `boards`. gains: of the models tried, see `bundle.simplest`.
+    fit: boards in the order of `boards`. gains: of the models tried, see `bundle.select_model`.
     """
 
     calibration: Calibration
@@ -96,7 +96,7 @@ class CalibrationResult:
 
 
 class Calibrator:
-    """Finds boards in raw frames of one camera at one zoom and focus, and calibrates from them.
+    """Finds boards in raw frames of one camera at one zoom and focus, and calibrates it.
 
     lattice, white: of the camera. Raises LightFieldError when they do not fit each other.
     """
@@ -107,7 +107,7 @@ class Calibrator:
         self._board = board
         self._serial = white.metadata.serial
         height, width = white.counts.shape
-        aligned = Calibration.aligned(self._lattice, width // 10, height // 10)
+        aligned = Calibration.aligned(self._lattice, width // RAW_PITCH, height // RAW_PITCH)
         self._decoder = Decoder(aligned, white)
         self._meter = CornerMeter(self._lattice, self._decoder.light)
 
@@ -128,9 +128,9 @@ class Calibrator:
 
     def calibrate(self, boards: Sequence[BoardView],
                   left_out: Iterable[LeftOut] = ()) -> CalibrationResult:
-        """The camera that explains the boards; those of another zoom or focus are left out.
+        """Fit the camera to the boards; boards of another zoom or focus are left out.
 
-        Raises CalibrationError when they are too few or do not tell the geometry.
+        Raises CalibrationError when they are too few or do not determine the geometry.
         """
         boards, others = _of_one_setting(boards)
         left_out = (*left_out, *others)
@@ -142,10 +142,11 @@ class Calibrator:
                     f'{len(boards)} pictures with a complete board of {self._board.columns}x'
                     f'{self._board.rows} inner corners, at least {_FEWEST} are needed (8 are '
                     f'good): {_ADVICE}{reasons}')
-            observations = Observations.of([each.corners for each in boards], self._board.square)
+            observations = Observations.from_corners([each.corners for each in boards],
+                                                     self._board.square)
             try:
-                fit, gains = simplest(observations,
-                                      *start(observations, pinhole.width, pinhole.height))
+                fit, gains = select_model(observations,
+                                      *initial_guess(observations, pinhole.width, pinhole.height))
             except LightFieldError as error:
                 raise CalibrationError(f'{error}; {_ADVICE}') from None
             odd = fit.observations.valid.mean(axis=1) < _LEAST_USED
@@ -198,7 +199,7 @@ def calibrate_folder(white: RawFrame, folder: Path | str, board: Checkerboard,
 
 
 def _name(path: Path, folder: Path) -> str:
-    """Short, and unlike those of the other pictures in the folder."""
+    """Short unique name of a picture in the folder."""
     try:
         return str(path.relative_to(folder))
     except ValueError:
@@ -206,7 +207,7 @@ def _name(path: Path, folder: Path) -> str:
 
 
 def _of_one_setting(boards: Sequence[BoardView]) -> tuple[list[BoardView], list[LeftOut]]:
-    """Those of the most frequent zoom and focus: at another one it is another camera."""
+    """The boards of the most frequent zoom and focus; a calibration holds for one setting."""
     if not boards:
         return [], []
     usual = Counter(each.setting for each in boards).most_common(1)[0][0]
@@ -216,16 +217,16 @@ def _of_one_setting(boards: Sequence[BoardView]) -> tuple[list[BoardView], list[
 
 
 def _sure(fit: Fit) -> Uncertainty:
-    """The uncertainty of a fit; CalibrationError when the boards leave something open."""
+    """The uncertainty of a fit; CalibrationError when it is too large."""
     try:
         sure = uncertainty(fit, np.random.default_rng(0))
     except np.linalg.LinAlgError:
         raise CalibrationError(
-            f'the boards do not tell focal length, baseline and focus apart; {_ADVICE}') from None
+            f'the boards do not separate focal length, baseline and focus; {_ADVICE}') from None
     relative = sure.expected[[0, 4, 5]] / fit.camera[[0, 4, 5]]
     if not (np.abs(relative) < _SURE).all():
         focal, baseline, focus = 100 * np.abs(relative)
         raise CalibrationError(
-            f'the boards tell the focal length only to {focal:.0f} %, the baseline to '
+            f'the boards determine the focal length to {focal:.0f} %, the baseline to '
             f'{baseline:.0f} % and the focus to {focus:.0f} %; {_ADVICE}')
     return sure

@@ -1,4 +1,4 @@
-"""What makes views of known geometry of one camera's raw frames, at one zoom and focus."""
+"""Calibration: the geometry of one camera's views, at one zoom and focus."""
 
 import json
 import math
@@ -11,6 +11,7 @@ from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
+RAW_PITCH = 10  # raw pixels per view pixel, along rows and columns
 _OF_CAMERA = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'focus_distance')
 
 
@@ -47,9 +48,9 @@ class Calibration(Settings):
 
     @classmethod
     def aligned(cls, lattice: Lattice, width: int = 328, height: int = 328) -> 'Calibration':
-        """What decodes lattice-aligned views when nothing but the lattice is known yet.
+        """A calibration for lattice-aligned views, when only the lattice is known.
 
-        Focal length and baseline are only the usual ones of a first-generation Lytro.
+        Focal length and baseline are typical values of a first-generation Lytro.
         """
         focal = 2.9 * width
         return cls(width=width, height=height, fx=focal, fy=focal, cx=(width - 1) / 2,

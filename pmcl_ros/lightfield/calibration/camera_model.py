@@ -1,4 +1,4 @@
-"""How a light-field camera shows a point: what the bundle adjustment adjusts."""
+"""Projection of points by a light-field camera: the model of the bundle adjustment."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-# What describes the camera, in this order; the pose of a board follows: rotation vector, origin.
+# Parameters of the camera, in this order; a board's pose follows: rotation vector, origin.
 PARAMETERS = ('fx', 'fy', 'cx', 'cy', 'baseline', 'focus', 'k1', 'k2')
 
 
 @dataclass(frozen=True)
 class Model:
-    """What of the camera is free: two focal lengths or one, and how many distortion terms."""
+    """Free parameters: one focal length or two, and the number of distortion terms."""
 
     focals: int = 1
     distortions: int = 0

@@ -6,15 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.white_image import devignette
 
-_PITCH = 10  # raw px per view px
-# Of the light at a lenslet's centre: where a pixel gets less, the rim of the pupil cuts it, and it
-# sees the scene from a place nearer to the centre than its own: the baseline would come out small
-# (by 0.1 % already with 0.9). White images have some 1 % of noise.
+# Least share of the light at a lenslet's centre. Darker pixels are cut by the rim of the pupil and
+# see the scene from nearer to the centre: the baseline would come out too small (by 0.1 % already
+# with 0.9). White images have some 1 % of noise.
 _WHOLE = 0.95
-_LIT = 0.5  # of the brightest: pixels that tell the colour of the light
+_LIT = 0.5  # of the brightest: pixels that measure the colour of the light
 _LEAST = np.float32(1e-6)
 _MIDDLE = 2  # raw px from a lenslet's centre, where it gets all its light
 _WINDOW = 0.45  # of a square, to each side: the next corners' edges stay outside
@@ -22,7 +22,7 @@ _LARGEST = 8.0  # view px, a window's half side: there the light is still even e
 _BLUR = 1.0  # view px: radius of the disc that blurs the edges, where the fit starts
 _STEPS = 15
 _DONE = 1e-4  # view px
-_FARTHEST = 1.5  # view px from the start to a corner that is still the same
+_FARTHEST = 1.5  # view px: larger moves reach another corner
 _SHAPE = 8  # parameters of a corner before those of its light
 
 
@@ -57,9 +57,9 @@ class Corners:
 class CornerMeter:
     """Measures corners in the raw frames of one camera.
 
-    A raw pixel at `offset` from the centre of its lenslet looks into the scene from the place
-    `offset` [view steps] of the aperture: all pixels around a corner, of all views, tell of one
-    corner, without demosaicing or interpolation in between.
+    A raw pixel at `offset` from the centre of its lenslet sees the scene from the place `offset`
+    [view steps] of the aperture. Each corner is fitted to all raw pixels around it, of all views,
+    without demosaicing or interpolation.
     """
 
     def __init__(self, lattice: Lattice, light: NDArray[np.float32]) -> None:
@@ -69,7 +69,7 @@ class CornerMeter:
         i0, i1, j0, j1 = lattice.index_range(width, height)
         self._centres = lattice.centres(
             *np.meshgrid(np.arange(i0, i1), np.arange(j0, j1))).reshape(-1, 2)
-        self._places = (self._centres - (_PITCH - 1) / 2) / _PITCH  # view px
+        self._places = (self._centres - (RAW_PITCH - 1) / 2) / RAW_PITCH  # view px
         radius = lattice.pitch_px / 2
         span = np.arange(-int(radius), int(radius) + 1)
         around = np.stack(np.meshgrid(span, span), axis=-1).reshape(-1, 2)
@@ -100,8 +100,8 @@ class CornerMeter:
 
     def _neutral(self, linear: NDArray[np.float32],
                  positions: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Without the tint of the light on the board, which is grey: all four phases as bright."""
-        corners = positions.reshape(-1, 2) * _PITCH
+        """Removes the tint of the light: the four phases get equal means on the grey board."""
+        corners = positions.reshape(-1, 2) * RAW_PITCH
         left, top = np.maximum(corners.min(axis=0).astype(int) // 2 * 2, 0)
         right, bottom = corners.max(axis=0).astype(int)
         levels = np.ones((2, 2), np.float32)
@@ -117,7 +117,7 @@ class CornerMeter:
                 axes: NDArray[np.float64]) -> '_Pixels':
         """The raw pixels that see the window around a corner; axes: its squares' sides (2, 2)."""
         window = axes * min(_WINDOW, _LARGEST / np.abs(axes).max())
-        reach = np.abs(window).sum(axis=1) + np.abs(start[2:]) * _PITCH / 2
+        reach = np.abs(window).sum(axis=1) + np.abs(start[2:]) * RAW_PITCH / 2
         near = (np.abs(self._places - start[:2]) < reach).all(axis=1)
         centres = self._centres[near]
         pixels = np.rint(centres).astype(int)[:, None] + self._around
@@ -191,7 +191,7 @@ def _linearised(pixels: _Pixels, shape: NDArray[np.float64], slope: NDArray[np.f
     seen = seen - (seen @ slope.T) * pixels.offsets
     across = np.array([[-np.sin(row), np.cos(row)], [np.sin(column), -np.cos(column)]])
     turning = np.array([[-np.cos(row), -np.sin(row)], [np.cos(column), np.sin(column)]])
-    # A lenslet gathers light over its disc: the edge's profile is the part of a disc cut by it.
+    # A lenslet integrates light over its disc: an edge's profile is the share of a disc it cuts.
     distance = np.clip(seen @ across.T / blur, -1, 1)
     chord = np.sqrt(1 - distance ** 2)
     edge = 2 / np.pi * (distance * chord + np.arcsin(distance))

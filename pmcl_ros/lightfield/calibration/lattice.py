@@ -65,15 +65,15 @@ class Lattice(Settings):
 
 
 def predicted_lattice(metadata: CameraMetadata) -> Lattice | None:
-    """What the camera's metadata say of the lattice (lytro_f01.md, B3); None: nothing.
+    """The lattice by the camera's metadata (lytro_f01.md, B3); None: they have no lattice.
 
-    Only nearly right in a real camera; the fits do without it.
+    It is only approximate in a real camera; the fits do not use it.
     """
     mla, sensor = metadata.devices.mla, metadata.devices.sensor
     if mla.lensPitch is None or sensor.pixelPitch is None:
         return None
     exit_pupil, gap = metadata.devices.lens.exitPupilOffset.z, mla.sensorOffset.z
-    # Seen from the exit pupil, the lenslets' images on the sensor behind them are farther apart.
+    # Projected from the exit pupil, the lenslets are farther apart on the sensor behind them.
     spread = (exit_pupil + gap) / exit_pupil if exit_pupil else 1
     pitch = mla.lensPitch / sensor.pixelPitch * spread
     centre = ((metadata.image.width - 1) / 2 + mla.sensorOffset.x / sensor.pixelPitch,

@@ -27,16 +27,15 @@ _LEAST_USED = 12  # tiles; seven unknowns are fitted to two numbers of each
 _ROUNDS = 3
 _STEPS = 10  # of reweighting
 _ROUNDING = 1e-3  # raw px: measured centres are not better
-# Of a pitch: a tile's centre so far from the model's is one of random phase. By chance 6 % of them
-# lie nearer.
+# Of a pitch: tiles with larger errors have random phases, of which 6 % lie nearer by chance.
 _NEAR = 0.125
 _LEAST_NEAR = 0.25
-# rad: what the sum of the three phases may differ from that of discs; of the dark holes of a
-# honeycomb it differs by pi.
+# rad: tolerance of the sum of the three phases. It is 0 for discs, pi for the dark holes of a
+# honeycomb.
 _CLOSED = 0.6
 _DARKEST, _BRIGHTEST = 0.01, 0.99  # of the sensor's range
-# Relative change of a wave's amplitude, from noise and from how pixels happen to lie on the discs,
-# that says nothing about their shape.
+# Least relative change of a wave's amplitude that indicates another shape of the discs: noise and
+# sampling cause smaller ones.
 _LEAST_SHAPE = 0.03
 
 
@@ -68,9 +67,9 @@ class LatticeFit:
 def fit_lattice(white: RawFrame) -> LatticeFit:
     """The lattice of a white image, to about 0.001 px.
 
-    Only tiles whose discs look as those in the middle of the sensor count: towards the corners the
-    main lens' rim cuts the discs on one side, which moves their centres of light. What is left of
-    that, growing with the cube of the distance, is fitted beside the lattice and dropped.
+    Only tiles with discs like those in the middle of the sensor count: towards the corners the
+    main lens' rim cuts the discs on one side, which moves their centres of light. The rest of
+    this effect grows with the cube of the distance; it is fitted beside the lattice and dropped.
     Raises LightFieldError when the frame shows no lattice or is too dark, saturated or small.
     """
     return _fit(white, of_white=True)
@@ -88,7 +87,7 @@ def _fit(frame: RawFrame, of_white: bool) -> LatticeFit:
     light = _light(frame)
     pitch, rotation = find_lattice(local_contrast(light))
     contrast = local_contrast(light, pitch)
-    if not of_white:  # within the discs the scene speaks; the gaps are dark whatever it is
+    if not of_white:  # discs show the scene; only the gaps between them are always dark
         contrast = np.minimum(contrast, 0)
     side = _tile_side(pitch, contrast.shape)
     lattice = _first_lattice(contrast, pitch, rotation, side)
@@ -124,8 +123,7 @@ def _light(frame: RawFrame) -> NDArray[np.float32]:
     if min(frame.counts.shape) < _SMALLEST:
         raise LightFieldError(f'raw frame of {frame.counts.shape[1]}x{frame.counts.shape[0]} is '
                               f'too small for a lattice; at least {_SMALLEST} px are needed')
-    black, white = frame.metadata.black, frame.metadata.white
-    light = (frame.counts - np.float32(black)) * np.float32(1 / (white - black))
+    light = frame.linear()
     dim, bright = np.percentile(light[::5, ::7], [10, 99])
     if bright < _DARKEST:
         raise LightFieldError(f'raw frame is too dark for a lattice: its brightest pixels are at '
@@ -194,7 +192,7 @@ def _frequencies(lattice: Lattice) -> NDArray[np.float64]:
 
 
 def _centre_errors(tiles: Tiles, lattice: Lattice) -> NDArray[np.float64]:
-    """(n, 2) raw px from the model's centres to those that the phases of a tile tell."""
+    """(n, 2) raw px from the model's centres to the centres measured by a tile's phases."""
     frequencies = _frequencies(lattice)
     model = np.exp(-2j * np.pi * frequencies @ np.array(lattice.centre_px))
     phases = np.angle(tiles.phasors / model[:, None])
@@ -202,12 +200,12 @@ def _centre_errors(tiles: Tiles, lattice: Lattice) -> NDArray[np.float64]:
 
 
 def _weights(tiles: Tiles, of_white: bool, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """(n,) what each tile's phases are worth, before their agreement with the others is known."""
+    """(n,) prior weight of each tile, before its agreement with the others."""
     sizes = np.abs(tiles.phasors)
     if not of_white:
         weakest = sizes.min(axis=0)
         return weakest ** 2 / (weakest ** 2 + (np.median(weakest) / 2) ** 2)
-    # The amplitudes know no brightness: where they change, the discs change their shape.
+    # Amplitudes do not depend on brightness: they change with the shape of the discs.
     away = np.abs(tiles.centres * 2 / np.array(shape[::-1]) - 1).max(axis=1)
     inner = away <= max(1 / 3, away.min())
     usual = np.median(sizes[:, inner], axis=1, keepdims=True)

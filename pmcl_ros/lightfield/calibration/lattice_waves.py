@@ -1,9 +1,9 @@
 """The lattice of lenslets as three waves in a raw frame: find them, measure them tile by tile.
 
 A hexagonal lattice of discs is, to lowest order, a sum of three plane waves, whose frequencies
-b0, b0 + b1, b1 (b0, b1: the reciprocal lattice) tell pitch, row step and rotation, and whose
-phases tell where the discs are. Phases of a window are exact where the scene is smooth, fail
-softly where it is not, and need no disc to be found.
+b0, b0 + b1, b1 (b0, b1: the reciprocal lattice) give pitch, row step and rotation, and whose
+phases give the places of the discs. The phases of a window are exact where the scene is smooth,
+degrade gradually elsewhere, and need no detection of single discs.
 """
 
 from dataclasses import dataclass
@@ -22,13 +22,13 @@ _FAINT = 0.005  # of the sensor's range: light below it is noise
 _BLOCK = 256  # raw px: side of the blocks whose spectra are averaged
 _PITCHES = np.geomspace(5.5, 22, 350)  # raw px, searched
 _ROTATIONS = np.linspace(-0.15, 0.15, 76)  # rad, searched
-# Power of the three waves against what is between them: about 1 without lenslets, thousands with.
+# Power of the three waves relative to the spectrum between them: about 1 without lenslets.
 _LEAST_POWER = 10.0
 
 
 @dataclass(frozen=True)
 class Tiles:
-    """What the three waves are in each of n square tiles of the frame.
+    """Phasors of the three waves in each of n square tiles of the frame.
 
     centres: (n, 2) raw px (column, row).
     phasors: (3, n) complex: amplitude, and phase as if the origin were raw pixel (0, 0).
@@ -46,8 +46,8 @@ def local_contrast(light: NDArray[np.float32], blur: float = _BLUR) -> NDArray[n
     """(height, width) in [-1, 1]: how much brighter than around it each pixel is.
 
     light: (height, width) mosaic, 0 at black, 1 at white. blur: raw px, sigma of the local mean.
-    Relative to the local mean of its own phase of the mosaic, a pixel tells nothing of colours,
-    illumination and vignetting.
+    Relative to the local mean of its own phase of the mosaic: colours, illumination and vignetting
+    cancel.
     """
     relative = np.zeros_like(light)
     for row, column in np.ndindex(2, 2):
@@ -85,7 +85,7 @@ def find_lattice(contrast: NDArray[np.float32]) -> tuple[float, float]:
     if excess < _LEAST_POWER:
         raise LightFieldError(
             f'no lattice of lenslets: the strongest hexagonal pattern of 5.5 to 22 px has '
-            f'{excess:.1f} times the power of what is beside it, expected more than '
+            f'{excess:.1f} times the power of its surroundings, expected more than '
             f'{_LEAST_POWER:g}; is this a raw picture of a light-field camera, neither dark nor '
             'saturated?')
     return float(pitch[best]), float(rotation[best])

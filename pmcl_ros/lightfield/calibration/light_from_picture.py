@@ -37,8 +37,7 @@ def light_from_picture(frame: RawFrame, lattice: Lattice) -> NDArray[np.float32]
     sensor's middle to its corners is unknown without a white image, and remains in the views.
     Raises LightFieldError when too few lenslets see light without being saturated.
     """
-    black, white = frame.metadata.black, frame.metadata.white
-    light = (frame.counts - np.float32(black)) * np.float32(1 / (white - black))
+    light = frame.linear()
     height, width = light.shape
     i0, i1, j0, j1 = lattice.index_range(width, height)
     centres = lattice.centres(*np.meshgrid(np.arange(i0, i1), np.arange(j0, j1)))

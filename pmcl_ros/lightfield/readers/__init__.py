@@ -1,1 +1,1 @@
-"""What a light field can be read from beside a camera's raw picture: a file for each format."""
+"""Readers of light fields of known geometry, one file for each format."""

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
-from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
@@ -139,21 +139,21 @@ def _positions(of: GridSettings, found: NDArray[np.float64],
                yaml: Path) -> NDArray[np.float64]:
     """(rows, columns, 2) [m], x to the right and y down."""
     rows, columns = found.shape[:2]
-    told = np.isfinite(found).all()
+    named = np.isfinite(found).all()
     if of.positions is not None:
         if len(of.positions) != rows * columns:
             raise LightFieldError(f'{yaml}: {len(of.positions)} positions for {rows} rows of '
                                   f'{columns} views; give one for each')
         positions = np.array(of.positions).reshape(rows, columns, 2)
     elif of.unit is not None:
-        if not told:
-            raise LightFieldError(f'{yaml}: unit is given, but the names {of.files!r} tell no '
+        if not named:
+            raise LightFieldError(f'{yaml}: unit is given, but the names {of.files!r} have no '
                                   '{x} and {y}; give baseline instead')
         positions = found * of.unit
     else:
         assert of.baseline is not None
         positions = nominal_positions(rows, columns) * [of.baseline, of.baseline_y or of.baseline]
-        if told and columns > 1 and of.baseline_y is None:
+        if named and columns > 1 and of.baseline_y is None:
             step = abs(np.diff(found[..., 0], axis=1).mean())
             if not step > 0:
                 raise LightFieldError(f'{yaml}: x is the same in the names of all columns')
@@ -162,7 +162,7 @@ def _positions(of: GridSettings, found: NDArray[np.float64],
 
 
 def _pattern(names: str) -> re.Pattern[str]:
-    """What a pattern with * and {row}, {column}, {x}, {y} means; LightFieldError for others."""
+    """Regular expression of a pattern with *, {row}, {column}, {x}, {y}; else LightFieldError."""
     expression = ''
     for part in re.split(r'(\{\w*\}|\*)', names):
         if part.startswith('{'):
@@ -177,6 +177,6 @@ def _pattern(names: str) -> re.Pattern[str]:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """So that view_2 comes before view_10."""
+    """Sort key by numbers: view_2 before view_10."""
     return [(int(part), '') if part.isdigit() else (-1, part)
             for part in re.split(r'(\d+)', name)]

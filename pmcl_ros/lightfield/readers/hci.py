@@ -1,8 +1,8 @@
 """The 4D Light Field Benchmark's folders (Honauer et al., ACCV 2016; lightfield-analysis.net).
 
-parameters.cfg tells the geometry, input_Cam000.png, ... are the views, row by row from the upper
-left. The cameras are shifted, not turned, and so are their sensors: what is at focus_distance_m
-has no disparity, and 0 there means that the sensors are not shifted.
+parameters.cfg has the geometry; input_Cam000.png, ... are the views, row by row from the upper
+left. Cameras and sensors are shifted, not turned: points at focus_distance_m have no disparity. A
+focus_distance_m of 0 means unshifted sensors.
 """
 
 import configparser
@@ -13,7 +13,7 @@ from pydantic import ConfigDict, Field, ValidationError
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
-from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings, explain
@@ -22,7 +22,7 @@ NAME = 'parameters.cfg'
 
 
 class _Parameters(Settings):
-    """Of the sections intrinsics and extrinsics, what is needed."""
+    """The entries of intrinsics and extrinsics that are used."""
 
     model_config = ConfigDict(extra='ignore')
 
@@ -49,17 +49,18 @@ def read_hci(folder: Path, header: Header, reduction: Reduction) -> LightField:
              for row in range(rows)]
     positions = nominal_positions(rows, columns) * of.baseline_mm / 1000
     focus = of.focus_distance_m or math.inf
-    # The sensors are shifted towards the axis of the whole grid, which lies half a step beside
-    # the centre view where the number of views is even.
+    # The sensors are shifted towards the axis of the grid, which lies half a step beside the
+    # centre view for an even number of views.
     beside = [side % 2 == 0 for side in (columns, rows)]
     cx, cy = ((size - 1) / 2 + even * focal * of.baseline_mm / 2000 / focus
               for size, even in zip((width, height), beside, strict=True))
     files = ViewFiles(paths, positions, focal, focal, cx, cy, focus)
     light_field = files.read(header, reduction)
-    found, told = light_field.grid.pinhole, (width // reduction.shrink, height // reduction.shrink)
-    if (found.width, found.height) != told:
+    found = light_field.grid.pinhole
+    expected = width // reduction.shrink, height // reduction.shrink
+    if (found.width, found.height) != expected:
         raise LightFieldError(f'the views in {folder} shrink to {found.width}x{found.height} px, '
-                              f'{NAME} says {told[0]}x{told[1]}; do they belong together?')
+                              f'{NAME} says {expected[0]}x{expected[1]}; do they belong together?')
     return light_field
 
 

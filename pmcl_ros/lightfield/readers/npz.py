@@ -10,7 +10,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.readers.reduction import MOST_BYTES, Reduction
+from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
 _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
@@ -19,7 +19,7 @@ _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
 def write_npz(path: Path | str, light_field: LightField) -> None:
     """Write `views`, `fx`, `fy`, `cx`, `cy`, `baseline`, `weights`, `positions`, compressed.
 
-    Then what it takes to show them: `gamma`, and `gains` and `matrix` of `Colour`.
+    For display it adds `gamma`, and `gains` and `matrix` of `Colour`.
     """
     grid, colour = light_field.grid, light_field.colour
     pinhole = grid.pinhole
@@ -32,8 +32,8 @@ def write_npz(path: Path | str, light_field: LightField) -> None:
 def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
     """The inverse of `write_npz`.
 
-    weights (default: 1), positions (default: one step apart), gamma, gains and matrix may be left
-    out. Raises LightFieldError when a value is missing or of another shape or type.
+    Optional: weights (default: 1), positions (default: one step apart), gamma, gains and matrix.
+    Raises LightFieldError when a value is missing or of another shape or type.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""One function for every format that a light field can be read from."""
+"""Read a light field of any format."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers import folder, hci, sweep_folder
 from pmcl_ros.lightfield.readers.npz import read_npz
-from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
 _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
 def is_light_field(path: Path | str) -> bool:
-    """Whether `path` is of a kind that `read_light_field` takes; a raw picture is not."""
+    """Whether `read_light_field` reads this kind of path; raw pictures are another kind."""
     path = Path(path)
     return path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML)
 
@@ -27,7 +27,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
         camera's pictures with sweep.yaml (or that file), see `sweep_folder.SweepFolder`; a scene's
         folder of the 4D Light Field Benchmark (parameters.cfg).
     every, shrink: take each `every`-th view, make `shrink` x `shrink` pixels one.
-    header: whose light field it is; by default the stamp is the file's modification time.
+    header: stamp and frame; by default the stamp is the file's modification time.
     Raises LightFieldError or SettingsError saying which file is wrong, and how.
     """
     path, reduction = Path(path), Reduction(every, shrink)
@@ -58,5 +58,5 @@ def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField
         return read_npz(path / 'views.npz', header, reduction)
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
-    raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz: nothing tells '
-                          f'the geometry of its views; write {folder.NAME}')
+    raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz with the '
+                          f'geometry of its views; write {folder.NAME}')

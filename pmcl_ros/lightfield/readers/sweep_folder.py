@@ -1,4 +1,4 @@
-"""A folder of pictures of one moved camera, with a YAML file that tells camera and poses."""
+"""A folder of pictures of one moved camera, with a YAML file of camera and poses."""
 
 import logging
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.readers.pictures import Reduction, read_picture
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import pose_of
@@ -25,7 +25,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class CameraEntry(Settings):
-    """The camera that took all pictures, as `camera_calibration` of ROS tells it."""
+    """The camera that took all pictures, as calibrated by `camera_calibration` of ROS."""
 
     fx: float = Field(gt=1, lt=1e6, description='focal length [px]')
     fy: float | None = Field(None, gt=1, lt=1e6, description='focal length [px]; default: fx')
@@ -40,12 +40,12 @@ class FrameEntry(Settings):
 
     file: str = Field(min_length=1, description='name of the picture')
     position: tuple[float, float, float] = Field(
-        description='of the optical frame, in any frame that stands still [m]')
+        description='of the optical frame, in any fixed frame [m]')
     orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
 
 
 class SweepFolder(SweepSettings):
-    """sweep.yaml: the camera, the frames, and what `SweepSettings` has."""
+    """sweep.yaml: the camera, the frames, and the `SweepSettings`."""
 
     camera: CameraEntry = Field(description='that took all pictures')
     frames: list[FrameEntry] = Field(min_length=2, description='in any order')
@@ -54,7 +54,7 @@ class SweepFolder(SweepSettings):
 def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     """The light field of a sweep's pictures, which lie beside its sweep.yaml.
 
-    Frames that are left out are named in a warning. Raises SettingsError or LightFieldError saying
+    A warning names frames that are left out. Raises SettingsError or LightFieldError saying
     which file or value is wrong.
     """
     of = SweepFolder.load(yaml)
@@ -72,19 +72,16 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
 
 
 def _frame(folder: Path, entry: FrameEntry, camera: CameraEntry) -> SweepFrame:
-    path = folder / entry.file
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    if picture is None:
-        raise LightFieldError(f'{path} is no picture that OpenCV reads, or is not there')
+    picture = read_picture(folder / entry.file)
     height, width = picture.shape[:2]
     pinhole = Pinhole(width, height, camera.fx, camera.fy or camera.fx, camera.cx, camera.cy)
-    return SweepFrame(entry.file, 0, np.ascontiguousarray(picture[..., ::-1]),
+    return SweepFrame(entry.file, 0, np.ascontiguousarray(picture),
                       Lens(pinhole, camera.distortion, camera.model),
                       pose_of(entry.position, entry.orientation, entry.file))
 
 
 def write_sweep(folder: Path, frames: Sequence[SweepFrame], settings: SweepSettings) -> None:
-    """Write what `read_sweep` reads: pictures and sweep.yaml. All frames have one lens.
+    """Write pictures and sweep.yaml, the inverse of `read_sweep`. All frames share one lens.
 
     Raises LightFieldError when a picture cannot be written.
     """

@@ -3,22 +3,20 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
-from pmcl_ros.lightfield.readers.reduction import Reduction, shifted
+from pmcl_ros.lightfield.readers.pictures import Reduction, linear_light, read_picture, shifted
 from pmcl_ros.runtime.errors import LightFieldError
 
 
 @dataclass(frozen=True)
 class ViewFiles:
-    """Picture files of views that were taken side by side.
+    """Picture files of a grid of parallel views.
 
     paths: [row][column].
     positions: (rows, columns, 2) [m] where each view was taken: x to the right, y down, from
@@ -49,15 +47,15 @@ class ViewFiles:
         positions = positions[np.ix_(rows, columns)]
         chosen = [[paths[row][column] for column in columns] for row in rows]
         centre = len(rows) // 2, len(columns) // 2
-        height, width = _picture(chosen[centre[0]][centre[1]]).shape[:2]
+        height, width = read_picture(chosen[centre[0]][centre[1]]).shape[:2]
         reduction.check_memory(len(rows), len(columns), height, width)
         pinhole = reduction.pinhole(Pinhole(
             width, height, self.fx, self.fy, (width - 1) / 2 if self.cx is None else self.cx,
             (height - 1) / 2 if self.cy is None else self.cy))
         positions = positions - positions[centre]
         baseline = _baseline(positions)
-        # A view of lateral position p shows what is at the focus distance where the centre view
-        # does: rectified, it is read there plus f p / focus distance.
+        # All views show points at the focus distance at one place. A rectified view at lateral
+        # position p is therefore read at f p / focus distance from there.
         shifts = positions * [pinhole.fx, pinhole.fy] / self.focus_distance
         if not (abs(shifts) < (pinhole.width, pinhole.height)).all():
             raise LightFieldError(
@@ -67,15 +65,15 @@ class ViewFiles:
         views = np.empty((len(rows), len(columns), pinhole.height, pinhole.width, 3), np.float32)
         for row, column in np.ndindex(len(rows), len(columns)):
             path = chosen[row][column]
-            picture = _picture(path)
+            picture = read_picture(path)
             if picture.shape[:2] != (height, width):
                 raise LightFieldError(
                     f'{path} has {picture.shape[1]}x{picture.shape[0]} pixels, the centre view '
                     f'{width}x{height}; all views must be of one size')
-            linear = reduction.shrunk(_linear(picture, self.gamma, path))
+            linear = reduction.shrunk(linear_light(picture, self.gamma))
             shift_x, shift_y = shifts[row, column]
             views[row, column] = shifted(linear, float(shift_x), float(shift_y))
-        # What is black was outside the pupil.
+        # A black view was outside the pupil.
         weights = np.asarray(views.any(axis=(2, 3, 4)), np.float32)
         grid = ViewGrid(pinhole, baseline, positions / baseline, weights)
         return LightField(header, views, grid, 1 / self.gamma)
@@ -108,26 +106,3 @@ def _baseline(positions: NDArray[np.float64]) -> float:
     return float(np.diff(positions[..., 1], axis=0).mean())
 
 
-def _picture(path: Path) -> NDArray[Any]:
-    """(height, width, 3) RGB of the file's own type."""
-    if not path.is_file():
-        raise LightFieldError(f'there is no {path}; every view of the grid needs its file')
-    try:
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    except cv2.error as error:
-        raise LightFieldError(f'{path} cannot be read: {error.err}') from None
-    if picture is None:
-        raise LightFieldError(f'{path} is no picture that OpenCV reads (PNG, JPEG, TIFF, ...)')
-    return np.asarray(picture[..., ::-1])
-
-
-def _linear(picture: NDArray[Any], gamma: float, path: Path) -> NDArray[np.float32]:
-    """Linear light as float32, 1 at the type's white."""
-    if picture.dtype in (np.uint8, np.uint16):
-        white = np.iinfo(picture.dtype).max
-        table = (np.arange(white + 1) / white) ** gamma
-        return np.asarray(table.astype(np.float32)[picture])
-    if picture.dtype != np.float32:
-        raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
-                              '32-bit floating point')
-    return np.maximum(picture, np.float32(0)) ** np.float32(gamma)

@@ -1,1 +1,1 @@
-"""Light fields that an ordinary camera takes one view after the other, as an arm moves it."""
+"""Light fields from an ordinary camera that an arm moves from view to view."""

@@ -1,4 +1,4 @@
-"""Frames of a sweep -> a light field, as if all had been taken at once."""
+"""Frames of a sweep -> LightField."""
 
 import logging
 import math
@@ -11,25 +11,29 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.readers.reduction import Reduction
+from pmcl_ros.lightfield.readers.pictures import Reduction, linear_light
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.rectify import Rectification, Tracker, largest_window, linear_light
+from pmcl_ros.lightfield.sweep.rectify import (
+    CornerTracker,
+    Rectification,
+    largest_window,
+)
 from pmcl_ros.lightfield.sweep.selection import Layout, good_pictures, one_for_each_cell
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
-_TOLD = 8  # frames that one line names
+_NAMED = 8  # frames that one line names
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """A light field, and what it was made of.
+    """A light field and its frames.
 
     light_field: stamp and optical frame are those of the reference frame. reference: its name.
     used: (row, column) of a view -> the name of its frame. left_out: all other frames. residual:
-    median over the views of how far corners are from where the poses allow them [px]; NaN where
-    nothing could be tracked.
+    median over the views of the corners' distance from their epipolar lines [px]; NaN: no corner
+    was tracked.
     """
 
     light_field: LightField
@@ -44,15 +48,15 @@ class Sweep:
         pinhole = self.light_field.grid.pinhole
         text = (f'{len(self.used)} of {rows}x{columns} views of {pinhole.width}x{pinhole.height} '
                 f'px, reference {self.reference}, residual {self.residual:.2f} px')
-        return f'{text}; left out: {told(self.left_out)}' if self.left_out else text
+        return f'{text}; left out: {summary(self.left_out)}' if self.left_out else text
 
 
-def told(left_out: Sequence[LeftOut]) -> str:
-    """The first few frames that were left out, and how many others; spare ones are counted."""
+def summary(left_out: Sequence[LeftOut]) -> str:
+    """The first few frames that were left out, and the number of others and of spare ones."""
     named = [str(each) for each in left_out if not each.spare]
     spare = len(left_out) - len(named)
-    parts = named[:_TOLD]
-    parts += [f'{len(named) - _TOLD} more'] if len(named) > _TOLD else []
+    parts = named[:_NAMED]
+    parts += [f'{len(named) - _NAMED} more'] if len(named) > _NAMED else []
     parts += [f'{spare} of places with a better one'] if spare else []
     return '; '.join(parts)
 
@@ -63,20 +67,19 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
     """The light field of a sweep.
 
     frame_id: the camera's optical frame. middle: (4, 4) the planned pose of the grid's middle;
-    None: where most
-    cells have a frame. The views are parallel to the reference, the frame nearest to
-    the centre cell, whose stamp and optical frame are the light field's. Every view has the true
-    position of its frame; a cell without one has weight 0. Shown is what all views show.
-    left_out: frames that were left out before.
-    Raises LightFieldError, with the frames that were left out, when fewer than two are good, or
-    when the poses of most do not fit what they show.
+    None: the grid with most cells filled. left_out: frames that were left out before.
+    The views are parallel to the reference, the frame nearest to the centre cell, which gives
+    stamp and optical frame. Every view has the true position of its frame; cells without a frame
+    have weight 0. The views are cropped to their common part.
+    Raises LightFieldError, with the frames that were left out, when fewer than two frames are
+    good, or when the poses of most frames contradict their pictures.
     """
     good, left = good_pictures(frames, settings)
     left = [*left_out, *left]
     if len(good) < 2:
         raise LightFieldError(f'of {len(frames) + len(left_out)} frames {len(good)} are good, two '
-                              f'or more are needed: {told(left) or "none came"}')
-    layout = Layout.of([each.pose for each in good], settings, middle)
+                              f'or more are needed: {summary(left) or "none came"}')
+    layout = Layout.from_poses([each.pose for each in good], settings, middle)
     if not layout.inside.any():
         nearest = settings.baseline * layout.away.min()
         raise LightFieldError(
@@ -87,7 +90,7 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
     seen: dict[str, Rectification] = {}
     fitting: list[int] = []
     for number, each in enumerate(good):
-        rectified = Rectification.of(each, reference, settings)
+        rectified = Rectification.from_frames(each, reference, settings)
         reason = _unfit(rectified, each, reference, settings)
         if reason:
             left.append(LeftOut(each.name, reason))
@@ -104,7 +107,7 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
 
 def _unfit(rectified: Rectification, frame: SweepFrame, reference: SweepFrame,
            settings: SweepSettings) -> str:
-    """Why a frame cannot be made parallel to the reference; empty where it can."""
+    """Reason why a frame cannot be rectified to the reference; empty: it can."""
     pinhole = reference.lens.pinhole
     error = rectified.error(pinhole, settings)
     if error > settings.plane:
@@ -131,7 +134,7 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
     weights = np.zeros(shape, np.float32)
     positions = nominal_positions(*shape)
     centre = settings.rows // 2, settings.columns // 2
-    tracker: Tracker | None = None
+    tracker: CornerTracker | None = None
     residuals: list[float] = []
     wrong: list[LeftOut] = []
     used: dict[tuple[int, int], str] = {}
@@ -140,7 +143,7 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
         view = reduction.shrunk(rectified.picture(linear_light(frame.image, settings.gamma),
                                                   window))
         if tracker is None:
-            tracker = Tracker(view, settings.gamma)
+            tracker = CornerTracker(view, settings.gamma)
         else:
             residual = tracker.residual(view, rectified.offset, small, settings.near)
             if residual is None:
@@ -159,7 +162,7 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
         raise LightFieldError(
             f'of {len(chosen)} frames {len(wrong)} show things {typical:.1f} px from where their '
             'poses allow them (median): are the poses those of the optical frame, at the time of '
-            f'the exposure, and is the camera calibrated? {told([*wrong, *left])}')
+            f'the exposure, and is the camera calibrated? {summary([*wrong, *left])}')
     grid = ViewGrid(small, settings.baseline, positions, weights)
     light_field = LightField(Header(reference.stamp_ns, frame_id), views, grid,
                              1 / settings.gamma)

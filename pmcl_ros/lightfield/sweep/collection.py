@@ -1,4 +1,4 @@
-"""The frames of a sweep while it goes on: good ones are kept, not too many of one place."""
+"""Collects the frames of a running sweep: the good ones, one for each place."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ from pmcl_ros.lightfield.sweep.selection import Layout, moves, relative_sharpnes
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 
-_APART = 0.25  # view steps: of two frames nearer to each other the sharper one is kept
+_APART = 0.25  # view steps: of two frames that are nearer only the sharper one is kept
 MOST_BYTES = 2 ** 30  # of the images of all frames
 
 
@@ -22,9 +22,9 @@ class Collection:
         self.left_out: list[LeftOut] = []
 
     def add(self, frame: SweepFrame) -> bool:
-        """Take a frame; whether it is kept. `left_out` grows by this or another one otherwise.
+        """Add a frame; returns whether it is kept. Dropped frames go to `left_out`.
 
-        Raises LightFieldError when it has no room any more.
+        Raises LightFieldError when the memory is full.
         """
         reason = moves(frame, self._settings)
         if reason:
@@ -50,28 +50,28 @@ class Collection:
         return True
 
     def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
-        """Note a frame that is not used."""
+        """Record a dropped frame."""
         self.left_out.append(LeftOut(name, reason, spare))
 
     @property
     def cells(self) -> int:
-        """Of the grid."""
+        """Number of cells of the grid."""
         return self._settings.rows * self._settings.columns
 
     @property
     def filled(self) -> int:
-        """Cells of the grid that have a frame."""
+        """Number of cells of the grid with a frame."""
         if not self.frames:
             return 0
         poses = [each.pose for each in self.frames]
-        return Layout.of(poses, self._settings, self._middle).filled
+        return Layout.from_poses(poses, self._settings, self._middle).filled
 
     def assemble(self, frame_id: str) -> Sweep:
-        """The light field of what has come; all frames are kept. Errors: of `assemble`."""
+        """The light field of the frames so far, which stay. Errors as of `assemble`."""
         return assemble(self.frames, self._settings, frame_id, self._middle, self.left_out)
 
     def _apart(self, one: SweepFrame, other: SweepFrame) -> float:
-        """Metres between two places, a turn as what it moves at `near`."""
+        """Distance of two poses [m]; a rotation counts by its motion at `near`."""
         cosine = (np.trace(one.pose[:3, :3].T @ other.pose[:3, :3]) - 1) / 2
         return float(np.linalg.norm(one.position - other.position)
                      + self._settings.near * np.arccos(np.clip(cosine, -1, 1)))

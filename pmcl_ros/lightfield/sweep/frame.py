@@ -13,13 +13,13 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 DistortionModel = Literal['plumb_bob', 'rational_polynomial', 'equidistant']
 _COUNTS = {'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8, 12, 14), 'equidistant': (0, 4)}
-_SIGMA = 1.0  # px: the noise of pixels, which no movement blurs, is smoothed away
-_RIGID = 1e-4  # how far from orthogonal a rotation may be: messages come rounded
+_SIGMA = 1.0  # px: smooths pixel noise, which motion does not blur
+_RIGID = 1e-4  # tolerance of orthogonality: poses in messages are rounded
 
 
 @dataclass(frozen=True)
 class Lens:
-    """A pinhole and what its lens does to it.
+    """A pinhole and the distortion of its lens.
 
     distortion: coefficients of OpenCV's models, which are those of REP-104: plumb_bob and
         rational_polynomial (k1, k2, p1, p2[, k3, ...]), equidistant (its fisheye, k1 to k4).
@@ -44,10 +44,10 @@ class Lens:
 
     def places(self, turn: NDArray[np.float64], wanted: Pinhole
                ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Where this camera's image shows what each pixel of `wanted` looks at, far away.
+        """Column and row [px] in this image of the direction of each pixel of `wanted`.
 
-        turn: (3, 3) takes directions of this camera to those of `wanted`. Two arrays (height,
-        width) of `wanted`: column and row [px], which may lie outside the image.
+        turn: (3, 3) rotates directions of this camera to those of `wanted`. Returns two arrays
+        (height, width) of `wanted`; places may lie outside the image.
         """
         size, distortion = (wanted.width, wanted.height), np.array(self.distortion, float)
         if self.model == 'equidistant' and len(distortion):
@@ -60,7 +60,7 @@ class Lens:
 
 
 class LeftOut(NamedTuple):
-    """A frame that was not used, and why. spare: only since a better one of its place is there."""
+    """An unused frame and the reason. spare: a better frame of the same place exists."""
 
     name: str
     reason: str
@@ -74,9 +74,9 @@ class LeftOut(NamedTuple):
 class SweepFrame:
     """A picture, its camera and its pose.
 
-    name: by which it is told. stamp_ns: of its exposure. image: (height, width, 3) RGB as the
-    camera gave it: uint8, uint16, or float32 with 1 at white. pose: (4, 4) the optical frame (x
-    right, y down, z forward) in a frame that stands still [m]. speed, turning: of the camera
+    name: in messages. stamp_ns: time of the exposure. image: (height, width, 3) RGB of the
+    camera: uint8, uint16, or float32 with 1 at white. pose: (4, 4) the optical frame (x
+    right, y down, z forward) in a fixed frame [m]. speed, angular_speed: of the camera
     while it was exposed [m/s], [rad/s].
     Raises LightFieldError when these do not fit together.
     """
@@ -87,7 +87,7 @@ class SweepFrame:
     lens: Lens
     pose: NDArray[np.float64]
     speed: float = 0.0
-    turning: float = 0.0
+    angular_speed: float = 0.0
 
     def __post_init__(self) -> None:
         pinhole = self.lens.pinhole
@@ -105,23 +105,23 @@ class SweepFrame:
 
     @property
     def position(self) -> NDArray[np.float64]:
-        """(3,) of the camera [m]."""
+        """(3,) position of the camera [m]."""
         return self.pose[:3, 3]
 
     def movement(self, near: float, exposure: float) -> float:
-        """How far something at depth `near` moves in the picture in `exposure` s [px]."""
-        return self.lens.pinhole.fx * exposure * (self.speed / near + self.turning)
+        """Image motion of a point at depth `near` during `exposure` s [px]."""
+        return self.lens.pinhole.fx * exposure * (self.speed / near + self.angular_speed)
 
     @cached_property
     def brightness(self) -> float:
-        """The mean of the values as the camera gave them, 1 at white."""
+        """Mean of the camera's values, 1 at white."""
         return float(self._grey.mean())
 
     @cached_property
     def sharpness(self) -> NDArray[np.float64]:
-        """(2,) energy of the second derivatives across and down, relative to the brightness.
+        """(2,) energy of the horizontal and vertical second derivatives over the brightness.
 
-        Of two directions, as movement blurs along its own alone.
+        Motion blurs along its own direction only.
         """
         smooth = cv2.GaussianBlur(self._grey, (0, 0), _SIGMA)
         bends = (cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2))

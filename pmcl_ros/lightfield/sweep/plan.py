@@ -1,4 +1,4 @@
-"""Where to take the pictures of a sweep, and how well depth is known from them."""
+"""Plans of sweeps: the poses of the pictures, and the depth resolution of the views."""
 
 from pathlib import Path
 
@@ -11,17 +11,17 @@ from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
-MATCHING = 0.25  # px: how exactly a displacement is known, its standard deviation
+MATCHING = 0.25  # px: standard deviation of a measured displacement
 
 
 def depth_resolution(distance: float, fx: float, width: float, matching: float = MATCHING
                      ) -> float:
     """Standard deviation of depth [m] of a stereo rig: sigma_z = z^2 sigma_d / (f B).
 
-    From d = f B / z: a displacement's error sigma_d is one of z^2 / (f B) times as much of z.
+    From d = f B / z: an error sigma_d of a displacement is an error z^2 sigma_d / (f B) of z.
     distance: z [m]. fx: f [px]. width: B, of the sweep, from its first to its last view [m].
-    matching: sigma_d [px]. The centre view is compared with views B / 2 to both sides; together
-    those tell sqrt(2) times less than one pair B apart, all the other views make up for it.
+    matching: sigma_d [px]. The centre view is compared with views B / 2 to both sides, which is
+    sqrt(2) times less accurate than one pair B apart; the other views compensate for this.
     """
     return distance ** 2 * matching / (fx * width)
 
@@ -46,9 +46,9 @@ class PlannedView(Settings):
 
 
 class SweepPlan(Settings):
-    """A grid of parallel poses in one plane, in the order in which an arm best goes through.
+    """A grid of parallel poses in one plane, in a short order for an arm.
 
-    frame: in which the poses are told; empty: in that of the camera at the middle of the grid.
+    frame: of the poses; empty: the camera's at the middle of the grid.
     """
 
     frame: str = Field('', description="frame of the poses; empty: the camera's at the grid's "
@@ -66,7 +66,7 @@ class SweepPlan(Settings):
         return self
 
     @classmethod
-    def of(cls, rows: int, columns: int, baseline: float,
+    def from_grid(cls, rows: int, columns: int, baseline: float,
            middle: NDArray[np.float64] | None = None, frame: str = '') -> 'SweepPlan':
         """A plan about `middle` (4, 4), every second row from right to left."""
         middle = np.eye(4) if middle is None else middle
@@ -83,7 +83,7 @@ class SweepPlan(Settings):
 
     @classmethod
     def read(cls, path: Path) -> 'SweepPlan':
-        """Read a plan; SettingsError says what is wrong with it."""
+        """Read a plan; SettingsError for an invalid one."""
         plan = cls.load(path)
         try:
             _ = [each.pose for each in plan.poses]
@@ -105,7 +105,7 @@ class SweepPlan(Settings):
 
 def pose_of(position: tuple[float, float, float], orientation: tuple[float, float, float, float],
             name: str) -> NDArray[np.float64]:
-    """(4, 4) of a position [m] and a quaternion x, y, z, w; LightFieldError names what is none."""
+    """(4, 4) of a position [m] and a unit quaternion x, y, z, w; else LightFieldError."""
     length = float(np.linalg.norm(orientation))
     if not abs(length - 1) < 1e-3:
         raise LightFieldError(f'{name}: the quaternion {list(orientation)} has length '

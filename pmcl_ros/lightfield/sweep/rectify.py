@@ -1,7 +1,6 @@
 """Frames as parallel views of one camera, and whether their pictures agree with their poses."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,10 +10,10 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 
-_CORNERS = 400  # that are tracked at most
-_LEAST = 20  # that must agree; fewer tell nothing
-_STARTS = 4  # depths from which a corner is looked for, even in disparity
-_SLACK = 1.0  # px: by which a track may come back beside its start
+_CORNERS = 400  # tracked at most
+_LEAST = 20  # that must agree
+_STARTS = 4  # start depths of a search, uniform in disparity
+_SLACK = 1.0  # px: tolerance of the forward-backward check
 _NOISE = 0.5  # px: standard deviation of a good track
 _FLAGS = cv2.OPTFLOW_USE_INITIAL_FLOW
 _WINDOW, _LEVELS = (15, 15), 2
@@ -22,10 +21,10 @@ _WINDOW, _LEVELS = (15, 15), 2
 
 @dataclass(frozen=True)
 class Rectification:
-    """Where a frame shows each pixel of the view that it becomes.
+    """Map from the pixels of a rectified view to its frame.
 
-    x, y: (height, width) float32 column and row in the frame [px]. offset: (3,) the frame's
-    camera in the reference's optical frame [m].
+    x, y: (height, width) float32 column and row in the frame [px]. offset: (3,) position of the
+    frame's camera in the reference's optical frame [m].
     """
 
     x: NDArray[np.float32]
@@ -33,14 +32,14 @@ class Rectification:
     offset: NDArray[np.float64]
 
     @classmethod
-    def of(cls, frame: SweepFrame, reference: SweepFrame, settings: SweepSettings
+    def from_frames(cls, frame: SweepFrame, reference: SweepFrame, settings: SweepSettings
            ) -> 'Rectification':
-        """To a camera as the reference's without distortion, parallel to it.
+        """Rectify to a camera like the reference's, without distortion and parallel to it.
 
-        A pure turn is exact at all depths: the homography at infinity K R K^-1. A camera that is
-        `offset[2]` = c ahead of the plane sees a point of depth z as much larger as z / (z - c);
-        its view is made smaller by that of the depth `settings.focus`, f: right there, elsewhere
-        its distances from the principal point are wrong by c (1 / z - 1 / f) of themselves.
+        A pure rotation is exact at all depths: the homography at infinity K R K^-1. A camera at
+        `offset[2]` = c ahead of the plane magnifies points of depth z by z / (z - c). The view is
+        scaled to be exact at the depth f = `settings.focus`; elsewhere distances from the
+        principal point have the relative error c (1 / z - 1 / f).
         """
         turn = reference.pose[:3, :3].T @ frame.pose[:3, :3]
         offset = (frame.position - reference.position) @ reference.pose[:3, :3]
@@ -49,26 +48,25 @@ class Rectification:
         wanted = Pinhole(camera.width, camera.height, camera.fx * smaller, camera.fy * smaller,
                          camera.cx, camera.cy)
         x, y = frame.lens.places(turn, wanted)
-        # Places known to a thousandth of a pixel: a reference without distortion stays as it is.
+        # Rounded to 0.001 px: a reference without distortion stays unchanged.
         return cls(np.round(x, 3), np.round(y, 3), offset)
 
     def error(self, pinhole: Pinhole, settings: SweepSettings) -> float:
-        """Largest error in a corner at `near` or `far`, from being off the plane [px]."""
+        """Largest error in a corner at `near` or `far` by the distance to the plane [px]."""
         corner = np.hypot(max(pinhole.cx, pinhole.width - 1 - pinhole.cx),
                           max(pinhole.cy, pinhole.height - 1 - pinhole.cy))
         return float(abs(self.offset[2]) * corner * (1 / settings.near - 1 / settings.focus))
 
     def inside(self, frame: SweepFrame) -> NDArray[np.bool_]:
-        """(height, width) whether the frame shows the pixel."""
+        """(height, width) whether a pixel lies in the frame."""
         pinhole = frame.lens.pinhole
         return np.asarray((self.x >= 0) & (self.x <= pinhole.width - 1)
                           & (self.y >= 0) & (self.y <= pinhole.height - 1))
 
     def picture(self, linear: NDArray[np.float32], window: tuple[slice, slice]
                 ) -> NDArray[np.float32]:
-        """The rows and columns `window` of the view, of a frame's light (height, width, 3)."""
-        # Cubic: bilinear blurs, and would blur a view the more, the farther it is off whole
-        # pixels. OpenCV knows 32 places in a pixel: they are off by 1/64 px at most.
+        """The `window` (rows, columns) of the view, from the frame's light (height, width, 3)."""
+        # Cubic, since bilinear blur depends on the sub-pixel shift. OpenCV rounds to 1/32 px.
         view = cv2.remap(linear, np.ascontiguousarray(self.x[window]),
                          np.ascontiguousarray(self.y[window]), cv2.INTER_CUBIC,
                          borderMode=cv2.BORDER_REPLICATE)
@@ -76,9 +74,9 @@ class Rectification:
 
 
 def largest_window(seen: NDArray[np.bool_]) -> tuple[slice, slice]:
-    """Rows and columns of a rectangle all of which is seen, (height, width) bool.
+    """Rows and columns of a rectangle in which all of `seen` (height, width) is True.
 
-    Sides are taken in one after the other, always that of which most is unseen. May be empty.
+    Greedy: the side with most unseen pixels moves inwards first. The rectangle may be empty.
     """
     top, left = 0, 0
     bottom, right = seen.shape
@@ -93,17 +91,9 @@ def largest_window(seen: NDArray[np.bool_]) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def linear_light(image: NDArray[Any], gamma: float) -> NDArray[np.float32]:
-    """Values uint8, uint16 or float32, encoded by 1 / gamma, as linear light, 1 at white."""
-    if image.dtype == np.float32:
-        return np.maximum(image, np.float32(0)) ** np.float32(gamma)
-    white = np.iinfo(image.dtype).max
-    table = ((np.arange(white + 1) / white) ** gamma).astype(np.float32)
-    return np.asarray(table[image])
 
-
-class Tracker:
-    """Corners of the reference view, looked for in the others."""
+class CornerTracker:
+    """Tracks corners of the reference view in the other views."""
 
     def __init__(self, reference: NDArray[np.float32], gamma: float) -> None:
         self._gamma = gamma
@@ -113,24 +103,23 @@ class Tracker:
 
     def residual(self, view: NDArray[np.float32], offset: NDArray[np.float64], pinhole: Pinhole,
                  near: float) -> float | None:
-        """How far from where its pose allows them most tracked corners are [px].
+        """Distance of the tracked corners from the epipolar lines of the pose [px].
 
         view: (height, width, 3) linear, rectified, of a camera at `offset` (3,) [m] in the
-        reference's frame. A point of any depth is displaced along -f (x, y); what is across that
-        is the pose's fault, or that of a track gone wrong. Wrong tracks lie anywhere, right ones
-        together: the place where most lie counts. near: depth of what is nearest [m]. None where
-        too few lie together.
+        reference's frame. Points of any depth are displaced along -f (x, y); the displacement
+        across is an error of the pose or of a track. Wrong tracks scatter, correct ones agree:
+        the mode of the displacements counts. near: smallest depth [m]. None: too few agree.
         """
         whole = -offset[:2] * [pinhole.fx, pinhole.fy]  # px, times the inverse depth
         moved = self._moved(self._encoded(view), whole, near)
         length = float(np.linalg.norm(whole))
-        if length / near < 2 * _NOISE:  # nothing is displaced, whatever its depth
+        if length / near < 2 * _NOISE:  # no displacement at any depth
             return _densest(moved)
         return _densest(moved @ np.array([[-whole[1]], [whole[0]]]) / length)
 
     def _moved(self, picture: NDArray[np.uint8], whole: NDArray[np.float64], near: float
                ) -> NDArray[np.float64]:
-        """(n, 2) displacements [px] of the corners that were found again."""
+        """(n, 2) displacements [px] of the tracked corners."""
         best = np.full(len(self._corners), np.inf)
         moved = np.zeros((len(self._corners), 2))
         for inverse in np.linspace(0, 1 / near, _STARTS) if len(self._corners) else ():
@@ -154,7 +143,7 @@ class Tracker:
 
 
 def _densest(values: NDArray[np.float64]) -> float | None:
-    """Distance from 0 of where most of values (n, k) lie; None where that are few."""
+    """Norm of the mode of values (n, k); None: too few agree."""
     if len(values) < _LEAST:
         return None
     squares = ((values[:, None] - values) ** 2).sum(axis=-1) / _NOISE ** 2

@@ -27,12 +27,12 @@ class Layout:
     shape: tuple[int, int]
 
     @classmethod
-    def of(cls, poses: Sequence[NDArray[np.float64]], settings: SweepSettings,
+    def from_poses(cls, poses: Sequence[NDArray[np.float64]], settings: SweepSettings,
            middle: NDArray[np.float64] | None = None) -> 'Layout':
         """The layout of cameras at `poses` (n, 4, 4).
 
-        middle: (4, 4) the grid's own pose, x along its rows, y along its columns; None: the
-        direction that is nearest to all cameras', and the place where most cells have a frame.
+        middle: (4, 4) pose of the grid, x along its rows, y along its columns; None: the medoid
+        of the cameras' directions, and the place where most cells have a frame.
         """
         cameras = np.array(poses, float).reshape(-1, 4, 4)
         shape = np.array([settings.rows, settings.columns])
@@ -54,24 +54,24 @@ class Layout:
 
     @property
     def filled(self) -> int:
-        """How many cells have a frame."""
+        """Number of cells with a frame."""
         return len(np.unique(self.cells[self.inside], axis=0))
 
 
 def _typical(turns: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) the one of the rotations (n, 3, 3) that the sum of angles to the others is least of.
+    """(3, 3) medoid of the rotations (n, 3, 3): the least sum of angles to the others.
 
-    A mean would follow a frame that looks elsewhere.
+    A mean would follow outliers.
     """
     cosines = (np.einsum('iab,jab->ij', turns, turns) - 1) / 2
     return np.asarray(turns[np.arccos(np.clip(cosines, -1, 1)).sum(axis=1).argmin()])
 
 
 def _corner(steps: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """(2,) where cell (0, 0) of a grid lies that has frames (n, 2) in most of its cells.
+    """(2,) place of cell (0, 0) of the grid with most cells filled by frames (n, 2).
 
-    Of such grids that whose frames are nearest to their cells. All are tried in which a frame is
-    in the middle of a cell: a middle of all frames would follow one that is far out.
+    Ties are resolved by the frames' distances to their cells. All grids with a frame in the middle
+    of a cell are tried: the mean of all frames would follow outliers.
     """
     rows, columns = shape
     best, corner = -np.inf, steps[0]
@@ -94,10 +94,10 @@ def _corner(steps: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.fl
 
 
 def good_pictures(frames: Sequence[SweepFrame], settings: SweepSettings) -> Sorted:
-    """Without those that moved while they were exposed, are blurred, or darker or brighter.
+    """Drop frames that moved during the exposure, are blurred, or differ in brightness.
 
-    Blur and brightness are measured against the median of those that did not move: a scene of
-    little texture is no blurred one.
+    Blur and brightness are relative to the median of the unmoved frames: a scene with little
+    texture is not blurred.
     """
     left: list[LeftOut] = []
     still: list[SweepFrame] = []
@@ -126,16 +126,16 @@ def good_pictures(frames: Sequence[SweepFrame], settings: SweepSettings) -> Sort
 
 
 def moves(frame: SweepFrame, settings: SweepSettings) -> str:
-    """Why a frame moved too much while it was exposed; empty where it did not."""
+    """Reason to drop a frame that moved during its exposure; empty: it did not."""
     moved = frame.movement(settings.near, settings.exposure)
     if moved <= settings.movement:
         return ''
     return (f'moved by {moved:.1f} px in its {1e3 * settings.exposure:g} ms ({frame.speed:.3f} '
-            f'm/s, {frame.turning:.3f} rad/s), {settings.movement:g} are allowed')
+            f'm/s, {frame.angular_speed:.3f} rad/s), {settings.movement:g} are allowed')
 
 
 def relative_sharpness(frames: Sequence[SweepFrame]) -> NDArray[np.float64]:
-    """(n,) the less sharp direction of each frame, relative to the median of all."""
+    """(n,) sharpness of each frame in its blurrier direction, relative to the median."""
     energies = np.array([each.sharpness for each in frames])
     return np.asarray((energies / np.maximum(np.median(energies, axis=0), 1e-12)).min(axis=1))
 
@@ -144,8 +144,8 @@ def one_for_each_cell(frames: Sequence[SweepFrame], layout: Layout,
                       reference: int) -> tuple[dict[tuple[int, int], SweepFrame], list[LeftOut]]:
     """The frame of each cell (row, column), and the others.
 
-    Of several the sharper one and that nearer to the cell's middle is better. The centre cell has
-    the reference, the frame of that number, wherever it is.
+    Sharper frames and frames nearer to the cell's middle win. The centre cell gets the frame of
+    index `reference`, wherever it lies.
     """
     rows, columns = layout.shape
     score = np.minimum(relative_sharpness(frames), 1.0) - layout.aside

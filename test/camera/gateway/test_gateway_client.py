@@ -286,12 +286,12 @@ DIGEST = 'Repr-Digest: sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:'  
 
 @pytest.mark.parametrize(('data', 'reason'), [
     (answer(b'', DIGEST, 'ETag: "a"'), 'not JSON'),  # the text of a picture
-    (answer(b'{}', DIGEST, 'ETag: "a"'), 'its SHA-256 is not what'),
+    (answer(b'{}', DIGEST, 'ETag: "a"'), 'its SHA-256 differs'),
     (answer(b'{}', DIGEST), 'no length, ETag or Repr-Digest'),
     (answer(b'{}', 'ETag: "a"'), 'no length, ETag or Repr-Digest'),
     (b'HTTP/1.1 200 OK\r\nETag: "a"\r\n' + DIGEST.encode() + b'\r\nContent-Length: 99999999999'
      b'\r\n' + TIME.encode() + b'\r\n\r\n', 'has 99999999999 bytes, at most'),
-    (answer(b'{}', 'Content-Range: bytes 0-1/2', status='206 Partial'), 'is something else'),
+    (answer(b'{}', 'Content-Range: bytes 0-1/2', status='206 Partial'), 'the answer has others'),
     (answer(b'{"error": "x"}', status='416 No'), 'gateway: x'),
 ])
 def test_a_picture_that_cannot_be(data, reason):
@@ -324,7 +324,7 @@ def test_the_other_clock_is_known_as_well_as_the_quickest_answer_tells(ahead, ex
     clock, now = ClockDifference(), 10 ** 18
     assert clock.ahead_ns == 0
     for there, back, pause in exchanges:
-        clock = clock.heard(now, now + there + ahead, now + there + back)
+        clock = clock.updated(now, now + there + ahead, now + there + back)
         now += there + back + pause
     quickest = min(there + back for there, back, _ in exchanges)
     drift = 2e-4 * (now - 10 ** 18)
@@ -335,9 +335,9 @@ def test_the_other_clock_is_known_as_well_as_the_quickest_answer_tells(ahead, ex
 
 
 def test_a_clock_that_is_set_is_followed():
-    clock = ClockDifference().heard(0, 5, 10)
+    clock = ClockDifference().updated(0, 5, 10)
     assert clock.ahead_ns == 0
-    assert clock.heard(100, 10 ** 9, 1000).ahead_ns == pytest.approx(10 ** 9, abs=1000)
+    assert clock.updated(100, 10 ** 9, 1000).ahead_ns == pytest.approx(10 ** 9, abs=1000)
 
 
 def test_stamps_are_of_the_robots_clock(captures, monkeypatch):

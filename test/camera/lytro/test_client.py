@@ -154,8 +154,8 @@ def test_a_camera_that_comes_back(captures):
     with client:
         with pytest.raises(LinkError, match='no camera answers'):
             client.battery()
-        again = CameraServer(SimulatedCamera(Card.of(captures[0]), delay=0), port=address.port,
-                             callback_port=address.callback_port)
+        again = CameraServer(SimulatedCamera(Card.from_folder(captures[0]), delay=0),
+                             port=address.port, callback_port=address.callback_port)
         with again.in_thread():
             assert client.pictures() == known
             assert client.fetch(client.capture())[0] == captures[1][0]

@@ -67,7 +67,7 @@ def test_connections_that_are_left_open_do_not_stop_others(address):
 
 def test_a_port_that_is_taken_is_told(address, tmp_path, camera_text):
     write_captures(tmp_path, camera_text(SIDE, SIDE), 1)
-    camera = SimulatedCamera(Card.of(tmp_path))
+    camera = SimulatedCamera(Card.from_folder(tmp_path))
     with pytest.raises(CameraError, match=rf'cannot listen at 127.0.0.1:{address.port} \(Addr'):
         CameraServer(camera, port=address.port, callback_port=0)
     with pytest.raises(CameraError, match=r'cannot listen at no\.such\.host'):
@@ -78,7 +78,7 @@ def test_the_second_port_takes_commands_too(tmp_path, camera_text):
     write_captures(tmp_path, camera_text(SIDE, SIDE), 1)
     with socket.create_server(('127.0.0.1', 0)) as free:
         second = free.getsockname()[1]
-    server = CameraServer(SimulatedCamera(Card.of(tmp_path)), port=0, callback_port=0,
+    server = CameraServer(SimulatedCamera(Card.from_folder(tmp_path)), port=0, callback_port=0,
                           second_port=second)
     with server.in_thread() as address:
         other = address.model_copy(update={'port': second})

@@ -24,22 +24,23 @@ def test_raw_xz_and_lfp_are_served_unpacked(tmp_path, camera_text):
     for each in (tmp_path / 'capture2').iterdir():
         each.unlink()
     write_picture(tmp_path / 'capture2' / 'IMG.LFP', raws[2], text)
-    card = Card.of(tmp_path)
+    card = Card.from_folder(tmp_path)
     served = [card.file(each.path('RAW'))() for each in reversed(card.records)]
     assert served == raws
-    assert Card.of(tmp_path / 'capture1').records[0].number == 1  # a folder of one picture
+    single = Card.from_folder(tmp_path / 'capture1')
+    assert single.records[0].number == 1
 
 
 def test_pictures_of_a_card_are_the_same_after_a_restart(tmp_path, camera_text):
     write_captures(tmp_path, camera_text(SIDE, SIDE))
-    assert Card.of(tmp_path).records == Card.of(tmp_path).records
-    dates = [each.date for each in Card.of(tmp_path).records]
+    assert Card.from_folder(tmp_path).records == Card.from_folder(tmp_path).records
+    dates = [each.date for each in Card.from_folder(tmp_path).records]
     assert dates == sorted(dates, reverse=True)
 
 
 def test_pictures_taken_have_their_own_ids_and_numbers(tmp_path, camera_text):
     write_captures(tmp_path, camera_text(SIDE, SIDE), 2)
-    card = Card.of(tmp_path, empty=True)
+    card = Card.from_folder(tmp_path, empty=True)
     assert card.records == []
     for _ in range(5):
         card.store(*card.expose(NOW))
@@ -56,7 +57,7 @@ def test_pictures_taken_have_their_own_ids_and_numbers(tmp_path, camera_text):
 def test_many_pictures_go_into_the_next_folder(tmp_path, camera_text, monkeypatch):
     monkeypatch.setattr(card_module, 'FILES_PER_FOLDER', 2)
     write_captures(tmp_path, camera_text(SIDE, SIDE), 3)
-    assert [(each.folder, each.number) for each in Card.of(tmp_path).records] == [
+    assert [(each.folder, each.number) for each in Card.from_folder(tmp_path).records] == [
         (101, 1), (100, 2), (100, 1)]
 
 
@@ -66,11 +67,11 @@ def test_white_images_alone_are_pictures_too(tmp_path, camera_text):
         'frameArray': [{'frame': frame}],
         'parameters': {'vendorContent': {'com.lytro.tags': {'modulationFrame': True}}}}}})
     raws = write_captures(tmp_path, text, 1)
-    card = Card.of(tmp_path)
+    card = Card.from_folder(tmp_path)
     assert card.file(card.records[0].path('RAW'))() == raws[0]
     assert card.file('C:\\T1CALIB\\MOD_0000.RAW')() == raws[0]
 
 
 def test_a_folder_without_pictures_is_refused(tmp_path):
     with pytest.raises(CameraError, match=r'no .*picture in'):
-        Card.of(tmp_path)
+        Card.from_folder(tmp_path)

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.lightfield.calibration.bundle import (
     Observations,
-    adjust,
-    simplest,
-    start,
+    bundle_adjust,
+    initial_guess,
+    select_model,
     uncertainty,
 )
 from pmcl_ros.lightfield.calibration.camera_model import Model, bok_parameters, predict
@@ -76,7 +76,7 @@ def test_bok_s_parameters_are_those_of_his_projection():
 
 def test_exact_corners_give_the_exact_camera():
     observations = observed(noise=0)
-    fit = adjust(observations, Model(), *start(observations, 328, 328))
+    fit = bundle_adjust(observations, Model(), *initial_guess(observations, 328, 328))
     assert np.allclose(fit.camera, CAMERA, rtol=1e-7)
     assert np.allclose(fit.poses, vectors(), atol=1e-7)
 
@@ -86,7 +86,7 @@ def test_exact_corners_give_the_exact_camera():
 def test_the_start_is_near_for_any_camera(focal, baseline, focus, off):
     camera = np.array([focal, focal, 163.5 + off, 163.5 - off, baseline, 1 / focus, 0, 0])
     observations = observed(camera, noise=0)
-    fit = adjust(observations, Model(), *start(observations, 328, 328))
+    fit = bundle_adjust(observations, Model(), *initial_guess(observations, 328, 328))
     assert np.allclose(fit.camera, camera, rtol=1e-5)
 
 
@@ -96,8 +96,8 @@ def repeated():
     fits = []
     for seed in range(40):
         observations = observed(seed=seed, noise=1.7)
-        fit = adjust(observations, Model(), CAMERA, vectors())
-        fit = adjust(observations, Model(), fit.camera, fit.poses, fit.noise)
+        fit = bundle_adjust(observations, Model(), CAMERA, vectors())
+        fit = bundle_adjust(observations, Model(), fit.camera, fit.poses, fit.noise)
         fits.append((fit, uncertainty(fit, np.random.default_rng(seed), 300)))
     return fits
 
@@ -126,7 +126,7 @@ def test_the_poses_standard_deviations_are_those_of_repeated_calibrations():
 
 def chosen(camera, seed=0):
     observations = observed(camera, seed=seed)
-    return simplest(observations, *start(observations, 328, 328))
+    return select_model(observations, *initial_guess(observations, 328, 328))
 
 
 def test_nothing_is_added_that_the_corners_do_not_show():
@@ -156,7 +156,7 @@ def test_a_few_wild_corners_do_little():
     values[0, :3] += [5, -4, 0.5, 0.5]
     values[3, 20] += [-3, 3, 0, 0.4]
     wild = Observations(observations.points, values, observations.whitening)
-    fit, _ = simplest(wild, *start(wild, 328, 328))
+    fit, _ = select_model(wild, *initial_guess(wild, 328, 328))
     sure = uncertainty(fit, np.random.default_rng(0), 300)
     assert fit.model == Model()
     assert (np.abs(fit.camera - CAMERA)[:6] < 4 * sure.camera[:6]).all()
@@ -171,7 +171,7 @@ def test_corners_that_were_not_measured_do_nothing():
     values, whitening = observations.values.copy(), observations.whitening.copy()
     values[2, 5:9], whitening[2, 5:9] = 1e3, 0
     holed = Observations(observations.points, values, whitening)
-    fit, _ = simplest(holed, *start(holed, 328, 328))
+    fit, _ = select_model(holed, *initial_guess(holed, 328, 328))
     sure = uncertainty(fit, np.random.default_rng(0), 300)
     assert (np.abs(fit.camera - CAMERA)[:6] < 4 * sure.camera[:6]).all()
     assert (fit.residuals[2, 5:9] == 0).all()
@@ -181,7 +181,7 @@ def test_boards_that_face_the_camera_at_one_distance_leave_it_open():
     places = [((0, 0), turn, 0.5, (0.01 * turn, 0)) for turn in (0, 0.4, 0.8)]
     observations = observed(places=places, noise=0.1)
     try:
-        fit = adjust(observations, Model(), CAMERA, vectors(places))
+        fit = bundle_adjust(observations, Model(), CAMERA, vectors(places))
         sure = uncertainty(fit, np.random.default_rng(0), 100)
     except (LightFieldError, np.linalg.LinAlgError):
         return

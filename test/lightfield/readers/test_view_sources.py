@@ -18,8 +18,8 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.readers.npz import write_npz
+from pmcl_ros.lightfield.readers.pictures import Reduction, shifted
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
-from pmcl_ros.lightfield.readers.reduction import Reduction, shifted
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 SCENE = Scene()
@@ -373,7 +373,7 @@ BASE = {'fx': 150, 'files': ROW_COLUMN, 'baseline': 0.03}
     ({'colour': 1}, 'colour: Extra'),
     ({'unit': 1}, 'not baseline and unit'),
     ({'baseline': None}, 'not none'),
-    ({'baseline': None, 'unit': 1}, r'tell no \{x\} and \{y\}'),
+    ({'baseline': None, 'unit': 1}, r'have no \{x\} and \{y\}'),
     ({'files': '*.png'}, 'rows and columns are needed'),
     ({'files': '*.png', 'rows': 4, 'columns': 3}, '9 pictures.* need 12'),
     ({'files': '{row}_{colum}.png'}, r'\{colum\} is not known'),

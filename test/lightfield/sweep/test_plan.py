@@ -24,7 +24,7 @@ def test_the_width_is_that_of_the_stereo_rig_with_the_resolution(z, fx, sigma, m
 
 def test_a_plan_comes_back_and_an_arm_goes_through_it_without_detours(tmp_path):
     middle = pose_at(0.5, 0.1, 0.9, (170, 10, -5))
-    plan = SweepPlan.of(3, 4, 0.02, middle, 'base_link')
+    plan = SweepPlan.from_grid(3, 4, 0.02, middle, 'base_link')
     plan.save(tmp_path / 'plan.yaml', 'a plan')
     again = SweepPlan.read(tmp_path / 'plan.yaml')
     assert again == plan
@@ -36,7 +36,7 @@ def test_a_plan_comes_back_and_an_arm_goes_through_it_without_detours(tmp_path):
     first = {(each.row, each.column): each.pose for each in plan.poses}
     along = np.linalg.inv(middle) @ first[0, 1] - np.linalg.inv(middle) @ first[0, 0]
     np.testing.assert_allclose(along[:3, 3], [0.02, 0, 0], atol=3e-6)
-    assert SweepPlan.of(3, 3, 0.01).middle is None
+    assert SweepPlan.from_grid(3, 3, 0.01).middle is None
 
 
 def test_the_command_writes_what_is_read(tmp_path):
@@ -61,7 +61,7 @@ def test_the_command_writes_what_is_read(tmp_path):
 ])
 def test_files_that_are_no_plan_are_refused(tmp_path, change, reason):
     path = tmp_path / 'plan.yaml'
-    SweepPlan.of(2, 2, 0.01).save(path)
+    SweepPlan.from_grid(2, 2, 0.01).save(path)
     text = path.read_text()
     assert change[0] in text
     path.write_text(text.replace(*change))

@@ -29,8 +29,8 @@ BARREL = Lens(PINHOLE, (-0.2, 0.05, 0.001, -0.002, 0.0))
 FISHEYE = Lens(PINHOLE, (0.02, -0.01, 0.0, 0.0), 'equidistant')
 
 
-def told(frames):
-    """Their poses in the robot's frame."""
+def in_base(frames):
+    """The frames with poses in the robot's frame."""
     return [replace(each, pose=BASE @ each.pose) for each in frames]
 
 
@@ -46,7 +46,7 @@ def poses():
 
 @pytest.fixture(scope='module')
 def frames(poses):
-    return told(frames_at(poses, BARREL))
+    return in_base(frames_at(poses, BARREL))
 
 
 @pytest.fixture(scope='module')
@@ -80,7 +80,7 @@ def test_turned_and_distorted_frames_become_parallel_views_at_their_places(sweep
 
 def test_a_fisheye_and_eight_bits_do_too(poses):
     chosen = [poses[number] for number in (2, 10, 12, 14, 22)]
-    sweep = assemble(told(frames_at(chosen, FISHEYE, np.uint8)), SETTINGS, 'camera')
+    sweep = assemble(in_base(frames_at(chosen, FISHEYE, np.uint8)), SETTINGS, 'camera')
     assert len(sweep.used) == 5
     for at, name in sweep.used.items():
         pose = chosen[int(name[1:])]
@@ -97,7 +97,7 @@ def test_depths_are_those_of_the_scene(sweep):
 
 
 def test_an_undistorted_reference_is_taken_as_it_is(poses):
-    frames = told(frames_at([poses[12], pose_at(STEP)]))
+    frames = in_base(frames_at([poses[12], pose_at(STEP)]))
     sweep = assemble(frames, SETTINGS.model_copy(update={'rows': 1, 'columns': 2}), 'camera')
     light_field = sweep.light_field
     reference = next(each for each in frames if each.name == sweep.reference)
@@ -115,13 +115,13 @@ def test_each_reason_names_its_frame(poses, frames):
     given[3] = replace(given[3], image=blurred)
     given[7] = replace(given[7], image=given[7].image // 2)
     given[8] = replace(given[8], speed=0.5)
-    given[11] = replace(given[11], turning=1.0)
+    given[11] = replace(given[11], angular_speed=1.0)
     given[16] = replace(given[16], pose=given[16].pose @ pose_at(turn=(0.8, -0.8, 0)))
     off_plane = pose_at(*poses[18][:2, 3], 0.01)
-    given[18] = told([frame('f18', off_plane, BARREL)])[0]
-    given[21] = told([frame('f21', pose_at(*poses[21][:2, 3], 0, (0, 20, 0)), BARREL)])[0]
-    given.append(told([frame('far', pose_at(0.08), BARREL)])[0])
-    given.append(told([frame('twice', poses[6] @ pose_at(0.0021), BARREL)])[0])
+    given[18] = in_base([frame('f18', off_plane, BARREL)])[0]
+    given[21] = in_base([frame('f21', pose_at(*poses[21][:2, 3], 0, (0, 20, 0)), BARREL)])[0]
+    given.append(in_base([frame('far', pose_at(0.08), BARREL)])[0])
+    given.append(in_base([frame('twice', poses[6] @ pose_at(0.0021), BARREL)])[0])
     sweep = assemble(given, SETTINGS, 'camera')
     told_of = reasons(sweep)
     for name, words in {
@@ -145,7 +145,7 @@ def test_each_reason_names_its_frame(poses, frames):
 def test_a_little_off_the_plane_is_right_where_it_matters():
     poses = [pose_at(), pose_at(STEP, 0, 0.003), pose_at(-STEP, 0, -0.003)]
     settings = SETTINGS.model_copy(update={'rows': 1, 'columns': 3})
-    sweep = assemble(told(frames_at(poses)), settings, 'camera')
+    sweep = assemble(in_base(frames_at(poses)), settings, 'camera')
     grid = sweep.light_field.grid
     pinhole = grid.pinhole
     # A corner at the focus distance is where a camera in the plane sees it, within what remap
@@ -185,7 +185,7 @@ def test_too_few_frames_are_named(frames):
 
 def test_of_frames_of_one_place_the_sharpest_is_kept(poses):
     collection = Collection(SETTINGS)
-    sharp = told(frames_at([poses[0], poses[1]]))
+    sharp = in_base(frames_at([poses[0], poses[1]]))
     soft = replace(sharp[0], name='soft', image=cv2.GaussianBlur(sharp[0].image, (0, 0), 2))
     fast = replace(sharp[0], name='fast', speed=0.5)
     assert collection.add(soft)
@@ -206,7 +206,7 @@ def test_planned_poses_fill_every_cell_however_they_lie_in_the_room(rows, column
     settings = SweepSettings(rows=rows, columns=columns, baseline=0.02)
     collection = Collection(settings)
     small = Lens(PINHOLE.resized(8, 6))
-    plan = SweepPlan.of(rows, columns, 0.02, base, 'base_link')
+    plan = SweepPlan.from_grid(rows, columns, 0.02, base, 'base_link')
     for each in rng.permutation(len(plan.poses)):
         assert collection.filled < rows * columns
         picture = rng.integers(0, 255, (6, 8, 3)).astype(np.uint8)
@@ -256,7 +256,7 @@ def test_without_a_plan_the_grid_lies_where_most_cells_have_a_frame(rows, column
     poses.append(base @ pose_at(*wrong, rng.normal(0, 30, 3)))
     settings = SweepSettings(rows=rows, columns=columns, baseline=0.02)
     order = rng.permutation(len(poses))
-    layout = Layout.of([poses[number] for number in order], settings)
+    layout = Layout.from_poses([poses[number] for number in order], settings)
     if len(poses) > 3:  # of two and a wrong one none is typical
         cells = dict(zip(order.tolist(), layout.cells.tolist(), strict=True))
         assert [cells[number] for number in range(rows * columns)] == [

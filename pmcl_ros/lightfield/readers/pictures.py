@@ -1,7 +1,9 @@
-"""Views from pictures: every k-th one, coarser pixels, shifts by parts of a pixel."""
+"""Pictures of views: reading, linear light, reduction and sub-pixel shifts."""
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,10 +19,10 @@ _HALF = 3  # pixels each side: a polynomial of the fifth degree through six
 
 @dataclass(frozen=True)
 class Reduction:
-    """What is left out when a light field is read.
+    """Coarser sampling of a light field: fewer views, larger pixels.
 
-    every: each how many-th view is kept, counted from the centre view.
-    shrink: side of the squares of pixels that become one.
+    every: each `every`-th view is kept, counted from the centre view.
+    shrink: side of the squares of pixels that are averaged to one.
     """
 
     every: int = 1
@@ -31,11 +33,11 @@ class Reduction:
             raise LightFieldError(f'every {self.every} and shrink {self.shrink} must be 1 or more')
 
     def kept(self, count: int) -> list[int]:
-        """Which of `count` rows or columns are kept; the centre, count // 2, stays the centre."""
+        """Indices of the kept rows or columns of `count`; count // 2 stays the centre."""
         return list(range(count // 2 % self.every, count, self.every))
 
     def pinhole(self, pinhole: Pinhole) -> Pinhole:
-        """The camera of the shrunk pictures; a rest of pixels at the right and below is cut."""
+        """The pinhole of shrunk pictures; incomplete squares at the right and below are cut."""
         n = self.shrink
         width, height = pinhole.width // n, pinhole.height // n
         if width < 1 or height < 1:
@@ -44,7 +46,7 @@ class Reduction:
         return pinhole.crop(0, 0, n * width, n * height).resized(width, height)
 
     def shrunk(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(height, width, 3), each square of pixels its mean."""
+        """(height, width, 3) means of the squares of pixels."""
         n = self.shrink
         if n == 1:
             return picture
@@ -53,7 +55,7 @@ class Reduction:
                                      interpolation=cv2.INTER_AREA))
 
     def check_memory(self, rows: int, columns: int, height: int, width: int) -> None:
-        """Raise LightFieldError when so many views of so many pixels, shrunk, are too much."""
+        """Raise LightFieldError if views of this number and size, shrunk, exceed `MOST_BYTES`."""
         size = rows * columns * (height // self.shrink) * (width // self.shrink) * 3 * 4
         if size > MOST_BYTES:
             factor = math.ceil(math.sqrt(size / MOST_BYTES))
@@ -64,11 +66,39 @@ class Reduction:
                 f'pictures (--shrink {factor * self.shrink})')
 
 
+def read_picture(path: Path) -> NDArray[Any]:
+    """(height, width, 3) RGB of the file's type: uint8, uint16 or float32.
+
+    Raises LightFieldError when the file is missing, no picture, or of another type.
+    """
+    if not path.is_file():
+        raise LightFieldError(f'there is no {path}; every view needs its file')
+    try:
+        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except cv2.error as error:
+        raise LightFieldError(f'{path} cannot be read: {error.err}') from None
+    if picture is None:
+        raise LightFieldError(f'{path} is no picture that OpenCV reads (PNG, JPEG, TIFF, ...)')
+    if picture.dtype not in (np.uint8, np.uint16, np.float32):
+        raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
+                              '32-bit floating point')
+    return np.asarray(picture[..., ::-1])
+
+
+def linear_light(picture: NDArray[Any], gamma: float) -> NDArray[np.float32]:
+    """Linear light, 1 at white, of values uint8, uint16 or float32 encoded by 1 / gamma."""
+    if picture.dtype == np.float32:
+        return np.maximum(picture, np.float32(0)) ** np.float32(gamma)
+    white = np.iinfo(picture.dtype).max
+    table = ((np.arange(white + 1) / white) ** gamma).astype(np.float32)
+    return np.asarray(table[picture])
+
+
 def shifted(picture: NDArray[np.float32], x: float, y: float) -> NDArray[np.float32]:
     """`picture` (height, width, 3) read at every pixel plus (x, y) [px].
 
-    Outside, the border's values go on (as in matching); what rings below 0 becomes 0. Whole pixels
-    are exact. The place is exact too, unlike with cv2.remap, which knows 32 places in a pixel.
+    The border is replicated (as in matching) and negative ringing clipped to 0. Shifts by whole
+    pixels are exact. cv2.remap would round shifts to 1/32 px.
     """
     if x == y == 0:
         return picture
