@@ -17,8 +17,8 @@ _MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.calibrate', 'warm-up': 'pmc
 
 @click.group(cls=Commands, modules=_MODULES)
 @click.version_option(__version__)
-@click.option('--verbose', is_flag=True, help='Say what is chosen (renderer, symmetry, ...).')
+@click.option('--verbose', is_flag=True, help='Print the choices made (renderer, symmetry, ...).')
 def main(verbose: bool) -> None:
-    """Where a transparent object is, from a light field."""
+    """Find a known, possibly transparent object in a light field."""
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format='%(message)s',
                         handlers=[RichHandler(console=STDERR, show_path=False)])

@@ -1,4 +1,4 @@
-"""What the commands share: one-line errors, kinds of arguments."""
+"""Shared by the commands: one-line errors, kinds of arguments."""
 
 import errno
 from collections.abc import Mapping
@@ -18,10 +18,10 @@ PATH = click.Path(exists=True, path_type=Path)
 
 
 class Commands(click.Group):
-    """Turns what the package or the disk refuses into one line and exit status 1.
+    """Prints errors of the package and the disk as one line; the exit status is 1.
 
-    modules: of each command, the module that defines it: read when it is called, as most need much
-    that the others do not.
+    modules: the module of each command. It is imported when the command is called: most commands
+    need large libraries that the others do not.
     """
 
     def __init__(self, *args: Any, modules: Mapping[str, str], **options: Any) -> None:
@@ -42,7 +42,7 @@ class Commands(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; what the package refuses is told without a traceback."""
+        """Run the command; print errors of the package without a traceback."""
         try:
             return super().invoke(ctx)
         except PmclError as error:

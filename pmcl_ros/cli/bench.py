@@ -1,4 +1,4 @@
-"""`pmcl bench`: times of the stages, against their plain forms run beside them."""
+"""`pmcl bench`: times the stages, against their plain forms run beside them."""
 
 import json
 from collections.abc import Callable

@@ -41,11 +41,11 @@ _CONSOLE = Console()
 
 
 class DemoError(PmclError):
-    """The demonstration did not come to its end."""
+    """The demonstration failed."""
 
 
 class Watcher(Node):
-    """Keeps what the chain publishes about the one capture: a grasp pipeline's place."""
+    """Receives the results of the chain for the one capture."""
 
     def __init__(self) -> None:
         super().__init__('pmcl_demo')
@@ -58,7 +58,7 @@ class Watcher(Node):
 
     @property
     def complete(self) -> bool:
-        """Whether everything has come."""
+        """Whether all messages were received."""
         return self.pose is not None and len(self.pictures) == 3
 
     def _on_pose(self, message: PoseStamped) -> None:
@@ -67,7 +67,7 @@ class Watcher(Node):
     def _keep(self, topic: str) -> Callable[[Image], None]:
         def keep(message: Image) -> None:
             if topic not in self.pictures:
-                _say(f'{topic} has come')
+                _say(f'received {topic}')
             self.pictures[topic] = message
         return keep
 
@@ -92,7 +92,7 @@ def _start(stack: ExitStack, module: str, *arguments: str) -> subprocess.Popen[b
 
 
 def _parameters(bag: Path, truth: Truth, camera: dict[str, str]) -> list[str]:
-    """What goes over config/pmcl.yaml: the camera, and the object and region of the bag."""
+    """Parameters beside config/pmcl.yaml: the camera, and the object and region of the bag."""
     values = {'pmcl_node:object': str(_mesh(bag)),
               'pmcl_node:roi_center': list(truth.roi_center),
               'pmcl_node:roi_size': list(truth.roi_size), **camera}
@@ -105,7 +105,7 @@ def _mesh(bag: Path) -> Path:
 
 
 def _simulate(stack: ExitStack, bag: Path) -> str:
-    """The address of a simulated camera that sees what is in the bag."""
+    """The address of a simulated camera that takes the pictures of the bag."""
     pictures = stack.enter_context(TemporaryDirectory())
     extract_captures(bag, pictures)
     address, _ = stack.enter_context(served(pictures, '--empty'))
@@ -126,7 +126,7 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
         executor = SingleThreadedExecutor()
         executor.add_node(watcher)
         _say('starting lytro_driver, subaperture_node, dlv_node, pmcl_node; configure, activate')
-        # A bag speaks in the camera's place: the driver is given a picture, and not triggered.
+        # The bag replaces the camera: the driver reads files, and is not triggered.
         camera = {'lytro_driver:source': 'files',
                   'lytro_driver:path': 'package://pmcl_ros/config/cameras'}
         if simulate:
@@ -156,7 +156,7 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
             alive()
             if time.monotonic() > deadline:
                 raise DemoError(f'no pose after {_PATIENCE:.0f} s; got {list(watcher.pictures)}')
-        _say('the pose has come')
+        _say('received the pose')
         assert watcher.pose is not None
         _report(watcher, watcher.pose, bag, truth.pose, out)
         _say('stopping the nodes')
@@ -195,7 +195,7 @@ def main() -> int:
     parser.add_argument('--camera', choices=['', 'simulated'], default='', help='simulated: a '
                         'camera made of software takes the picture; else the bag is replayed')
     options = parser.parse_args()
-    # Nothing of this machine's other ROS nodes, nor of the network's, takes part.
+    # Keep other ROS nodes of this machine and of the network out.
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     try:

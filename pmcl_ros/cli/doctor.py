@@ -1,4 +1,4 @@
-"""`pmcl doctor`: is this machine fit, and what to do if not."""
+"""`pmcl doctor`: checks this machine, and advises."""
 
 import click
 from rich.console import Console
@@ -13,7 +13,7 @@ _SIGNS = {'ok': '[green]ok   [/]', 'note': '[yellow]note [/]', 'wrong': '[red]WR
               help='Look for a Lytro too: HOST, HOST:PORT, or mdns.')
 @click.pass_context
 def doctor(context: click.Context, camera: str | None) -> None:
-    """Look at this machine: Python, packages, OpenGL, memory, ROS, and a camera if told to.
+    """Check this machine: Python, packages, OpenGL, memory, ROS, and with --camera a camera.
 
     Exit status 1 when something is wrong; a note does not stop anything.
     """

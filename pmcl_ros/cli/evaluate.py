@@ -1,4 +1,4 @@
-"""`pmcl evaluate`: errors over a folder of captures with truth."""
+"""`pmcl evaluate`: measures errors over a folder of captures with truth."""
 
 import contextlib
 import os
@@ -145,7 +145,7 @@ def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Ca
 
 
 def _report(plan: Plan, done: list[Trial], out: Path | None) -> None:
-    """Print the tables; write them, and all else, in an order that does not depend on chance."""
+    """Print the tables; write all files, in an order that does not depend on the processes."""
     modes = [each.name for each in plan.variants]
     done.sort(key=lambda each: (each.capture, modes.index(each.mode), each.wrong, each.seed))
     table = markdown(done)

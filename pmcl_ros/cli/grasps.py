@@ -1,4 +1,4 @@
-"""`pmcl grasps`: how a gripper can take an object."""
+"""`pmcl grasps`: makes grasps of an object for a gripper."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from pmcl_ros.grasps.revolution import grasps_of
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
-_SIGMAS = (0.002, 0.005)  # m: for which the table tells how surely a grasp is clear
+_SIGMAS = (0.002, 0.005)  # m: of the position, for the probability that a grasp is clear
 
 
 @click.command()
@@ -51,8 +51,8 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
                       *(f'{float(clearance.probability(sigma ** 2 * np.eye(3))):.3f}'
                         for sigma in _SIGMAS))
     Console(width=max(100, Console().width)).print(table)
-    click.echo('lengths in mm; clear: how surely, with that standard deviation of the position on '
-               'each axis')
+    click.echo('lengths in mm; clear: the probability, with that standard deviation of the '
+               'position on each axis')
     if not any(each.kind == 'rim' for each in found):
         click.echo('no rim grasp: the mesh has no cavity that a finger fits into', err=True)
     if out is not None:

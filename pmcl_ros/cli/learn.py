@@ -105,9 +105,9 @@ def _rounded(tables: NDArray[np.float32]) -> list[list[float]]:
     return [[float(f'{each + 0:.{_DIGITS}f}') for each in row] for row in tables.round(_DIGITS)]
 
 
-def examples_of(captures: Sequence[Capture], views: int, told: str) -> Iterator[Example]:
-    """Of each capture, as it is read. views: side of the square that is used. told: what for."""
-    for each in track(captures, console=STDERR, description=told, transient=True):
+def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterator[Example]:
+    """An example of each capture. views: side of the square of views used. purpose: of the bar."""
+    for each in track(captures, console=STDERR, description=purpose, transient=True):
         truth = each.truth
         region = Region(truth.roi_center, truth.roi_size)
         labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)

@@ -1,4 +1,4 @@
-"""`pmcl report`: a localisation as one page to read."""
+"""`pmcl report`: localises an object and writes a page about it."""
 
 from collections.abc import Callable
 from functools import partial
@@ -55,7 +55,7 @@ def report(source: Path, calibration: Path | None, white: Path | None, every: in
     truth = Truth.load(known) if known else None
     center, size = _region(roi, truth)
     if object_path is not None and truth_path is None:
-        truth = None  # it tells where the object is that was there, which may be another
+        truth = None  # it is of the object in the picture, which may be another one
     object_path = object_path or _object(source, folder)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
                                   'roi_center': center, 'roi_size': size}, '--roi, --mode, --seed')
@@ -81,8 +81,8 @@ def _region(roi: tuple[float, ...] | None, truth: Truth | None
     if roi:
         return roi[:3], roi[3:]
     if truth is None:
-        raise click.UsageError('where to look is not known: there is no truth.json beside the '
-                               'source; give --roi')
+        raise click.UsageError('the region of interest is unknown: there is no truth.json beside '
+                               'the source; give --roi')
     return truth.roi_center, truth.roi_size
 
 
@@ -94,13 +94,13 @@ def _object(source: Path, folder: Path) -> Path:
             return resolve(f'package://pmcl_ros/models/{source.resolve().name}.obj', 'object')
         except SettingsError:
             pass
-    raise click.UsageError('what to look for is not known: there is no model.obj beside the '
-                           'source; give --object')
+    raise click.UsageError('the object is unknown: there is no model.obj beside the source; give '
+                           '--object')
 
 
 def _open(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int
           ) -> tuple[Callable[[], LightField], str]:
-    """What makes the light field, and the camera's serial number, if it is told."""
+    """A function that makes the light field, and the camera's serial number, if known."""
     if not is_bag(source):
         serial = read_metadata(source).serial if is_picture(source) else ''
         return open_source(source, calibration, white, every, shrink), serial
@@ -116,7 +116,7 @@ def _open(source: Path, calibration: Path | None, white: Path | None, every: int
 
 
 def _configured(name: str) -> Path:
-    """What config/pmcl.yaml says of a parameter of subaperture_node."""
+    """The value of a parameter of subaperture_node in config/pmcl.yaml."""
     path = resolve(_CONFIG, 'config')
     try:
         value: Any = read_yaml(path)['/**/subaperture_node']['ros__parameters'][name]

@@ -1,4 +1,4 @@
-"""What is looked at: a raw picture with its camera, or any other light field."""
+"""Opens the source of a light field: a raw picture with its camera, or views."""
 
 from collections.abc import Callable
 from functools import partial
@@ -35,9 +35,9 @@ def source_options(command: Callable[..., None]) -> Callable[..., None]:
 
 def open_source(source: Path, calibration: Path | None, white: Path | None, every: int,
                 shrink: int) -> Callable[[], LightField]:
-    """What makes a light field of a raw picture, or of any other source.
+    """A function that makes the light field of a raw picture, or reads views.
 
-    All that belongs to the camera, not to the picture, has been read when this returns.
+    Calibration and white image have been read when this returns.
     """
     if is_light_field(source):
         return partial(read_light_field, source, every, shrink)
@@ -53,7 +53,7 @@ def open_source(source: Path, calibration: Path | None, white: Path | None, ever
 
 def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
                   size: tuple[int, int] | None = None) -> Decoders:
-    """Decoders that tell the user each choice among a folder's white images."""
-    told = (lambda why: STDERR.print(f'white image: {why}', markup=False, soft_wrap=True)
+    """Decoders that print each choice among a folder's white images."""
+    report = (lambda why: STDERR.print(f'white image: {why}', markup=False, soft_wrap=True)
             ) if white.is_dir() else None
-    return Decoders(calibration, white, told, views, size)
+    return Decoders(calibration, white, report, views, size)

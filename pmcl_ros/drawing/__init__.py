@@ -1,1 +1,1 @@
-"""Results as pictures, drawn without a screen."""
+"""Draws results as pictures, without a screen."""

@@ -19,14 +19,14 @@ _LINE, _DOT = '#d55e00', '#0072b2'
 
 
 def standard_deviations(result: CalibrationResult) -> dict[str, float]:
-    """Of the calibration's parameters by name, in its units; 0: held fixed."""
+    """Standard deviations of the parameters by name, in their units; 0: held fixed."""
     values = dict(zip(PARAMETERS, result.uncertainty.camera.tolist(), strict=True))
     values['focus_distance'] = values.pop('focus') * result.calibration.focus_distance ** 2
     return values
 
 
 def residual_rms(result: CalibrationResult) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of each board: position [px], disparity [px per view step]; one number for both axes."""
+    """(boards,) position [px] and disparity [px per view step]; one number for both axes."""
     squares = np.nanmean(np.square(result.residuals), axis=1)
     return np.sqrt(squares[:, :2].mean(axis=1)), np.sqrt(squares[:, 2:].mean(axis=1))
 
@@ -46,7 +46,7 @@ def summary(result: CalibrationResult) -> str:
 
 
 def tables(result: CalibrationResult) -> tuple[Table, Table]:
-    """The estimates with their standard deviations; the boards with what is left of each."""
+    """The estimates with their standard deviations; the boards with their residuals."""
     estimates = Table(title='calibration', title_justify='left')
     for name in ('', 'estimate', 'standard deviation', ''):
         estimates.add_column(name, justify='right')

@@ -1,4 +1,4 @@
-"""Line charts, drawn without a screen: (height, width, 3) uint8 RGB arrays."""
+"""Draws line charts, and figures of matplotlib as (height, width, 3) uint8 RGB arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-# Told apart by colour-blind eyes too (Okabe and Ito).
+# Distinct for colour-blind eyes too (Okabe and Ito).
 _COLOURS = ('#0072b2', '#d55e00', '#009e73', '#cc79a7', '#56b4e9', '#e69f00')
 _NEUTRAL = '#555555'
 _WIDTH, _HEIGHT = 4.4, 3.3  # inches of a chart
@@ -40,7 +40,7 @@ class Chart:
 
 
 def figure(charts: Sequence[Sequence[Chart]], width: float = _WIDTH) -> Figure:
-    """Rows of charts; a legend beside the last of those that tell the same lines.
+    """Rows of charts; neighbours with the same lines share a legend.
 
     width: of each [inches], of a hundred pixels each.
     """
@@ -60,7 +60,7 @@ def figure(charts: Sequence[Sequence[Chart]], width: float = _WIDTH) -> Figure:
 
 
 def picture(drawn: Figure) -> NDArray[np.uint8]:
-    """What a figure shows."""
+    """A figure as an array."""
     buffer = BytesIO()
     drawn.savefig(buffer, format='rgba')
     width, height = drawn.canvas.get_width_height()
@@ -68,7 +68,7 @@ def picture(drawn: Figure) -> NDArray[np.uint8]:
 
 
 def draw(charts: Sequence[Sequence[Chart]], width: float = _WIDTH) -> NDArray[np.uint8]:
-    """Rows of charts as a picture."""
+    """Rows of charts (`figure`) as an array."""
     return picture(figure(charts, width))
 
 

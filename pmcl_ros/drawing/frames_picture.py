@@ -1,4 +1,4 @@
-"""The frames of the chain, drawn as seen from the camera's right."""
+"""Draws the frames of the chain, seen from the camera's right."""
 
 import numpy as np
 from matplotlib.axes import Axes

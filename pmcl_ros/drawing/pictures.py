@@ -1,4 +1,4 @@
-"""Pictures of results, drawn without a screen: (height, width, 3) uint8 RGB arrays."""
+"""Draws overlays and depth maps as (height, width, 3) uint8 RGB arrays."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from pmcl_ros.runtime.errors import PmclError
 
 _ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pixels
 _FRACTION = 4  # bits of a pixel's fraction in OpenCV's drawing functions
-_FARTHEST = 1e5  # px: what lies farther out is not drawn, it would not fit OpenCV's integers
+_FARTHEST = 1e5  # px: points farther out are not drawn: OpenCV's integers cannot hold them
 _CONTOUR = (0, 255, 0)
 _COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240, 0))
 _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
@@ -43,7 +43,7 @@ def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
 def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
              things: Sequence[tuple[ObjectModel, NDArray[np.floating], str]]
              ) -> NDArray[np.uint8]:
-    """Outlines of models at poses (4, 4) with a word each, in colours, as `overlay` draws one."""
+    """Outlines of models at poses (4, 4), each in its colour and with a word; see `overlay`."""
     canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
                                    interpolation=cv2.INTER_CUBIC), np.uint8)
     for number, (model, pose, word) in enumerate(things):
@@ -73,7 +73,7 @@ def silhouette(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating],
 def depth_picture(depth: NDArray[np.floating], near: float, far: float) -> NDArray[np.uint8]:
     """A depth map (height, width) [m] in colours, near warm, far cold, a scale below.
 
-    What is unknown (NaN) is black.
+    Unknown depths (NaN) are black.
     """
     known = np.isfinite(depth)
     inverse = 1 / np.where(known, depth, far)
@@ -88,9 +88,9 @@ def depth_picture(depth: NDArray[np.floating], near: float, far: float) -> NDArr
 
 
 def layers_picture(layers: Layers, near: float, far: float) -> NDArray[np.uint8]:
-    """Two depth pictures side by side: the front surface of each ray, and what is behind it.
+    """Two depth pictures side by side: the front surface of each ray, and the next one behind it.
 
-    Behind a ray's only surface there is nothing (black).
+    Rays with one surface are black in the second.
     """
     halves = []
     for name, depth in (('front', layers.front), ('behind it', layers.behind)):

@@ -39,7 +39,7 @@ class Truth:
 
     @classmethod
     def load(cls, path: Path | str) -> 'Truth':
-        """Read a truth.json; SettingsError when it holds no pose and region."""
+        """Read a truth.json; SettingsError without a pose and a region."""
         try:
             values = json.loads(Path(path).read_text())
             pose = np.array(values['object_to_camera'], float).reshape(4, 4)
@@ -65,9 +65,9 @@ class Capture:
 
     @classmethod
     def load(cls, folder: Path, source: Path | None = None) -> 'Capture':
-        """Read its truth.json; SettingsError when that is impossible.
+        """Read a folder's truth.json; SettingsError when that is impossible.
 
-        source: default: `folder`, else one that this is a subfolder of.
+        source: the folder of the picture, if `folder` is a subfolder of it.
         """
         source = source or folder
         name = folder.relative_to(source.parent).as_posix()
@@ -75,7 +75,7 @@ class Capture:
 
     @property
     def model(self) -> Path:
-        """The object that is there, or is looked for: a model.yaml where there is one."""
+        """The file of the object: model.yaml if there is one, else model.obj."""
         described = self.folder / 'model.yaml'
         return described if described.exists() else self.folder / 'model.obj'
 
@@ -101,9 +101,10 @@ class Capture:
 
 
 def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Capture]:
-    """The captures in the subfolders of a folder, sorted; of these names, if any are given.
+    """The captures in the subfolders of a folder, sorted by name.
 
-    Raises SettingsError when there is none, or none of one of the names.
+    only: names of captures; empty: all. Raises SettingsError without captures, or for a name that
+    no capture has.
     """
     places = sorted(path.parent for depth in ('*', '*/*')
                     for path in Path(folder).glob(f'{depth}/truth.json'))

@@ -39,7 +39,7 @@ class PoseError:
     def dot(self) -> float:
         """The paper's rotation error: the dot product of the axes, -1 to 1.
 
-        Its absolute value does not tell a flipped object from an upright one. Without an axis of
+        Its absolute value is the same for a flipped object and an upright one. Without an axis of
         symmetry: the cosine of the whole rotation.
         """
         return float(np.cos(self.rotation))

@@ -1,6 +1,6 @@
-"""What many trials say together: recalls, medians, how often lost, how honest the regions are.
+"""Computes recalls, medians, lost rates and the coverage of credible regions over trials.
 
-An object that was there and is said to be lost counts as not found, wherever the best hypothesis
+An object that is there and reported as lost counts as not found, wherever the best hypothesis
 lies; medians are over all hypotheses.
 """
 
@@ -18,28 +18,28 @@ _PIXELS = np.arange(5, 51, 5)  # px in views 640 px wide: BOP's for MSPD
 
 
 def values(trials: Sequence[Trial], name: str) -> NDArray[np.float64]:
-    """(n,) one of the numbers of each trial."""
+    """(n,) a field of each trial."""
     return np.array([getattr(each, name) for each in trials], float)
 
 
 def share(flags: ArrayLike) -> float:
-    """Of those that are true, 0 to 1; NaN of none."""
+    """The share of true flags, 0 to 1; NaN without flags."""
     flags = np.asarray(flags, bool)
     return float(flags.mean()) if flags.size else np.nan
 
 
 def median(trials: Sequence[Trial], name: str) -> float:
-    """Of one of the numbers; NaN of none."""
+    """The median of a field; NaN without trials."""
     return float(np.median(values(trials, name))) if trials else np.nan
 
 
 def present(trials: Sequence[Trial]) -> list[Trial]:
-    """Those where there was something to find."""
+    """The trials with something to find."""
     return [each for each in trials if each.present]
 
 
 def found(trials: Sequence[Trial], name: str) -> NDArray[np.float64]:
-    """(n,) one of the errors of each trial with something to find; infinite where it is lost."""
+    """(n,) an error of each trial with something to find; infinite where it is lost."""
     there = present(trials)
     return np.where(values(there, 'lost') > 0, np.inf, values(there, name))
 

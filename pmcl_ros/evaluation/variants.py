@@ -1,4 +1,4 @@
-"""What is compared: the rows of a table, each a way to make the volume and to search in it."""
+"""The rows of a comparison: each a way to make the evidence and to search in it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,10 +25,11 @@ _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'm
 
 @dataclass(frozen=True)
 class Variant:
-    """One row. name: as shown. base: what it starts from; centre: of the centre view alone.
+    """One row of a comparison.
 
-    dlv, pmcl: what is set otherwise, (name, value) pairs. group: rows that differ in one value,
-    of which accuracy over time is drawn; may be empty.
+    name: as shown. base: the row that this one changes; 'centre' uses the centre view alone.
+    dlv, pmcl: changed parameters, (name, value) pairs. group: the parameter that a sweep varies,
+    for its chart of accuracy over time; empty outside sweeps.
     """
 
     name: str
@@ -39,7 +40,7 @@ class Variant:
 
     @classmethod
     def named(cls, name: str) -> 'Variant':
-        """The row of one of the names in `Base`; SettingsError when there is none."""
+        """The row of a name in `Base`; SettingsError for another name."""
         if name not in get_args(Base):
             raise SettingsError(f'there is no row {name!r}, only {", ".join(get_args(Base))}')
         return cls(name, {each: each for each in get_args(Base)}[name])
@@ -48,7 +49,7 @@ class Variant:
     def parse(cls, text: str, group: str = '') -> 'Variant':
         """A row of `KEY=VALUE,...`: parameters of the volume or of the search, values as in YAML.
 
-        `row=faithful` starts from that row. SettingsError when there is no such parameter.
+        `row=faithful` starts from that row. Raises SettingsError for an unknown parameter.
         """
         try:
             values = yaml.safe_load('{' + text.replace('=', ': ') + '}')
@@ -68,7 +69,7 @@ class Variant:
 
     @property
     def mode(self) -> Mode:
-        """Of the search."""
+        """The mode of the search."""
         return 'faithful' if self.base == 'faithful' else 'default'
 
     def search(self, capture: Capture) -> PmclSettings:
@@ -82,7 +83,7 @@ class Variant:
         return volume_settings(self.mode, near, far, grid, dict(self.dlv), self.name)
 
     def build(self, light_field: LightField, settings: DlvSettings) -> Evidence:
-        """What the row's search reads; of the centre view alone every label is the same."""
+        """The evidence that the row's search reads; of the centre view alone, labels are equal."""
         if self.base != 'centre':
             return build_evidence(light_field, settings, self.mode)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)

@@ -1,4 +1,4 @@
-"""Times of the stages, against the plain form run beside them in the same process."""
+"""Times the stages against their plain forms, run beside them in the same process."""
 
 from pmcl_ros.evaluation.bench.chain import ChainBench, bench_chain
 from pmcl_ros.evaluation.bench.decode import bench_decode

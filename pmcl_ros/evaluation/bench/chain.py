@@ -1,4 +1,4 @@
-"""Times of the whole chain without ROS: from the bytes of a raw picture to the pose."""
+"""Times the chain without ROS: from the bytes of a raw picture to the pose."""
 
 import tempfile
 from dataclasses import dataclass
@@ -32,8 +32,8 @@ _WANTED = {'pose': 1000.0, 'total': 1500.0}  # ms, on two quiet cores
 class ChainBench:
     """ms: medians of several runs, the first not counted.
 
-    geometry: what was worked on. ratio_to_wanted: of what is wanted on two quiet cores.
-    error_mm: of the poses, the largest. evaluations: poses drawn and scored, the median.
+    geometry: of the data. ratio_to_wanted: to the times wanted on two quiet cores. error_mm: the
+    largest of the poses. evaluations: poses drawn and scored, the median.
     """
 
     geometry: str
@@ -43,7 +43,7 @@ class ChainBench:
     evaluations: int
 
     def lines(self) -> list[str]:
-        """What to print."""
+        """The lines to print."""
         wanted = [f'{name:>16}: {value:9.2f} of the {_WANTED[name]:.0f} ms that are wanted'
                   for name, value in self.ratio_to_wanted.items()]
         return [self.geometry, *(f'{name:>16}: {value:9.1f} ms' for name, value in
@@ -54,10 +54,9 @@ class ChainBench:
 def bench_chain(repeats: int = 9, bag: Path = _ROOT / 'bags' / 'wine_glass') -> ChainBench:
     """The raw picture of a shipped bag: packed bytes to views, evidence and pose.
 
-    What belongs to the camera and the object is made before, as nodes make it when they are
-    configured; so is what is compiled. Back ends are those that settings choose by themselves, and
-    each run has another seed. Raises SettingsError where the bag or its calibration is missing, as
-    beside an installed package.
+    The decoder and the localizer are made before, as nodes make them when they are configured, and
+    kernels are compiled. The settings choose the back ends. Each run has another seed. Raises
+    SettingsError where the bag or its calibration is missing, as beside an installed package.
     """
     calibration, white = (_ROOT / 'config' / 'cameras' / name
                           for name in ('demo.yaml', 'demo_white.RAW.xz'))

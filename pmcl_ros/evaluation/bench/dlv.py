@@ -27,8 +27,8 @@ _PLAIN_LABELS = 3  # that the reference is run on
 def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> Bench:
     """The volume of 7x7 views of side x side, 75 labels, uint8 views to float32 likelihood.
 
-    Stages: `views`, from uint8 to a checked LightField; `planes`, what is matched (smoothed
-    colours and gradients); then by numba `sweep`, from planes to likelihood, or by gl `upload`,
+    Stages: `views`, from uint8 to a checked LightField; `planes`, the smoothed colours and
+    gradients to match; then by numba `sweep`, from planes to likelihood, or by gl `upload`,
     `resident` (planes on the GPU to likelihood on the GPU) and `read`. `total` is all of it in one
     go, by the product's own functions; apart are `edges`, the edge volume, and `layers`, the joint
     fit of two layers to every other pixel, across and down. `plain` is `reference`, on a few of
@@ -99,7 +99,7 @@ def _plain_ms(light_field: LightField, depths: NDArray[np.float64], settings: Dl
 
 
 def _best_after_first(step: Callable[[], object], repeats: int) -> float:
-    """The first run compiles, or makes what is kept."""
+    """The first run, which compiles and fills caches, is not counted."""
     step()
     return best_ms(step, repeats)
 

@@ -1,4 +1,4 @@
-"""Many captures in a row through the simulated camera, over a link that drops at random."""
+"""Takes many captures from the simulated camera, over a link that drops at random."""
 
 import json
 import os
@@ -35,7 +35,7 @@ class DriverBench:
     descriptor_growth: dict[str, int]
 
     def lines(self) -> list[str]:
-        """What to print."""
+        """The lines to print."""
         rates = ', '.join(f'{rate:.0f} MB/s over a {link} link'
                           for link, rate in self.megabytes_per_second.items())
         return [f'{self.captures} captures in {self.seconds:.1f} s: {self.frames} pictures, '
@@ -86,7 +86,7 @@ def _run(address: Address, pid: int, raws: list[bytes], captures: int, clean: fl
 
 
 def _rate(client: LytroClient, expected: bytes) -> float:
-    """Of the download of the next picture, MB/s."""
+    """The rate of the next download [MB/s]."""
     picture = client.capture()
     started = time.perf_counter()
     raw, _ = client.fetch(picture)
@@ -97,7 +97,7 @@ def _rate(client: LytroClient, expected: bytes) -> float:
 
 
 def _write_captures(folder: Path, side: int, seed: int) -> list[bytes]:
-    """Noise: a wrong byte anywhere is seen."""
+    """Noise pictures, in which any wrong byte shows."""
     rng = np.random.default_rng(seed)
     raws = [rng.bytes(side * side * 3 // 2) for _ in range(_SOURCES)]
     for number, raw in enumerate(raws):
