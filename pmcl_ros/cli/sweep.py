@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import STDERR
-from pmcl_ros.evaluation.studies.sweep_study import Arm, Found, compare
+from pmcl_ros.evaluation.studies.sweep_study import Arm, compare
+from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.sweep.plan import (
     MATCHING,
     SweepPlan,
@@ -97,27 +98,30 @@ def compare_cameras(count: int, seed: int, kinds: tuple[str, ...], widths: tuple
     settings = SceneSettings.make({'kinds': kinds, 'empty': 0, 'outside': 0, 'size': size},
                                   'pmcl sweep compare')
     arm = Arm(unknown=unknown, unknown_turn=unknown_turn)
-    found: list[Found] = []
+    found: list[Trial] = []
     with STDERR.status('scenes') as status:
         for each in compare(count, seed, widths, views, settings, arm):
             found.append(each)
-            status.update(f'{each.seed}: {each.scene}, {each.camera}')
+            status.update(f'{each.seed}: {each.capture}, {each.mode}')
     table = Table('scenes', 'camera', 'depth error', 'pose error', 'along the ray', 'axis error',
                   'estimated sigma along the ray', 'lost')
-    groups: dict[tuple[str, str], list[Found]] = {}
+    groups: dict[tuple[str, str], list[Trial]] = {}
     for each in found:
-        name = f'{each.seed}: {each.scene}' if singly else each.scene.partition(':')[0]
-        groups.setdefault((name, each.camera), []).append(each)
+        name = f'{each.seed}: {each.capture}' if singly else each.capture.partition(':')[0]
+        groups.setdefault((name, each.mode), []).append(each)
     for (name, camera), of in sorted(groups.items(), key=lambda group: group[0][0]):
         table.add_row(name, camera, *_row(of))
     Console(width=150).print(table)
 
 
-def _row(found: list[Found]) -> list[str]:
+def _row(trials: list[Trial]) -> list[str]:
     """Medians over scenes."""
-    def middle(name: str, factor: float = 1e3) -> float:
-        return factor * float(np.nanmedian([abs(getattr(each, name)) for each in found]))
+    def middle(numbers: list[float]) -> float:
+        return float(np.nanmedian(np.abs(numbers)))
 
-    return [f'{middle("depth"):.2f} mm', f'{middle("translation"):.2f} mm',
-            f'{middle("ray"):.2f} mm', f'{middle("rotation", 180 / np.pi):.2f}°',
-            f'{middle("sigma"):.2f} mm', f'{sum(each.lost for each in found)} of {len(found)}']
+    return [f'{middle([each.extra["depth_mm"] for each in trials]):.2f} mm',
+            f'{middle([each.translation_mm for each in trials]):.2f} mm',
+            f'{middle([each.ray_mm for each in trials]):.2f} mm',
+            f'{middle([each.axis_deg for each in trials]):.2f}°',
+            f'{middle([each.extra["sigma_mm"] for each in trials]):.2f} mm',
+            f'{sum(each.lost for each in trials)} of {len(trials)}']

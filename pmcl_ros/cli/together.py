@@ -1,4 +1,4 @@
-"""`pmcl together`: several objects in made-up scenes, localised jointly and alone."""
+"""`pmcl together`: several objects in generated scenes, localised jointly and alone."""
 
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
@@ -11,9 +11,8 @@ from rich.progress import track
 
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evaluation.studies.together import Together
+from pmcl_ros.evaluation.studies.together import Together, summary
 from pmcl_ros.evaluation.studies.together import together as in_scene
-from pmcl_ros.evaluation.studies.together_table import table
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 
 
@@ -36,7 +35,7 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     """Localise the objects of scenes in which some hide others: jointly, and each alone.
 
     Prints a row for each scene: errors of the origins in mm, in brackets where the object is
-    told lost. Two of the objects overlap in the image at least; some are copies.
+    reported as lost. Two of the objects overlap in the image at least; some are copies.
     """
     settings = SceneSettings.make({'views': views, 'size': size, 'near': 0.5, 'far': 0.8},
                                   'pmcl together')
@@ -50,8 +49,8 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
         done = sorted([*done, each], key=lambda one: one.seed)
         if out is not None:
             write_png(out / f'{each.seed:06d}.png', each.picture)
-            (out / 'results.md').write_text(table(done) + '\n')
-    click.echo(table(done))
+            (out / 'results.md').write_text(summary(done) + '\n')
+    click.echo(summary(done))
 
 
 def _all(run: Callable[[int], Together], seeds: Iterable[int], processes: int

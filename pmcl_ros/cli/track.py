@@ -1,4 +1,4 @@
-"""`pmcl track`: an object followed through made-up sequences, beside single shots."""
+"""`pmcl track`: tracking through generated sequences, compared with single captures."""
 
 from pathlib import Path
 
@@ -7,8 +7,16 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evaluation.studies.tracking import Played, play
-from pmcl_ros.evaluation.studies.tracking_table import picture, recoveries, recovery, row, table
+from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.studies.tracking import (
+    TRACKED,
+    picture,
+    play,
+    recoveries,
+    recovery,
+    row,
+)
+from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
@@ -38,7 +46,7 @@ _FIELDS = SequenceSettings.model_fields
               'errors over frames for each sequence.')
 def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
           size: int, object_speed: float, camera_speed: float, out: Path | None) -> None:
-    """Track an object through made-up sequences (`pmcl scenes sequence`), and tell errors.
+    """Track an object through generated sequences (`pmcl scenes sequence`); print the errors.
 
     Errors, shares and times of single shots are of the frames that were localised both ways.
     """
@@ -47,24 +55,25 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
          'camera_speed': camera_speed}, 'pmcl track')
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    rows, all_frames, found = [], [], []
+    rows: list[dict[str, str]] = []
+    played: list[list[Trial]] = []
     columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=STDERR, transient=True) as bar:
         task = bar.add_task('', total=count * frames)
-
-        def told(_: Played) -> None:
-            bar.update(task, advance=1)
-
         for number in range(seed, seed + count):
             sequence = Sequence(number, settings)
             name = f'{number}: {sequence.kind} {sequence.model.name}'
             bar.update(task, description=name)
-            played = play(sequence, model, every, told=told)  # type: ignore[arg-type]
-            rows.append(row(name, played))
-            found.append(recovery(played))
-            all_frames += played
-            text = f'{table([*rows, row("all", all_frames)])}\n\n{recoveries(found)}'
+            trials: list[Trial] = []
+            for each in play(sequence, model, every):  # type: ignore[arg-type]
+                trials.append(each)
+                bar.update(task, advance=each.mode == TRACKED)
+            played.append(trials)
+            rows.append(row(name, [trials]))
+            shown = [*rows, row('all', played)]
+            text = '\n\n'.join([table(list(shown[0]), [list(line.values()) for line in shown]),
+                                recoveries([recovery(each) for each in played])])
             if out is not None:  # at once: a sequence takes minutes
-                write_png(out / f'track_{number:03d}.png', picture(name, played))
+                write_png(out / f'track_{number:03d}.png', picture(name, trials))
                 (out / 'track.md').write_text(text + '\n')
     click.echo(text)

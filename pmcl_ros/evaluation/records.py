@@ -29,7 +29,8 @@ class TrialsFile:
 
     def __init__(self, path: Path) -> None:
         self._stream = path.open('w', newline='')
-        self._writer = csv.DictWriter(self._stream, [each.name for each in fields(Trial)])
+        names = [each.name for each in fields(Trial) if each.name != 'extra']
+        self._writer = csv.DictWriter(self._stream, names, extrasaction='ignore')
         self._writer.writeheader()
 
     def __enter__(self) -> 'TrialsFile':

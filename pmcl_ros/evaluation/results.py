@@ -76,7 +76,7 @@ def captures_table(trials: Trials) -> str:
                       '']
         lines.append([capture, mode, str(len(rows)), *errors,
                       f'{median(rows, "evaluations"):.0f}', f'{median(rows, "seconds"):.1f} s'])
-    return _table(heads, lines)
+    return table(heads, lines)
 
 
 def recall_table(trials: Trials) -> str:
@@ -116,7 +116,7 @@ def scenes_table(trials: Trials) -> str:
                 lines.append([mode, scene, str(len(rows)),
                               _spread(values(rows, 'translation_mm'), ' mm'), _spread(axis, '°'),
                               _spread(forgiven, '°'), f'{median(rows, "ray_mm"):+.1f} mm'])
-    return _table(heads, lines)
+    return table(heads, lines)
 
 
 def ladder_table(trials: Trials) -> str:
@@ -127,11 +127,12 @@ def ladder_table(trials: Trials) -> str:
 
 def _row_table(trials: Trials, heads: Sequence[str], cells: Callable[[Trials], list[str]]
                ) -> str:
-    return _table(['mode', *heads], [[mode, *cells(rows)]
+    return table(['mode', *heads], [[mode, *cells(rows)]
                                      for mode, rows in by_row(trials).items()])
 
 
-def _table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+def table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A Markdown table."""
     return '\n'.join([f'| {" | ".join(heads)} |', '|' + '---|' * len(heads),
                       *(f'| {" | ".join(each)} |' for each in lines)])
 

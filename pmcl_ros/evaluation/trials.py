@@ -2,17 +2,18 @@
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.errors import is_right, pose_error
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Base, Variant
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -29,47 +30,80 @@ Camera = tuple[Calibration, Path]  # with its white image, or a folder of white 
 
 @dataclass(frozen=True)
 class Trial:
-    """One localisation. mode: the row's name. sought: the capture whose object was looked for.
+    """One localisation, in all studies. What a study does not measure keeps its default.
 
+    capture: the picture or scene. mode: the row's name. sought: the capture whose object was
+    looked for.
     empty: no object is there. wrong: it is another one, so that all errors are NaN, as with empty.
     translation_mm; ray_mm: signed along the line of sight, positive: too far. axis_deg: of the
     symmetry axis where there is one, else of the whole rotation; dot: its cosine (paper).
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
-    seconds: from the evidence to the pose; dlv_seconds, decode_seconds: for that, the views.
+    seconds: from the evidence to the pose; dlv_seconds, decode_seconds: for evidence, views.
     evaluations: poses drawn and scored. renderer: what drew them. pose: (12,) the rows of R | t,
         object to camera, metres.
+    extra: numbers of one study, by name; not written to files of trials.
     """
 
     capture: str
     mode: str
     seed: int
-    sought: str
-    film: bool
-    empty: bool
-    wrong: bool
-    translation_mm: float
-    ray_mm: float
-    axis_deg: float
-    dot: float
-    flipped: bool
-    symmetric: bool
-    mssd_mm: float
-    mspd_px: float
-    add_s_mm: float
-    diameter_mm: float
-    width_px: int
-    credible_level: float
-    inside_90: bool
-    lost: bool
-    score: float
-    seconds: float
-    dlv_seconds: float
-    decode_seconds: float
-    evaluations: int
-    renderer: str
-    pose: tuple[float, ...]
+    sought: str = ''
+    film: bool = False
+    empty: bool = False
+    wrong: bool = False
+    translation_mm: float = math.nan
+    ray_mm: float = math.nan
+    axis_deg: float = math.nan
+    dot: float = math.nan
+    flipped: bool = False
+    symmetric: bool = False
+    mssd_mm: float = math.nan
+    mspd_px: float = math.nan
+    add_s_mm: float = math.nan
+    diameter_mm: float = math.nan
+    width_px: int = 0
+    credible_level: float = math.nan
+    inside_90: bool = False
+    lost: bool = False
+    score: float = math.nan
+    seconds: float = math.nan
+    dlv_seconds: float = math.nan
+    decode_seconds: float = math.nan
+    evaluations: int = 0
+    renderer: str = ''
+    pose: tuple[float, ...] = ()
+    extra: Mapping[str, Any] = field(default_factory=dict, hash=False)
+
+    @classmethod
+    def judge(cls, estimate: PoseEstimate, truth: NDArray[np.float64], model: ObjectModel,
+              **others: Any) -> 'Trial':
+        """The trial of an estimate against the true pose (4, 4), object to camera.
+
+        others: further fields; with `empty` or `wrong` the errors are NaN.
+        """
+        fields: dict[str, Any] = {
+            'symmetric': model.axis is not None, 'lost': estimate.lost, 'score': estimate.score,
+            'evaluations': estimate.evaluations, 'pose': tuple(estimate.pose[:3].ravel().tolist())}
+        if not (others.get('empty') or others.get('wrong')):
+            error = pose_error(estimate.pose, truth, model.symmetry)
+            level = model.symmetry.credible_level(truth, estimate.pose, estimate.covariance)
+            fields |= {
+                'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
+                'axis_deg': float(np.rad2deg(error.rotation)), 'dot': error.dot,
+                'flipped': error.flipped, 'credible_level': level, 'inside_90': level <= 0.9}
+        return cls(**fields, **others)
+
+    @property
+    def near(self) -> bool:
+        """Whether the pose is right (`is_right`), lost or not."""
+        return is_right(1e-3 * self.translation_mm, np.deg2rad(self.axis_deg))
+
+    @property
+    def found(self) -> bool:
+        """Whether the object is localised: the pose is right, and not reported as lost."""
+        return self.near and not self.lost
 
     @property
     def present(self) -> bool:
@@ -170,22 +204,12 @@ def _trial(job: Job, estimate: PoseEstimate, pinhole: Pinhole, model: ObjectMode
            surface: Surface, **measured: Any) -> Trial:
     """The trial of a job. measured: the rest of its fields."""
     wrong, empty = job.sought.object != job.capture.object, job.capture.truth.empty
-    known = not (wrong or empty)
-    pose = estimate.pose
-    truth = job.capture.truth.pose
-    error = pose_error(pose, truth, model.symmetry)
-    level = model.symmetry.credible_level(truth, pose, estimate.covariance)
-    errors: dict[str, Any] = {
-        'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
-        'axis_deg': float(np.rad2deg(error.rotation)), 'dot': error.dot,
-        'mssd_mm': 1e3 * surface.mssd(pose, truth), 'mspd_px': surface.mspd(pose, truth, pinhole),
-        'add_s_mm': 1e3 * surface.add_s(pose, truth), 'credible_level': level}
-    if not known:
-        errors = dict.fromkeys(errors, math.nan)
-    return Trial(
-        capture=job.capture.name, mode=job.variant.name, seed=job.seed, sought=job.sought.name,
-        film=job.capture.truth.film, empty=empty, wrong=wrong, **errors,
-        flipped=known and error.flipped, symmetric=model.axis is not None,
-        diameter_mm=1e3 * surface.diameter, width_px=pinhole.width,
-        inside_90=known and level <= 0.9, lost=estimate.lost, score=estimate.score,
-        evaluations=estimate.evaluations, pose=tuple(pose[:3].ravel().tolist()), **measured)
+    pose, truth = estimate.pose, job.capture.truth.pose
+    if not (wrong or empty):
+        measured |= {'mssd_mm': 1e3 * surface.mssd(pose, truth),
+                     'mspd_px': surface.mspd(pose, truth, pinhole),
+                     'add_s_mm': 1e3 * surface.add_s(pose, truth)}
+    return Trial.judge(
+        estimate, truth, model, capture=job.capture.name, mode=job.variant.name, seed=job.seed,
+        sought=job.sought.name, film=job.capture.truth.film, empty=empty, wrong=wrong,
+        diameter_mm=1e3 * surface.diameter, width_px=pinhole.width, **measured)

@@ -7,7 +7,6 @@ Strengths, widths and their scatter are such that the energies across contours a
 those of rendered scenes (`simulation/scenes`; docs/concepts/evidence.md).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -24,9 +23,8 @@ from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-
-# (pose (4, 4), camera) -> (height, width) depth of the object's surface [m], 0 where it is not.
-Draw = Callable[[ObjectModel, NDArray[np.float64], Pinhole], NDArray[np.floating]]
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
 
 _CAMERA = Pinhole(190, 180, 540, 540, 96.5, 88.0)
 _ZOOM = 3  # samples of the contour per pixel
@@ -57,8 +55,8 @@ class EdgeScene:
     roi_size: tuple[float, float, float]
 
 
-def random_edge_scene(rng: np.random.Generator, draw: Draw, error: ModelError) -> EdgeScene:
-    """Draw a scene: a vessel at any attitude, its contour displaced by a draw of `error`."""
+def random_edge_scene(rng: np.random.Generator, error: ModelError) -> EdgeScene:
+    """Draw a vessel at any attitude, its contour displaced by a draw of `error`."""
     model = random_solid(rng)
     centre = np.append(rng.uniform(-0.02, 0.02, 2), rng.uniform(0.45, 0.6))
     pose = np.eye(4)
@@ -66,11 +64,12 @@ def random_edge_scene(rng: np.random.Generator, draw: Draw, error: ModelError) -
     pose[:3, 3] = centre + rng.uniform(-0.4, 0.4, 3) * _SIDE
     depths = depth_labels(centre[2] - _SIDE / 2 - model.radius,
                           centre[2] + _SIDE / 2 + model.radius, _LABELS)
-    shift = (_ZOOM - 1) / 2
-    camera = Pinhole(_CAMERA.width * _ZOOM, _CAMERA.height * _ZOOM, _CAMERA.fx * _ZOOM,
-                     _CAMERA.fy * _ZOOM, _CAMERA.cx * _ZOOM + shift, _CAMERA.cy * _ZOOM + shift)
+    camera = _CAMERA.resized(_ZOOM * _CAMERA.width, _ZOOM * _CAMERA.height)
     tensor = _noise(rng) + _clutter(rng)
-    depth = np.asarray(draw(model, pose, camera), float)
+    whole = Window(0, 0, (camera.width, camera.height))
+    near, far = pose[2, 3] - 1.1 * model.radius, pose[2, 3] + 1.1 * model.radius
+    depth = np.asarray(
+        NumbaRenderer().depths(Scene(model, camera, whole, near, far), pose[None])[0], float)
     tensor += _contour(rng, depth, depths, 0.2 * model.radius, error)
     edges = EdgeVolume(Header(), _normalised(tensor), depths, _CAMERA)
     x, y, z = (float(each) for each in centre)

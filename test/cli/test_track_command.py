@@ -5,22 +5,37 @@ import pytest
 from click.testing import CliRunner
 
 from pmcl_ros.cli import main
-from pmcl_ros.evaluation.studies.tracking import Outcome, Played, play
-from pmcl_ros.evaluation.studies.tracking_table import picture, recoveries, recovery, row, table
+from pmcl_ros.evaluation.studies.tracking import (
+    SINGLE,
+    TRACKED,
+    picture,
+    play,
+    recoveries,
+    recovery,
+    row,
+)
+from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 TINY = SequenceSettings(frames=5, occluded=1, size=128, object_speed=0.008)
 
 
-def outcome(mm, lost=False, seconds=0.1, way='followed'):
-    return Outcome(way, 1e-3 * mm, 0.01, 0.5, 0.003, lost, seconds, seconds)
+def trial(number, mode, mm, hidden=False, seconds=0.1):
+    """mm: its error; None: lost."""
+    return Trial(str(number), mode, 0, empty=hidden, translation_mm=50 if mm is None else mm,
+                 axis_deg=0.6, credible_level=0.5, lost=mm is None, seconds=seconds,
+                 dlv_seconds=0.2,
+                 extra={'way': 'followed', 'sigma_mm': 3, 'cpu_seconds': seconds})
 
 
 def played(*errors, hidden=(), every=1):
-    """Frames of these errors [mm] (None: lost); single shots of 4 mm, a second each."""
-    return [Played(k, k in hidden, outcome(50, lost=True) if mm is None else outcome(mm),
-                   outcome(4, seconds=1.0) if k % every == 0 else None, 0.2)
-            for k, mm in enumerate(errors)]
+    """Trials of frames of these errors [mm]; single shots of 4 mm, a second each."""
+    trials = []
+    for k, mm in enumerate(errors):
+        trials.append(trial(k, TRACKED, mm, k in hidden))
+        if k % every == 0:
+            trials.append(trial(k, SINGLE, 4, k in hidden, 1.0))
+    return trials
 
 
 @pytest.mark.parametrize(('frames', 'expected'), [
@@ -42,16 +57,14 @@ def test_recoveries_are_told_in_words():
 
 def test_a_row_compares_frames_that_were_looked_at_both_ways():
     frames = played(1, 9, 3, None, 7, 60, hidden=(3,), every=2)
-    line = row('name', frames)
+    line = row('name', [frames])
     assert line['error tracked [mm]'] == '3.0'  # of 1, 3 and 7
     assert line['single [mm]'] == '4.0'
     assert line['more [mm]'] == '-1.00 ± 1.61'  # median of -3, -1 and 3, quartiles -2 and 1
     assert line['times as fast'] == '10.0'
     assert line['wrong'] == '1'
     assert line['claimed while hidden'] == '0 of 1'
-    text = table([line, line]).splitlines()
-    assert len(text) == 4
-    assert len({each.count('|') for each in text}) == 1
+    assert row('name', [frames, frames])['followed'] == '10 of 10'
 
 
 def test_the_picture_shows_errors_where_something_is_claimed():
@@ -63,14 +76,12 @@ def test_the_picture_shows_errors_where_something_is_claimed():
 
 
 def test_a_sequence_is_tracked_beside_single_shots():
-    sequence = Sequence(4, TINY)
-    told = []
-    frames = play(sequence, 'constant_pose', 3, told=told.append)
-    assert told == frames
-    assert [each.single is not None for each in frames] == [True, False, False, True, False]
-    assert [each.occluded for each in frames] == [False, False, True, False, False]
-    assert frames[1].tracked.way == 'followed'
-    assert frames[1].tracked.right
+    trials = list(play(Sequence(4, TINY), 'constant_pose', 3))
+    assert [each.capture for each in trials if each.mode == SINGLE] == ['0', '3']
+    tracked = [each for each in trials if each.mode == TRACKED]
+    assert [each.empty for each in tracked] == [False, False, True, False, False]
+    assert tracked[1].extra['way'] == 'followed'
+    assert tracked[1].found
 
 
 def test_the_command_prints_and_writes_what_was_found(tmp_path):

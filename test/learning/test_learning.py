@@ -6,7 +6,6 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evaluation.studies.coverage import _drawn
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
@@ -45,7 +44,7 @@ def test_log_odds_of_independent_energies_are_recovered():
 
 
 def example(seed):
-    scene = random_edge_scene(np.random.default_rng(seed), _drawn, ModelError(0.1, 0.1, 40))
+    scene = random_edge_scene(np.random.default_rng(seed), ModelError(0.1, 0.1, 40))
     return Example(scene.edges, scene.model, scene.pose,
                    Region(scene.roi_center, scene.roi_size))
 

@@ -1,4 +1,4 @@
-"""How much better depth and pose are known from a sweep than from a light-field camera."""
+"""Compares sweeps with a light-field camera: errors of depth and pose, on generated scenes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
@@ -23,10 +23,10 @@ from pmcl_ros.simulation.scenes.render import SyntheticCapture, photographs, ren
 
 @dataclass(frozen=True)
 class Arm:
-    """How exactly poses are known: what an arm does is told up to normal deviates.
+    """Errors of an arm: standard deviations of normal deviates.
 
-    aside: by which it misses the planned places, which is told [m]; turned: likewise [rad].
-    unknown: of the places, on each axis, that is not told [m]; unknown_turn: likewise [rad].
+    aside, turned: from the planned pose to the reached one, which the arm reports [m], [rad].
+    unknown, unknown_turn: from the reached pose to the reported one, on each axis [m], [rad].
     """
 
     aside: float = 0.001
@@ -35,32 +35,15 @@ class Arm:
     unknown_turn: float = 0.0
 
 
-@dataclass(frozen=True)
-class Found:
-    """What one light field told about a scene.
-
-    depth: median error of the most likely depth of the object's pixels [m]. translation, ray,
-    rotation: of `PoseError` [m], [m], [rad]. sigma: standard deviation along the ray that the
-    estimate tells [m].
-    """
-
-    seed: int
-    scene: str
-    camera: str
-    depth: float
-    translation: float
-    ray: float
-    rotation: float
-    sigma: float
-    lost: bool
-
-
 def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settings: SceneSettings,
-            arm: Arm | None = None) -> Iterator[Found]:
+            arm: Arm | None = None) -> Iterator[Trial]:
     """Localise in `count` scenes, each seen by a light-field camera and by sweeps.
 
-    widths: of the sweeps, [m], of `views` x `views` pictures; the pixels, the noise and the blur
-    are those of the light-field camera.
+    widths: of the sweeps [m], of `views` x `views` pictures with the pixels, the noise and the
+    blur of the light-field camera.
+    Trials: `capture` is the scene, `mode` the camera; extra: `depth_mm` (median error of the most
+    likely depth of the object's pixels), `sigma_mm` (the estimate's standard deviation along the
+    ray).
     """
     arm = arm or Arm()
     for number in range(seed, seed + count):
@@ -78,10 +61,10 @@ def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settin
             poses = [_missed(each.pose, arm.aside, arm.turned, rng) for each in plan.poses]
             middle = views * views // 2
             poses = [np.linalg.inv(poses[middle]) @ each for each in poses]
-            # Of the middle first: the exposure is that of its picture.
+            # The middle one first: the exposure is that of its picture.
             poses = [poses[middle], *poses[:middle], *poses[middle + 1:]]
-            told = [_told(each, arm, rng) for each in photographs(scene, poses, rng)]
-            fields[f'sweep of {1e3 * width:g} mm'] = assemble(told, of, 'camera').light_field
+            frames = [_reported(each, arm, rng) for each in photographs(scene, poses, rng)]
+            fields[f'sweep of {1e3 * width:g} mm'] = assemble(frames, of, 'camera').light_field
         search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
         for name, light_field in fields.items():
             with Pipeline.for_object(model, search) as pipeline:
@@ -89,11 +72,12 @@ def compare(count: int, seed: int, widths: tuple[float, ...], views: int, settin
                                    np.random.default_rng(number), with_volume=True)
             estimate, volume = run.estimate, run.volume
             assert volume is not None
-            error = pose_error(estimate.pose, target.pose, model.symmetry)
             ray = target.pose[:3, 3] / np.linalg.norm(target.pose[:3, 3])
-            yield Found(number, scene.name, name, _depth_error(volume, capture, light_field),
-                        error.translation, error.ray, error.rotation,
-                        float(np.sqrt(ray @ estimate.covariance[:3, :3] @ ray)), estimate.lost)
+            sigma = float(np.sqrt(ray @ estimate.covariance[:3, :3] @ ray))
+            yield Trial.judge(
+                estimate, target.pose, model, capture=scene.name, mode=name, seed=number,
+                extra={'depth_mm': 1e3 * _depth_error(volume, capture, light_field),
+                       'sigma_mm': 1e3 * sigma})
 
 
 def _depth_error(volume: DepthLikelihoodVolume, capture: SyntheticCapture,
@@ -116,8 +100,8 @@ def _missed(pose: NDArray[np.float64], shift: float, turn: float, rng: np.random
     return pose @ by
 
 
-def _told(frame: SweepFrame, arm: Arm, rng: np.random.Generator) -> SweepFrame:
-    """A frame with the pose that the arm tells."""
+def _reported(frame: SweepFrame, arm: Arm, rng: np.random.Generator) -> SweepFrame:
+    """A frame with the pose that the arm reports."""
     by = np.eye(4)
     by[:3, 3] = arm.unknown * rng.standard_normal(3)
     by[:3, :3] = Rotation.from_rotvec(arm.unknown_turn * rng.standard_normal(3)).as_matrix()

@@ -1,6 +1,5 @@
-"""Scenes of several objects, each localised jointly with the others and alone."""
+"""Compares the joint localisation of several objects with single ones, on generated scenes."""
 
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,9 +10,12 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.drawing.pictures import outlines
-from pmcl_ros.evaluation.errors import is_right, pose_error
+from pmcl_ros.evaluation.recall import median, share
+from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -23,92 +25,155 @@ from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
 
-ALIKE = 0.002, math.radians(2)  # m, rad: so much worse is as well
-
-
-@dataclass(frozen=True)
-class Found:
-    """One pose that was found. translation: [m]; rotation: [rad], between the axes."""
-
-    translation: float
-    rotation: float
-    lost: bool
-
-    @property
-    def near(self) -> bool:
-        """Whether the pose is that of the object."""
-        return is_right(self.translation, self.rotation)
-
-    @property
-    def rank(self) -> int:
-        """2: it is found; 1: it is lost, and told so; 0: it is said to be elsewhere."""
-        return 1 if self.lost else 2 * self.near
-
-    def as_well_as(self, other: 'Found') -> bool:
-        """Ranked not lower; and where both are found, off by at most 2 mm and 2 degrees more."""
-        return self.rank > other.rank or (self.rank == other.rank and (
-            self.rank < 2 or self._as_near_as(other)))
-
-    def placed_as_well_as(self, other: 'Found') -> bool:
-        """The same by the pose alone, whether lost or not."""
-        return not other.near or self._as_near_as(other)
-
-    def _as_near_as(self, other: 'Found') -> bool:
-        return (self.translation <= other.translation + ALIKE[0]
-                and self.rotation <= other.rotation + ALIKE[1])
+_ALIKE = 2.0, 2.0  # mm, degrees: so much worse still counts as equally good
+_HEAD = ('seed', 'objects', 'overlap', 'alone', 'together', 'as well', 'deepest', 'missing one',
+         'time')
 
 
 @dataclass(frozen=True)
 class Together:
-    """One scene. together, alone: of its objects. copies: whether two of them are alike.
+    """The trials of one scene.
 
-    overlap: of the smaller of two outlines, at most. depth: of the deepest pair [m].
-    absent, absent_alone: whether one that is not there was told to be lost, so searched.
-    seconds: the joint search takes, with those for each alone. picture: outlines of what is found.
+    copies: whether two of its objects are copies. overlap: largest share of an outline that two
+    objects cover. together, alone: a trial for each object, the last one for an object that is
+    not there. depth: how deep the deepest pair lies in each other [m]. seconds: of the joint
+    search with those for each object. picture: outlines of the objects found.
     """
 
     seed: int
     name: str
     copies: bool
     overlap: float
-    together: tuple[Found, ...]
-    alone: tuple[Found, ...]
+    together: tuple[Trial, ...]
+    alone: tuple[Trial, ...]
     depth: float
-    absent: bool
-    absent_alone: bool
     seconds: float
     picture: NDArray[np.uint8]
 
+    @property
+    def pairs(self) -> list[tuple[Trial, Trial]]:
+        """(together, alone) of the objects that are there."""
+        return list(zip(self.together[:-1], self.alone[:-1], strict=True))
+
 
 def together(seed: int, count: int, settings: SceneSettings, samples: int) -> Together:
-    """Render the scene of a seed, and look for its objects, and for one that is not there.
+    """Render the scene of a seed, and localise its objects and one that is not there.
 
-    An object alone is searched for in the same volume and region; of two copies the nearer counts.
+    An object alone is localised with the same evidence and region; of two copies the nearer one
+    counts.
     """
     rng = np.random.default_rng(seed)
     group = group_scene(rng, count, settings)
     capture = render(group.scene, rng, samples)
-    models = [capture.model(k) for k in range(count)]
-    models = [models[k] for k in group.copies]
+    models = [capture.model(k) for k in group.copies]
     other = random_transparent(rng) if rng.random() < 0.5 else random_opaque(rng)
-    missing = ObjectModel('missing', other.vertices, other.faces, other.axis, True)
+    models.append(ObjectModel('missing', other.vertices, other.faces, other.axis, True))
     target = capture.targets[0]
     search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size,
                           renderer='numba')
-    edges = _edges(capture, [*models, missing], search)
-    with SceneLocalizer([*models, missing], search) as localizer:
+    edges = _edges(capture, models, search)
+    with SceneLocalizer(models, search) as localizer:
         started = time.perf_counter()
         found = localizer.localize(edges, np.random.default_rng(seed))
         seconds = time.perf_counter() - started
     truths = [[each.pose for each, same in zip(capture.targets, group.copies, strict=True)
                if same == copy] for copy in group.copies]
-    alone = tuple(min((_found(one, truth, model) for truth in near), key=lambda e: e.translation)
-                  for one, near, model in zip(found.alone, truths, models, strict=False))
-    jointly = _matched(found.estimates[:count], truths, models)
-    return Together(seed, group.scene.name, len(set(group.copies)) < count,
-                    seen_overlap(capture.targets, group.scene.sensor.grid.pinhole), jointly, alone,
-                    found.depth, found.estimates[-1].lost, found.alone[-1].lost, seconds,
-                    _picture(capture, found, [*models, missing]))
+
+    def trial(estimate: PoseEstimate, k: int, truth: NDArray[np.float64], mode: str) -> Trial:
+        return Trial.judge(estimate, truth, models[k], capture=group.scene.name, mode=mode,
+                           seed=seed, empty=k == count)
+
+    alone = [min((trial(found.alone[k], k, truth, 'alone') for truth in truths[k]),
+                 key=lambda each: each.translation_mm) for k in range(count)]
+    jointly: dict[int, Trial] = {}
+    taken: list[int] = []
+    # Each copy is judged against another truth; those that were found choose first.
+    for k in sorted(range(count), key=lambda k: found.estimates[k].lost):
+        left = [truth for truth in truths[k] if id(truth) not in taken]
+        trials = [trial(found.estimates[k], k, truth, 'together') for truth in left]
+        best = min(range(len(left)), key=lambda j: trials[j].translation_mm)
+        taken.append(id(left[best]))
+        jointly[k] = trials[best]
+    nowhere = np.eye(4)
+    return Together(
+        seed, group.scene.name, len(set(group.copies)) < count,
+        seen_overlap(capture.targets, group.scene.sensor.grid.pinhole),
+        (*(jointly[k] for k in range(count)),
+         trial(found.estimates[-1], count, nowhere, 'together')),
+        (*alone, trial(found.alone[-1], count, nowhere, 'alone')), found.depth, seconds,
+        _picture(capture, found, models))
+
+
+def rank(trial: Trial) -> int:
+    """2: the object is found; 1: it is reported as lost; 0: it is claimed elsewhere."""
+    return 1 if trial.lost else 2 * trial.near
+
+
+def as_well_as(one: Trial, other: Trial) -> bool:
+    """Ranked not lower; and where both are found, off by at most 2 mm and 2 degrees more."""
+    return rank(one) > rank(other) or (rank(one) == rank(other) and (
+        rank(one) < 2 or _as_near_as(one, other)))
+
+
+def placed_as_well_as(one: Trial, other: Trial) -> bool:
+    """The same by the pose alone, whether lost or not."""
+    return not other.near or _as_near_as(one, other)
+
+
+def _as_near_as(one: Trial, other: Trial) -> bool:
+    return (one.translation_mm <= other.translation_mm + _ALIKE[0]
+            and one.axis_deg <= other.axis_deg + _ALIKE[1])
+
+
+def summary(scenes: Sequence[Together]) -> str:
+    """A Markdown table with a row for each scene, and a list of shares over all scenes."""
+    pairs = [pair for each in scenes for pair in each.pairs]
+    singles = [pair for each in scenes if not each.copies for pair in each.pairs]
+    lines = [
+        f'{len(scenes)} scenes, {len(pairs)} objects; localised as well together as alone: '
+        f'{_share([as_well_as(*pair) for pair in pairs])}; where no two are alike: '
+        f'{_share([as_well_as(*pair) for pair in singles])}',
+        'by the pose alone, lost or not: '
+        f'{_share([placed_as_well_as(*pair) for pair in pairs])}',
+        _ranks('alone', [other for _, other in pairs]),
+        _ranks('together', [one for one, _ in pairs]),
+        f'pairs deeper in each other than {1e3 * MAX_PENETRATION:.0f} mm: '
+        f'{_share([each.depth > MAX_PENETRATION for each in scenes])} of scenes, the deepest '
+        f'{1e3 * max(each.depth for each in scenes):.1f} mm',
+        'the missing one reported as lost: '
+        f'{_share([each.together[-1].lost for each in scenes])}, alone '
+        f'{_share([each.alone[-1].lost for each in scenes])}',
+        f'median time {np.median([each.seconds for each in scenes]):.1f} s']
+    return '\n'.join([table(_HEAD, [_cells(each) for each in scenes]), '',
+                      *(f'- {line}' for line in lines)])
+
+
+def _ranks(name: str, trials: Sequence[Trial]) -> str:
+    near = [each for each in trials if each.near]
+    found, lost, elsewhere = (_share([rank(each) == k for each in trials]) for k in (2, 1, 0))
+    return (f'{name}: found {found}, lost {lost}, elsewhere {elsewhere}; within 2 cm and 10 '
+            f'degrees, lost or not, {_share([each.near for each in trials])}, their median error '
+            f'{median(near, "translation_mm"):.1f} mm')
+
+
+def _cells(scene: Together) -> list[str]:
+    as_well = [as_well_as(*pair) for pair in scene.pairs]
+    return [str(scene.seed), scene.name + (', two alike' if scene.copies else ''),
+            f'{100 * scene.overlap:.0f} %', _errors(scene.alone[:-1]),
+            _errors(scene.together[:-1]), f'{sum(as_well)} of {len(as_well)}',
+            f'{1e3 * scene.depth:.1f} mm', 'lost' if scene.together[-1].lost else 'found',
+            f'{scene.seconds:.0f} s']
+
+
+def _errors(trials: Sequence[Trial]) -> str:
+    """Errors [mm]; in brackets where the object is lost; 'elsewhere' where the pose is wrong."""
+    words = [f'{each.translation_mm:.1f}' if each.near else 'elsewhere' for each in trials]
+    return ', '.join(f'({word})' if each.lost else word
+                     for word, each in zip(words, trials, strict=True))
+
+
+def _share(flags: Sequence[bool]) -> str:
+    return f'{100 * share(flags):.0f} % ({sum(flags)} of {len(flags)})' if flags else 'none'
 
 
 def _edges(capture: SyntheticCapture, models: Sequence[ObjectModel], search: PmclSettings
@@ -119,26 +184,6 @@ def _edges(capture: SyntheticCapture, models: Sequence[ObjectModel], search: Pmc
                           DlvSettings().edge_labels)
     views = capture.light_field.views.shape[0]
     return edge_volume(capture.light_field, labels, views)
-
-
-def _matched(estimates: Sequence[PoseEstimate], truths: Sequence[Sequence[NDArray[np.float64]]],
-             models: Sequence[ObjectModel]) -> tuple[Found, ...]:
-    """Each estimate against its truth; copies each against another one, what is found first."""
-    free = [list(near) for near in truths]
-    taken: list[int] = []
-    result: dict[int, Found] = {}
-    for k in sorted(range(len(estimates)), key=lambda k: estimates[k].lost):
-        left = [truth for truth in free[k] if id(truth) not in taken]
-        errors = [_found(estimates[k], truth, models[k]) for truth in left]
-        best = min(range(len(left)), key=lambda j: errors[j].translation)
-        taken.append(id(left[best]))
-        result[k] = errors[best]
-    return tuple(result[k] for k in range(len(estimates)))
-
-
-def _found(estimate: PoseEstimate, truth: NDArray[np.float64], model: ObjectModel) -> Found:
-    error = pose_error(estimate.pose, truth, model.symmetry)
-    return Found(error.translation, error.rotation, estimate.lost)
 
 
 def _picture(capture: SyntheticCapture, found: SceneEstimate, models: Sequence[ObjectModel]

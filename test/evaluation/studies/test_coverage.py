@@ -10,11 +10,11 @@ TRIALS = 30
 def test_the_truth_is_in_the_credible_regions_as_often_as_they_say():
     # Started beside the truth, for time's sake: the posterior alone.
     found = list(run_coverage(TRIALS, whole=False))
-    levels = np.array([each.level for each in found])
+    levels = np.array([each.credible_level for each in found])
     assert 0.8 * TRIALS <= (levels <= 0.9).sum() <= 0.97 * TRIALS
     # Neither always near the middle nor always at the edge.
     assert 0.35 * TRIALS <= (levels <= 0.5).sum() <= 0.8 * TRIALS
-    assert np.median([each.translation for each in found]) < 0.006
+    assert np.median([each.translation_mm for each in found]) < 6
     assert np.mean([each.lost for each in found]) < 0.25
 
 
@@ -22,9 +22,8 @@ def test_the_whole_search_finds_what_is_there_and_is_not_too_sure_of_it():
     found = [each for each in run_coverage(4, 20) if not each.lost]
     assert len(found) >= 3
     for each in found:
-        assert each.translation < 0.02
-        assert each.rotation < np.deg2rad(10)
-    assert np.median([each.level for each in found]) < 0.97
+        assert each.near
+    assert np.median([each.credible_level for each in found]) < 0.97
 
 
 def test_a_trial_is_its_seed():
