@@ -13,7 +13,7 @@ from pmcl_ros.runtime.errors import MessageError, PmclError
 
 
 def pinhole_to_message(header: Header, pinhole: Pinhole, baseline: float = 0) -> CameraInfo:
-    """A rectified pinhole; a baseline [m] is told as in stereo: P[3] = -fx B and P[7] = -fy B."""
+    """A rectified pinhole; a baseline B [m] as for stereo: P[3] = -fx B and P[7] = -fy B."""
     p = np.zeros((3, 4))
     p[:, :3] = pinhole.matrix
     p[:2, 3] = -pinhole.fx * baseline, -pinhole.fy * baseline
@@ -47,7 +47,7 @@ def baseline_from(message: CameraInfo) -> float:
 
 
 def lens_from(message: CameraInfo, rectified: bool) -> Lens:
-    """The camera that a camera_info tells; rectified: that of its image_rect.
+    """The lens that a camera_info describes; rectified: that of its image_rect.
 
     MessageError when the camera is not calibrated, or its pictures are cut or binned.
     """

@@ -34,7 +34,7 @@ def grasps_to_messages(header: Header, candidates: Sequence[Candidate], gripper:
     """The poses of the gripper's parent link in the header's frame, best first; empty for none.
 
     approach: how far back along its x the pre-grasp is [m]. Row i of the details belongs to the
-    i-th grasp: the first dimension's label tells the stamp, `grasps;stamp=NS`, the second's the
+    i-th grasp: the first dimension's label holds the stamp, `grasps;stamp=NS`, the second's the
     columns, by commas; lengths in metres. width is that of the object between the fingers, opening
     the gap between them on the approach.
     """

@@ -45,7 +45,7 @@ def time_to_message(stamp_ns: int) -> Time:
 
 @contextmanager
 def promised_by(topic: str) -> Iterator[None]:
-    """What the core refuses in a message's content, told as the message's fault."""
+    """Turns other errors about a message's content into MessageErrors that name its topic."""
     try:
         yield
     except MessageError:

@@ -44,7 +44,7 @@ def estimate_to_messages(estimate: PoseEstimate) -> PoseMessages:
 
 
 def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStamped:
-    """The pose as /tf tells it: the object's frame `child` in the camera's."""
+    """The pose as a transform for /tf: the frame `child` of the object in the camera's frame."""
     pose = poses_to_messages(estimate.pose[None])[0]
     p = pose.position
     return TransformStamped(

@@ -30,7 +30,7 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     entries += [entry for entry in NODES if entry.name not in without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
-    hand_over = IntraProcessBus()  # volumes go by reference between the nodes of this process
+    bus = IntraProcessBus()  # volumes go by reference between the nodes of this process
 
     def check(name: str) -> None:
         pause(0)
@@ -40,7 +40,7 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     with ExitStack() as stack:
         for entry in reversed(entries):
             running[entry.name] = (NodeProcess(entry, ros_args) if options.processes
-                                   else NodeThread(entry.load()(hand_over=hand_over)))
+                                   else NodeThread(entry.load()(bus=bus)))
             # by its name: it may have been started again by then
             stack.callback(lambda name: running[name].stop(), entry.name)
         if options.autostart:
@@ -62,7 +62,7 @@ def supervise(running: dict[str, Running], entries: dict[str, Entry], ros_args: 
         supervisor = Supervisor(node, running, lambda name: NodeProcess(entries[name], ros_args),
                                 lambda name: activate([name], check, timeout))
         while True:
-            supervisor.look()
+            supervisor.check()
             pause(0.5)
     finally:
         node.destroy_node()
@@ -131,11 +131,11 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
     if options.pose:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
-    told = {GRASPS.name: {'grasps': options.grasps}, SWEEP.name: {'plan': options.sweep}}
+    own_values = {GRASPS.name: {'grasps': options.grasps}, SWEEP.name: {'plan': options.sweep}}
     try:
         others = [(file, node) for file in parameter_files(ros_args)
                   for node in check_parameter_file(file)]
-        with parameter_file(told) as last, ros([given[0], *ros_args, *last]):
+        with parameter_file(own_values) as last, ros([given[0], *ros_args, *last]):
             for file, node in others:
                 get_logger('pmcl_bringup').warning(
                     f'{file} has parameters for {node!r}, which is none of this package')

@@ -82,8 +82,8 @@ class DlvNode(StageNode):
         """Listen."""
         # The small topics bring as many captures as their history holds before the big one's turn.
         self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
-        self._audience = DeferredPublisher(self, self._outputs,
-                                           'views: nobody listens to dlv/edges or dlv')
+        self._deferred = DeferredPublisher(self, self._outputs,
+                                           'views: dlv/edges and dlv have no subscriber')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
@@ -91,14 +91,15 @@ class DlvNode(StageNode):
 
     def _on_part(self, topic: str, part: LightField | Part) -> None:
         self.health.frames_in += topic == 'views'
-        if isinstance(part, LightField):  # handed over: the whole, on each of the three
+        if isinstance(part, LightField):  # by reference, on each of the three topics
             if topic == 'views':
-                self._audience.tell(partial(Products, part, self._settings),
-                                    f'capture {part.header.stamp_ns}')
+                self._deferred.publish(partial(Products, part, self._settings),
+                                       f'capture {part.header.stamp_ns}')
             return
         complete = self._matching.add(topic, part.header.stamp_ns, part.message)
         if complete:
-            self._audience.tell(partial(self._build, *complete), f'capture {part.header.stamp_ns}')
+            self._deferred.publish(partial(self._build, *complete),
+                                   f'capture {part.header.stamp_ns}')
 
     def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> Products:
         return Products(light_field_from(camera_info, pupil, views), self._settings)

@@ -56,7 +56,7 @@ class GraspNode(StageNode):
         """Listen."""
         self._done: int | None = None  # the last stamp of which a covariance has come
         self._held: tuple[float, Header, NDArray[np.float64]] | None = None
-        self._told_lost = ''
+        self._last_lost = ''
         self.active.callback(self._take_markers_away)
         self._arm.start()
         self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both, SMALL)
@@ -93,8 +93,8 @@ class GraspNode(StageNode):
         for status in message.status:
             if (status.name == self._localizer
                     and status.level == DiagnosticStatus.WARN
-                    and status.message.startswith('lost') and status.message != self._told_lost):
-                self._told_lost = status.message
+                    and status.message.startswith('lost') and status.message != self._last_lost):
+                self._last_lost = status.message
                 self._none(Header(header_from(message.header).stamp_ns,
                                   self._settings.base_frame), status.message)
 
@@ -104,27 +104,27 @@ class GraspNode(StageNode):
               ) -> None:
         began, self._held = time.monotonic(), None
         self.health.frames_in += 1
-        told = Header(header.stamp_ns, self._settings.base_frame)
+        base = Header(header.stamp_ns, self._settings.base_frame)
         try:
             ranking = self._rank(header, pose, covariance)
         except PmclError:
-            self._publish(told, Ranking((), {}))
+            self._publish(base, Ranking((), {}))
             raise  # logged and counted as an error
         if not ranking.candidates:
-            self._none(told, ranking.describe())
+            self._none(base, ranking.describe())
             return
-        self._publish(told, ranking)
+        self._publish(base, ranking)
         self.health.extra = {'object': self._model.name,
                              'best grasp': ranking.candidates[0].grasp.name,
                              'probability': f'{ranking.candidates[0].probability:.3f}'}
         self.done(time.monotonic() - began,
                   f'{ranking.describe()}, in capture {header.stamp_ns}')
-        self.tell_health()
+        self.publish_diagnostics()
 
     def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> Ranking:
         if header.frame_id != self._settings.camera_frame:
-            raise GraspError(f'the pose is told in {header.frame_id!r}, expected camera_frame '
+            raise GraspError(f'the pose is in frame {header.frame_id!r}, expected camera_frame '
                              f'{self._settings.camera_frame!r}')
         camera = self._arm.nearest(header.stamp_ns, self._settings.mount_parent,
                                    self._settings.max_age) @ self._mount
@@ -134,7 +134,7 @@ class GraspNode(StageNode):
         self._publish(header, Ranking((), {}))
         self.health.warn(why if why.startswith('no grasp') else f'no grasp: {why}')
         self.get_logger().warning(self.health.message)
-        self.tell_health()
+        self.publish_diagnostics()
 
     def _publish(self, header: Header, ranking: Ranking) -> None:
         messages = grasps_to_messages(header, ranking.candidates, self._gripper,

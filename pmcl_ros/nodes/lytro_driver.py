@@ -77,18 +77,18 @@ class LytroDriver(StageNode):
         self._camera = open_camera(settings.model_copy(update=paths))
         self.configured.callback(self._camera.close)  # first: what waits for it gives up
         self._queue = PictureQueue(self._camera)
-        self._told: dict[str, object] = {'source': settings.source}
+        self._details: dict[str, object] = {'source': settings.source}
         self._failures, self._next_look = 0, 0.0
         self._ask_status()
 
     def start(self) -> None:
         """Publish what is taken from now on, and what was taken while the node was inactive."""
-        self.health.hardware_id, self.health.extra = self._serial, self._told
+        self.health.hardware_id, self.health.extra = self._serial, self._details
         self._found_by = time.monotonic() + DISCOVERY
         self._streaming = True
         self.active.callback(self._stop)
         self._looking: Job[Any] = _NOTHING
-        self._taking: Job[Any] = _NOTHING
+        self._capturing: Job[Any] = _NOTHING
         self.every(_LOOK / 4, self._look_if_due)
         self._timer = None
         if self._settings.period > 0:
@@ -119,8 +119,8 @@ class LytroDriver(StageNode):
         self._answered.trigger()
 
     def _due(self) -> None:
-        if self._taking.done():
-            self._taking = self._thread.submit(self._capture)
+        if self._capturing.done():
+            self._capturing = self._thread.submit(self._capture)
         else:
             self.dropped('a capture: the one before it is on its way; set a longer period')
 
@@ -160,9 +160,9 @@ class LytroDriver(StageNode):
                 if self._failures:
                     self.get_logger().info('the camera answers again')
                     self.health.recovered()
-                self._failures, self._told['link'] = 0, 'up'
+                self._failures, self._details['link'] = 0, 'up'
             except LinkError:
-                self._failures, self._told['link'] = self._failures + 1, 'lost'
+                self._failures, self._details['link'] = self._failures + 1, 'lost'
                 if self._streaming:
                     raise
             finally:
@@ -187,8 +187,8 @@ class LytroDriver(StageNode):
         except PmclError as error:  # its own fault, or another client's that uses the camera too
             what = 'given up' if self._queue.failed(picture) else 'will be tried again'
             raise CameraError(f'picture {picture.id}: {error}; it is {what}') from error
-        self._told['last download [s]'] = f'{seconds:.2f}'
-        self._told['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
+        self._details['last download [s]'] = f'{seconds:.2f}'
+        self._details['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
         self._await_listener()
         with self._publishing:
             if not self._streaming:
@@ -206,7 +206,7 @@ class LytroDriver(StageNode):
         if not (heard and received):
             # In the first case another may have got it; one that was killed is a while in getting.
             why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
-                   else 'nobody listens to image_raw')
+                   else 'image_raw has no subscriber')
             self.dropped(f'capture {picture.shutter_ns}: {why}', int(not heard))
         if self._settings.delete:
             self._delete(picture, received and heard)
@@ -229,9 +229,9 @@ class LytroDriver(StageNode):
         status = self._camera.status()
         self._serial = status.serial
         if status.firmware:
-            self._told['firmware'] = status.firmware
+            self._details['firmware'] = status.firmware
         if status.battery is not None:
-            self._told['battery [%]'] = f'{status.battery:.0f}'
+            self._details['battery [%]'] = f'{status.battery:.0f}'
         self._next_status = time.monotonic() + _STATUS
 
 

@@ -14,8 +14,8 @@ class PmclNodeSettings(TrackingSettings):
     """The search and the tracking, and what is said of its result on /tf."""
 
     broadcast_tf: bool = Field(
-        False, description="tell /tf the frame of the object, as a child of the camera's, for "
-        'each pose; needs tf2_ros (full ROS)')
+        False, description="publish the frame of the object on /tf, as a child of the camera's, "
+        'for each pose; needs tf2_ros (full ROS)')
     object_frame: str = Field('', description='name of that frame; empty: that of the object')
     objects: tuple[str, ...] = Field(
         ('',), description='paths of several objects that are looked for together, instead of '
@@ -56,6 +56,6 @@ class ObjectFrame:
         node.configured.callback(node.destroy_publisher, broadcaster.pub_tf)
         self._send = broadcaster.sendTransform
 
-    def tell(self, estimate: PoseEstimate) -> None:
-        """The object is here, at the capture's time; nothing is told of a lost one."""
+    def broadcast(self, estimate: PoseEstimate) -> None:
+        """Send the object's pose at the capture's time; a lost object is not broadcast."""
         self._send(estimate_to_transform(estimate, self._name))

@@ -27,7 +27,7 @@ from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
-from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
+from pmcl_ros.nodes.transport.losses import MissingCaptures
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -112,17 +112,17 @@ class PmclNode(StageNode):
         self._overlays.forget()
         self._random = np.random.default_rng(self._settings.seed)
         self._last: Evidence | None = None
-        self._awaited = MissingCaptures()
+        self._missing = MissingCaptures()
 
     # in
 
     def _on_camera(self, message: CameraInfo) -> None:
         self._overlays.on_camera(message)
-        self._awaited.announced(header_from(message.header).stamp_ns)
+        self._missing.announce(header_from(message.header).stamp_ns)
 
     def _on_evidence(self, evidence: Evidence) -> None:
         self.health.frames_in += 1
-        for stamp in self._awaited.came(evidence.header.stamp_ns):
+        for stamp in self._missing.arrived(evidence.header.stamp_ns):
             self.health.count('captures without a volume')  # dropped before this node
             self.get_logger().warning(f'no volume came of capture {stamp}: the nodes before this '
                                       'one say why, unless one of them was killed')
@@ -211,15 +211,15 @@ class PmclNode(StageNode):
             for publisher, message in zip(self._poses, messages, strict=True):
                 publisher.publish(message)
             if self._frame is not None:
-                self._frame.tell(estimate)
+                self._frame.broadcast(estimate)
             self._overlays.publish(estimate.header, pinhole, lambda picture, camera:
                                    overlay(picture, camera, self._model, estimate.pose))
             self.done(latency, f'found {name} in capture {stamp}')
-        self._list.tell([name], [estimate])
+        self._list.publish([name], [estimate])
         if self._markers.get_subscription_count():
             self._marker = self._marker or mesh_to_marker(self._model)
             self._markers.publish(place_markers(self._marker, self._box, estimate))
-        self.tell_health()
+        self.publish_diagnostics()
 
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node

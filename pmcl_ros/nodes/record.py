@@ -53,7 +53,7 @@ class Recorder:
                                     cdr, _offered(topic.quality)))
         self._messages += 1
         self._bytes += len(cdr)
-        self._progress.tell(self.summary)
+        self._progress.report(self.summary)
 
     def summary(self) -> str:
         """What has been recorded."""
@@ -82,7 +82,7 @@ def record(options: argparse.Namespace) -> None:
     executor.add_node(node)
     with BagWriter(options.output) as writer:
         recorder = Recorder(node, chosen, writer, progress)
-        progress.say(f'listening to {", ".join(names)}')
+        progress.print(f'listening to {", ".join(names)}')
         try:
             while time.monotonic() < end:
                 pause(0)
@@ -98,7 +98,7 @@ def record(options: argparse.Namespace) -> None:
         if not recorder.messages:
             raise BagError(f'nothing came on {", ".join(names)}: are the nodes active, and in '
                            'this namespace (-r __ns:=...)?')
-    progress.say(f'{recorder.summary()} into {options.output}')
+    progress.print(f'{recorder.summary()} into {options.output}')
 
 
 def main(args: Sequence[str] | None = None) -> int:

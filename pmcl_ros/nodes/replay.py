@@ -51,34 +51,34 @@ class Player:
         return [line.name for line in self._lines.values() if line.name not in heard]
 
     def play(self, messages: Iterable[Recorded], rate: float, progress: Progress,
-             in_step: LockstepPlayer | None = None) -> None:
+             lockstep: LockstepPlayer | None = None) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
         The time counts from when the first has been published. What a subscriber keeps of
         messages that come faster than it takes them is its own choice: the newest, by its depth.
-        Messages are taken one by one, as they are due; those of a capture not before `in_step`
+        Messages are taken one by one, as they are due; those of a capture not before `lockstep`
         lets them.
         """
         start, first_ns, number, into = time.monotonic(), 0, 0, 0.0
 
-        def told() -> str:
+        def position() -> str:
             return f'{number} of {self._total} messages, {into:.1f} s into the bag'
 
         for number, each in enumerate(messages, 1):
-            if in_step is not None:
-                in_step.before(each)
+            if lockstep is not None:
+                lockstep.before(each)
             if number > 1:
                 into = (each.time_ns - first_ns) * 1e-9
                 pause(start + into / rate - time.monotonic())
             self._lines[each.topic].publish(each.cdr)
             if number == 1:
                 start, first_ns = time.monotonic(), each.time_ns
-            progress.tell(told)
+            progress.report(position)
         for line in self._lines.values():
             line.wait_until_arrived()
-        if in_step is not None:
-            in_step.wait()
-        progress.say(f'played {told()}')
+        if lockstep is not None:
+            lockstep.wait()
+        progress.print(f'played {position()}')
 
 
 class _Line:
@@ -148,10 +148,10 @@ def main(args: Sequence[str] | None = None) -> int:
                         help='subscribers to wait for, of each topic')
     parser.add_argument('--timeout', type=float, default=60.0, help='for them to come [s]')
     parser.add_argument('--in-step', action='store_true',
-                        help='play a capture when pmcl_node has told on objects what became of '
-                        'the one before: none is dropped, however slow the nodes are')
+                        help='play a capture when pmcl_node has published the result of the one '
+                        'before on objects: none is dropped, however slow the nodes are')
     parser.add_argument('--patience', type=float, default=300.0,
-                        help='in step: for what is told of a capture; the first one may have to '
+                        help='in step: for the result of a capture; the first one may have to '
                         'wait until the nodes are compiled [s]')
     parser.add_argument('--topic', action='append', default=[], metavar='T',
                         help='play only this topic')
@@ -169,16 +169,16 @@ def main(args: Sequence[str] | None = None) -> int:
         progress = Progress('pmcl_replay')
         with ros(given):
             node = Node('pmcl_replay')
-            in_step = (LockstepPlayer(node, chosen.values(), options.patience) if options.in_step
+            lockstep = (LockstepPlayer(node, chosen.values(), options.patience) if options.in_step
                        else None)
             player = Player(node, chosen.values())
             player.wait_for_subscribers(options.subscribers, options.timeout)
-            if in_step is not None:
-                in_step.wait_for_answerer(options.timeout)
+            if lockstep is not None:
+                lockstep.wait_for_answerer(options.timeout)
             again = True
             while again:
                 began = time.monotonic()
-                player.play(read(options.bag, chosen), options.rate, progress, in_step)
+                player.play(read(options.bag, chosen), options.rate, progress, lockstep)
                 again = options.loop
                 if again:
                     pause(began + _ROUND - time.monotonic())

@@ -1,4 +1,4 @@
-"""What pmcl_node tells of several objects: a pose topic of each, the list of all."""
+"""Outputs of pmcl_node for several objects: a pose topic of each, the list of all."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -42,8 +42,8 @@ class ObjectList:
         self._meshes = [mesh_file(each) for each in paths]
         self._publisher = node.publisher(MarkerArray, 'objects', LATCHED)
 
-    def tell(self, names: Sequence[str], estimates: Sequence[PoseEstimate]) -> None:
-        """Of one capture, in the order of the paths."""
+    def publish(self, names: Sequence[str], estimates: Sequence[PoseEstimate]) -> None:
+        """Publish the list of one capture, in the order of the paths."""
         self._publisher.publish(objects_to_markers(names, self._meshes, estimates))
 
 
@@ -90,8 +90,8 @@ class SeveralObjects:
                                           strict=False):
                 publisher.publish(message)
             if self._frames:
-                self._frames[k].tell(each)
-        self._list.tell(self.names, scene.estimates)
+                self._frames[k].broadcast(each)
+        self._list.publish(self.names, scene.estimates)
         there = [(model, each.pose, name) for model, each, name
                  in zip(self._models, scene.estimates, self.names, strict=True) if not each.lost]
         self._overlays.publish(header, pinhole,
@@ -104,18 +104,18 @@ class SeveralObjects:
             placed = [place_markers(mesh, self._box, each) for mesh, each in both]
             self._markers.publish(MarkerArray(markers=[
                 self._box, *(marker for each in placed for marker in each.markers[1:])]))
-        self._tell_health(scene, stamp, latency)
+        self._report(scene, stamp, latency)
 
-    def _tell_health(self, scene: SceneEstimate, stamp: int, latency: float) -> None:
+    def _report(self, scene: SceneEstimate, stamp: int, latency: float) -> None:
         lost = [name for name, each in zip(self.names, scene.estimates, strict=True) if each.lost]
         found = [name for name in self.names if name not in lost]
-        told = f'found {" and ".join(found)}' if found else 'found nothing'
+        text = f'found {" and ".join(found)}' if found else 'found nothing'
         if lost:
             self._node.health.count('captures with one lost')
-            told += f'; lost: {" and ".join(lost)}'
+            text += f'; lost: {" and ".join(lost)}'
         if found:
-            self._node.done(latency, f'{told} in capture {stamp}')
+            self._node.done(latency, f'{text} in capture {stamp}')
         if lost:
-            self._node.health.warn(f'{told} in capture {stamp}')
+            self._node.health.warn(f'{text} in capture {stamp}')
             self._node.get_logger().warning(self._node.health.message)
-        self._node.tell_health()
+        self._node.publish_diagnostics()

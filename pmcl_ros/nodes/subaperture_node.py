@@ -42,8 +42,8 @@ class SubapertureNode(StageNode):
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata = None
         self._waiting: Part | None = None
-        self._audience = DeferredPublisher(self, self._outputs,
-                                  'an image: nobody listens to views or center')
+        self._deferred = DeferredPublisher(self, self._outputs,
+                                           'an image: views and center have no subscriber')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         subscribe_value(self, Image, 'image_raw', part_from(counts_from),
                         self._on_image, BIG)
@@ -68,26 +68,26 @@ class SubapertureNode(StageNode):
         self._metadata = metadata_from(message)
         image, self._waiting = self._waiting, None
         if image is not None:
-            self._tell(image, self._metadata)
+            self._publish(image, self._metadata)
 
     def _on_image(self, image: RawFrame | Part) -> None:
         self.health.frames_in += 1
         if isinstance(image, RawFrame):  # handed over, with its own
             self._metadata = image.metadata
-            self._audience.tell(partial(self._decoders.decode, image),
+            self._deferred.publish(partial(self._decoders.decode, image),
                                 f'capture {image.header.stamp_ns}')
             return
         if self._metadata is not None:
-            self._tell(image, self._metadata)
+            self._publish(image, self._metadata)
             return
         if self._waiting is not None:
             self.dropped('an image: a newer one came before any metadata')
         self._waiting = image
         self.health.warn('an image waits for metadata')
 
-    def _tell(self, image: Part, metadata: CameraMetadata) -> None:
+    def _publish(self, image: Part, metadata: CameraMetadata) -> None:
         stamp = header_from(image.message.header).stamp_ns
-        self._audience.tell(partial(self._decode, image, metadata), f'capture {stamp}')
+        self._deferred.publish(partial(self._decode, image, metadata), f'capture {stamp}')
 
     def _decode(self, image: Part, metadata: CameraMetadata) -> LightField:
         return self._decoders.decode(raw_frame_from(image.message, metadata))

@@ -56,7 +56,7 @@ class SweepDriver(StageNode):
         if settings.plan:
             plan = SweepPlan.read(resolve(settings.plan, 'plan'))
             if plan.frame and plan.frame != settings.fixed_frame:
-                raise SettingsError(f'{settings.plan} is told in {plan.frame!r}, the poses come '
+                raise SettingsError(f'{settings.plan} is in frame {plan.frame!r}, the poses are '
                                     f'in fixed_frame {settings.fixed_frame!r}: change one')
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})
@@ -74,7 +74,7 @@ class SweepDriver(StageNode):
         self._lens: Lens | None = None
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._number = False, 0
-        self._audience = DeferredPublisher(self, self._outputs, 'a sweep: nobody listens to views')
+        self._deferred = DeferredPublisher(self, self._outputs, 'a sweep: views has no subscriber')
         self._poses.start()
         self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
             depth=10, reliability=self._reliability))
@@ -87,7 +87,7 @@ class SweepDriver(StageNode):
         self._frame_id: str | None = None
         if self._settings.at_once:
             self._start_sweep()
-        self._tell()
+        self._report_progress()
 
     @property
     def _reliability(self) -> ReliabilityPolicy:
@@ -102,7 +102,7 @@ class SweepDriver(StageNode):
         self._waiting.clear()
         self._collecting, self._auto, self._frame_id = True, self._settings.auto_finish, None
         self._number = 0
-        self._tell()
+        self._report_progress()
         return 'collecting' + (f'; {forgotten} frames of an unfinished sweep are forgotten'
                                if forgotten else '')
 
@@ -154,7 +154,7 @@ class SweepDriver(StageNode):
                 raise LightFieldError(f'{first.name} is left out: {error}') from None
             taken = self._collection.add(frame) or taken
         if taken:
-            self._tell()
+            self._report_progress()
             if self._auto and self._collection.filled == self._collection.cells:
                 self._auto = False  # what fails now is the user's to finish, or to start again
                 self._finish()
@@ -183,13 +183,13 @@ class SweepDriver(StageNode):
         self.get_logger().info(f'sweep: {sweep.describe()}')
         for each in sweep.left_out:
             self.get_logger().debug(f'left out {each}')
-        self._audience.tell(lambda: made, f'sweep {made.header.stamp_ns}')
-        self._tell()
+        self._deferred.publish(lambda: made, f'sweep {made.header.stamp_ns}')
+        self._report_progress()
         self.health.extra['last sweep'] = sweep.describe()
-        self.tell_health()
+        self.publish_diagnostics()
         return sweep.describe()
 
-    def _tell(self) -> None:
+    def _report_progress(self) -> None:
         """Progress, for /diagnostics."""
         self.health.extra = {
             'sweep': 'collecting' if self._collecting else 'none',

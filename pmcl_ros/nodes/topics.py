@@ -17,7 +17,7 @@ class Quality(NamedTuple):
 
 
 BIG, LATCHED, SMALL = Quality(1), Quality(1, latched=True), Quality(10)
-MANY = Quality(200)  # arms tell their pose up to 1000 times a second
+MANY = Quality(200)  # arms publish their pose up to 1000 times a second
 
 
 class TopicEntry(NamedTuple):

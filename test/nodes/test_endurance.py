@@ -20,8 +20,7 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.messages.header import header_from, time_to_message
-from pmcl_ros.nodes.transport.missing_captures import MissingCaptures
-from pmcl_ros.nodes.transport.sequence_gaps import SequenceGaps
+from pmcl_ros.nodes.transport.losses import MissingCaptures, SequenceGaps
 
 BRINGUP = 'pmcl_ros.nodes.bringup'
 NODES = ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
@@ -194,12 +193,12 @@ def test_gaps_in_the_numbers_of_one_publisher():
 
 
 def test_captures_that_were_announced_only():
-    awaited = MissingCaptures()
+    missing = MissingCaptures()
     for stamp in (1, 2, 3):
-        awaited.announced(stamp)
-    assert awaited.came(3) == [1, 2]
-    assert awaited.came(4) == []  # came before it was announced
-    awaited.announced(4)
-    awaited.announced(6)
-    assert awaited.came(5) == []
-    assert awaited.came(6) == []
+        missing.announce(stamp)
+    assert missing.arrived(3) == [1, 2]
+    assert missing.arrived(4) == []  # came before it was announced
+    missing.announce(4)
+    missing.announce(6)
+    assert missing.arrived(5) == []
+    assert missing.arrived(6) == []

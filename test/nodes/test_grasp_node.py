@@ -185,7 +185,7 @@ def test_what_cannot_be_placed_is_refused(node, user):
     user.delivered(planner.arm)
     planner.both.publish(with_covariance(seen, frame='another_camera'))
     assert not planner.grasps()['grasps'].poses
-    warned(user, process, "told in 'another_camera', expected camera_frame")
+    warned(user, process, "in frame 'another_camera', expected camera_frame")
     planner.both.publish(with_covariance(seen))
     assert planner.grasps()['grasps'].poses
 

@@ -235,7 +235,7 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
     wrong = [({'near': 2.0}, {'near': 0.3}, 'near 2.0 m must be smaller'),
              ({'plan': '/nowhere.yaml'}, {'plan': ''}, 'there is no /nowhere.yaml'),
              ({'plan': str(plan), 'fixed_frame': 'map'}, {'fixed_frame': 'base_link'},
-              "is told in 'base_link', the poses come in fixed_frame 'map'")]
+              "is in frame 'base_link', the poses are in fixed_frame 'map'")]
     if find_spec('tf2_ros') is None:
         wrong.append(({'poses': 'tf'}, {'poses': 'auto'}, 'tf2_ros cannot be imported'))
     with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver') as node:

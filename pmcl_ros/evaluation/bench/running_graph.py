@@ -43,7 +43,7 @@ class Graph:
 
     arguments: more for pmcl_bringup. folder: where its log and parameters are written.
     poses: (stamp [ns], time of arrival [ns since the epoch], (4, 4) pose) as they came.
-    told: for each node, by its name, what it last said of itself on /diagnostics.
+    diagnostics: by node name, the values of its last message on /diagnostics.
     Times of arrival are of this process, which must be spun: `wait`.
     """
 
@@ -53,7 +53,7 @@ class Graph:
         file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': dict(values)}
                                         for name, values in parameters.items()}))
         self.poses: list[tuple[int, int, NDArray[np.float64]]] = []
-        self.told: dict[str, dict[str, str]] = {}
+        self.diagnostics: dict[str, dict[str, str]] = {}
         self._node = Node('pmcl_observer')
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
@@ -68,8 +68,9 @@ class Graph:
     def __enter__(self) -> 'Graph':
         try:
             self.wait(lambda: 'pmcl_bringup]: active: ' in self.log, 'the nodes to be active')
-            self.wait(lambda: self._shutter.service_is_ready() and len(self.told) >= len(NODES),
-                      'all nodes to be heard')
+            self.wait(lambda: (self._shutter.service_is_ready()
+                               and len(self.diagnostics) >= len(NODES)),
+                      'the diagnostics of all nodes')
         except BaseException:
             self.__exit__()
             raise
@@ -124,7 +125,7 @@ class Graph:
 
     def _on_state(self, message: DiagnosticArray) -> None:
         for each in message.status:
-            self.told[each.name] = {pair.key: pair.value for pair in each.values}
+            self.diagnostics[each.name] = {pair.key: pair.value for pair in each.values}
 
     def _end(self) -> int:
         self._process.send_signal(signal.SIGINT)

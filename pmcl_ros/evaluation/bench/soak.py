@@ -59,10 +59,10 @@ class Soak:
 
     captures: published, by their stamps. poses: that came. twice: stamps that came again. strange:
     of no capture. lost: captures in which the object was not found. dropped, errors: as the nodes
-    tell on /diagnostics, by node. unreported: captures of which nothing came and nobody told.
+    report on /diagnostics, by node. unreported: captures without a pose and without a report.
     latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
     each time the graph had run empty. left: files in /dev/shm that outlived the graph.
-    told: what each node last said of itself on /diagnostics.
+    told: by node, the values of its last message on /diagnostics.
     """
 
     captures: int = 0
@@ -89,7 +89,7 @@ class Soak:
         """What is not as it must be, in words. flood: captures came faster than can be used."""
         found = [(self.twice, 'poses of a capture that had one already'),
                  (self.strange, 'poses of no capture'),
-                 (abs(self.unreported), 'captures too few, or too many, are told of as lost'),
+                 (abs(self.unreported), 'captures too few, or too many, are reported as lost'),
                  (sum(self.errors.values()), 'errors'), (self.refused, 'captures refused'),
                  (0 if flood else sum(self.dropped.values()), 'captures dropped'),
                  (len(self.left), f'files left in /dev/shm: {", ".join(self.left)}'),
@@ -165,7 +165,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             if 'ERROR' in line or 'FATAL' in line:
                 _CONSOLE.print(line, markup=False)
     if result is None:
-        raise GraphError('interrupted; what came until then is not told')
+        raise GraphError('interrupted; there is no report')
     # Only now this process has let go of what it shared with the graph.
     result.left = sorted(str(each) for each in shared - before if each.exists())
     return result
@@ -210,7 +210,7 @@ class _Run:
         made.seconds = monotonic() - self._began
         until = monotonic() + _TOLD
         self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
-        made.unreported, made.told = self._balance(made), self._graph.told
+        made.unreported, made.told = self._balance(made), self._graph.diagnostics
         times = [1e-9 * (arrived - stamp) for stamp, arrived, _ in self._graph.poses]
         if times:
             made.latency = {f'{each} %': float(np.percentile(times, each))
@@ -224,19 +224,20 @@ class _Run:
         made.captures, made.poses = len(stamps), len(came)
         made.refused = len(self._answers) - len(stamps)
         made.twice, made.strange = sum(came.values()) - len(came), len(came.keys() - stamps)
-        made.dropped, made.errors = ({name: count for name in _NAMES if (count := self._told(
+        made.dropped, made.errors = ({name: count for name in _NAMES if (count := self._count(
             name, what))} for what in ('dropped', 'errors'))
-        made.lost = self._told('pmcl_node', 'lost')
+        made.lost = self._count('pmcl_node', 'lost')
         return (made.captures - made.poses - made.lost - sum(made.dropped.values())
                 - sum(made.errors.values()))
 
     def _finished(self) -> int:
         refused = sum(each.done() and not each.result().success for each in self._answers)
-        return (len(self._graph.poses) + self._told('pmcl_node', 'lost') + refused + self._gone
-                + sum(self._told(name, what) for name in _NAMES for what in ('dropped', 'errors')))
+        return (len(self._graph.poses) + self._count('pmcl_node', 'lost') + refused + self._gone
+                + sum(self._count(name, what) for name in _NAMES
+                      for what in ('dropped', 'errors')))
 
-    def _told(self, name: str, what: str) -> int:
-        return int(self._graph.told.get(name, {}).get(what, 0))
+    def _count(self, name: str, what: str) -> int:
+        return int(self._graph.diagnostics.get(name, {}).get(what, 0))
 
     def _await(self, condition: Callable[[], bool]) -> None:
         """Until it is so, or nothing more comes."""
@@ -262,7 +263,7 @@ def main() -> int:
     parser.add_argument('--captures', type=int, default=500)
     parser.add_argument('--processes', action='store_true', help='a process for each node')
     parser.add_argument('--flood', action='store_true', help='captures come faster than they can '
-                        'be used: some are dropped, and all that are must be told of')
+                        'be used: some are dropped, and all that are must be reported')
     parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='what the camera sees, with its truth.json and models/NAME.obj')

@@ -1,4 +1,4 @@
-"""What every node of the package is: a lifecycle node that outlives its users' mistakes.
+"""The base class of the nodes: a lifecycle node that survives its users' mistakes.
 
 rclpy 7.1 leaves gaps that are closed here once: an impossible transition ends the process,
 exceptions in transitions vanish without a line, destroyed publishers stay registered, and
@@ -27,7 +27,7 @@ from pmcl_ros.nodes.runtime.health import Health
 from pmcl_ros.nodes.runtime.parameters import Parameters
 from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
-from pmcl_ros.nodes.transport.sequence_gaps import SequenceGaps
+from pmcl_ros.nodes.transport.losses import SequenceGaps
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 
@@ -48,20 +48,20 @@ class StageNode(LifecycleNode):
     all is released in reverse order when the node leaves that state, by whichever way. A PmclError
     means that the user can mend it: one line is logged, the transition fails, the node stays.
 
-    hand_over: what the nodes of the graph share that live in this process, if there are others.
+    bus: shared by the nodes of the graph that live in this process.
     """
 
     name: ClassVar[str]
     settings_class: ClassVar[type[Settings]]
 
-    def __init__(self, hand_over: IntraProcessBus | None = None, **options: Any) -> None:
+    def __init__(self, bus: IntraProcessBus | None = None, **options: Any) -> None:
         super().__init__(self.name, **options)
-        self.hand_over = hand_over or IntraProcessBus()
+        self.bus = bus or IntraProcessBus()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
-        self._telling = Lock()  # whoever has it knows whether that is there, and stays so
+        self._diagnostics_lock = Lock()  # held while the publisher is used or made
         self._guard_transitions()
 
     def set_up(self, settings: Any) -> None:
@@ -92,8 +92,8 @@ class StageNode(LifecycleNode):
 
         scope: closed when the subscription is to end; default: when the node is deactivated.
 
-        raw: the callback gets the serialised message. missed: told how many messages came and were
-        overwritten before this one was taken, where there were some.
+        raw: the callback gets the serialised message. missed: called with the number of messages
+        that were overwritten before this one was read, if there are any.
         """
         gaps = SequenceGaps()
 
@@ -152,7 +152,7 @@ class StageNode(LifecycleNode):
             self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
         if problems:
             self.health.failed(f'{what}: {problems[0]}')
-            self.tell_health()
+            self.publish_diagnostics()
 
     def done(self, latency: float, message: str) -> None:
         """Count and log a result that was published `latency` seconds after its input came."""
@@ -164,9 +164,9 @@ class StageNode(LifecycleNode):
         self.health.dropped += count
         self.get_logger().warning(f'dropped {what}')
 
-    def tell_health(self) -> None:
+    def publish_diagnostics(self) -> None:
         """Publish /diagnostics now, not at the next second; any thread may."""
-        with self._telling:
+        with self._diagnostics_lock:
             if self._diagnostics is not None:
                 now = self.get_clock().now().nanoseconds
                 # /diagnostics is one topic for all graphs: with its namespace a name is one node's
@@ -217,12 +217,12 @@ class StageNode(LifecycleNode):
         self.health = Health(back_end=self.health.back_end)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
         self.active.callback(self._end_diagnostics)
-        self.every(1.0, self.tell_health)
+        self.every(1.0, self.publish_diagnostics)
         self.start()
         warn_of_unknown(self)
 
     def _end_diagnostics(self) -> None:
-        with self._telling:
+        with self._diagnostics_lock:
             publisher, self._diagnostics = self._diagnostics, None
         if publisher is not None:
             self.destroy_publisher(publisher)

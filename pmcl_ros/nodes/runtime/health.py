@@ -1,4 +1,4 @@
-"""What a node says of itself on /diagnostics."""
+"""The health of a node, for /diagnostics."""
 
 import time
 from collections import deque
@@ -17,7 +17,7 @@ class Health:
     """Counts and the state of the last piece of work of one node, since it was activated.
 
     back_end: what the work runs on, a renderer or a device. hardware_id: the camera's serial
-    number. extra: what else a node has to tell, counts: and count.
+    number. extra, counts: further values and counters of a node.
     """
 
     frames_in: int = 0

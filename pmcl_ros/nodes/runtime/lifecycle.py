@@ -1,4 +1,4 @@
-"""Takes nodes through their lifecycle, by their services, as a manager or a user would."""
+"""A client of lifecycle nodes: requests transitions by their services."""
 
 import time
 from collections.abc import Callable
@@ -60,9 +60,9 @@ class Lifecycle:
             raise LifecycleError(f'{name} could not {transition}; its log says why')
 
     def state(self, name: str, deadline: float) -> int:
-        """The node's state, by lifecycle_msgs/State; it tells none during a transition.
+        """The node's state, by lifecycle_msgs/State; there is no answer during a transition.
 
-        It then knows the clients that were made before; DDS tells of them in that order. Raises
+        It then knows the clients that were made before; DDS announces them in that order. Raises
         LifecycleError after `deadline`, by time.monotonic().
         """
         client = self._node.create_client(GetState, f'{name}/get_state')

@@ -1,4 +1,4 @@
-"""Parameters that take effect at once, where a node can tell first whether they can be used."""
+"""Live parameters: a running node checks a new value, then uses it or refuses it."""
 
 import traceback
 from collections.abc import Callable, Iterator

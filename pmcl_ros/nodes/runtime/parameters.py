@@ -28,8 +28,8 @@ _TYPES = {bool: 'BOOL', int: 'INTEGER', float: 'DOUBLE', str: 'STRING'}
 class Parameters:
     """The parameters of a node: names, defaults, ranges and descriptions are those of `kind`.
 
-    A value that ROS refuses when the node starts does not end the node: `read` tells about it,
-    until a good one has been set. So it does about values given for parameters that nobody knows.
+    A value that ROS refuses when the node starts does not end the node: `read` reports it
+    until a valid one is set. It also reports values of unknown parameters.
     """
 
     def __init__(self, node: Node, kind: type[Settings]) -> None:
@@ -95,7 +95,7 @@ class Parameters:
 
 def unknown_parameters(node: Node) -> list[str]:
     """The parameters that the node was started with but does not have."""
-    # Private in rclpy 7.1, where nothing else tells of overrides that are not declared.
+    # Private in rclpy 7.1, which has no public list of overrides that are not declared.
     return sorted(name for name in node._parameter_overrides if not node.has_parameter(name))
 
 

@@ -14,12 +14,12 @@ class Progress:
         self._program = program
         self._next = time.monotonic()
 
-    def tell(self, text: Callable[[], str]) -> None:
+    def report(self, text: Callable[[], str]) -> None:
         """A line, when the last is long enough ago."""
         if time.monotonic() >= self._next:
-            self.say(text())
+            self.print(text())
             self._next = time.monotonic() + _EVERY
 
-    def say(self, text: str) -> None:
+    def print(self, text: str) -> None:
         """A line."""
         sys.stderr.write(f'{self._program}: {text}\n')

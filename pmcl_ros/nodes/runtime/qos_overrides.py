@@ -52,7 +52,7 @@ def overridable(node: Node, topic: str, qos: QoSProfile, big: bool
 
 
 def warn_of_unknown(node: Node) -> None:
-    """Once all publishers and subscriptions are there: tell of overrides that are for none."""
+    """Warn of overrides without a publisher or subscription, once all of these exist."""
     known = list(node.get_parameters_by_prefix(OVERRIDES.rstrip('.')))
     for name in unknown_parameters(node):
         if name.startswith(OVERRIDES):

@@ -94,12 +94,12 @@ class Supervisor:
         self._health = Health()
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
 
-    def look(self) -> None:
+    def check(self) -> None:
         """Start again who has ended; returns when all are active, unless one cannot be."""
         for name, each in self._watched.items():
             if not each.process.alive():
                 self._revive(name, each)
-        self._tell()
+        self._publish_diagnostics()
 
     def _revive(self, name: str, each: _Watched) -> None:
         each.delay = _SOON if time.monotonic() - each.started > _STEADY else each.delay
@@ -108,7 +108,7 @@ class Supervisor:
         self._health.count(f'{name} started again')
         self._health.failed(problem)
         self._node.get_logger().error(f'{problem}; it is started again in {each.delay:g} s')
-        self._tell()
+        self._publish_diagnostics()
         pause(each.delay)
         each.delay, each.started = min(2 * each.delay, _LATE), time.monotonic()
         each.process = self._running[name] = self._start(name)
@@ -121,7 +121,7 @@ class Supervisor:
         self._health.recovered()
         self._node.get_logger().info(f'{name} is active again')
 
-    def _tell(self) -> None:
+    def _publish_diagnostics(self) -> None:
         name = self._node.get_fully_qualified_name().lstrip('/')
         now = self._node.get_clock().now().nanoseconds
         self._publisher.publish(self._health.to_message(now, name))

@@ -1,20 +1,21 @@
-"""Messages of several topics, joined by the capture they belong to."""
+"""Joins the messages of several topics that have the same stamp."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
-_REMEMBERED = 100  # captures given up, whose other parts may still come
+_REMEMBERED = 100  # captures given up, whose late parts are ignored
 
 
 class ExactSynchronizer:
-    """Joins messages whose stamps are equal; the newest captures only.
+    """Joins messages with equal stamps into captures; keeps the newest incomplete captures only.
 
-    A capture is given up once: what still comes of it is left alone.
+    A capture is given up when `depth` newer ones, or a complete one, came. Late messages of it are
+    ignored.
 
-    topics: what makes a capture complete. depth: incomplete captures that are kept. dropped: told,
-    in words, about each capture given up because `depth` newer ones, or a complete one, came.
-    main: the topic whose subscription counts what it missed; where it did not come, that has been
-    counted, and `dropped` gets a count of 0 too.
+    topics: the parts of a complete capture. depth: number of incomplete captures that are kept.
+    dropped: called with a text for each capture that is given up. main: the topic whose
+    subscription counts its own losses: where that part is missing, `dropped` also gets the count
+    0, as the loss is counted already.
     """
 
     def __init__(self, topics: Sequence[str], depth: int, dropped: Callable[..., None],
@@ -25,7 +26,7 @@ class ExactSynchronizer:
         self._given_up: dict[int, set[str]] = {}  # what of them had not come
 
     def add(self, topic: str, stamp_ns: int, message: Any) -> tuple[Any, ...] | None:
-        """Keep a message; all of its capture, in the order of the topics, once it is complete."""
+        """Store a message; returns the parts of a complete capture in the order of the topics."""
         if topic in self._given_up.get(stamp_ns, ()):
             self._given_up[stamp_ns].remove(topic)
             return None
@@ -48,8 +49,8 @@ class ExactSynchronizer:
             self._given_up[stamp] = set(missing)
             for old in list(self._given_up)[:-_REMEMBERED]:
                 del self._given_up[old]
-            told = f'capture {stamp}: no {" or ".join(missing)} came with it'
+            problem = f'capture {stamp}: no {" or ".join(missing)} came with it'
             if self._main in missing:
-                self._dropped(told, 0)
+                self._dropped(problem, 0)
             else:
-                self._dropped(told)
+                self._dropped(problem)

@@ -1,4 +1,4 @@
-"""Values handed over by reference to nodes of the same process, beside the topics they have."""
+"""Values passed by reference between the nodes of one process."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from threading import Lock
 from typing import Any
 
-_REMEMBERED = 8  # values whose messages may still be on their way
+_REMEMBERED = 8  # values whose messages may still arrive
 
 
 class IntraProcessSubscription:
-    """One who takes the values of a topic: the newest, once, as from a history of depth 1."""
+    """A node's subscription to the values of a topic: a history of depth 1."""
 
     def __init__(self, node: str, wake: Callable[[], None]) -> None:
         self.node = node
@@ -18,77 +18,76 @@ class IntraProcessSubscription:
         self._lock = Lock()
         self._newest: list[Any] = []
         self._replaced = 0
-        self.given = False  # whether anything ever was
-        self._doubled: deque[int] = deque(maxlen=_REMEMBERED)
+        self.received_any = False  # since the subscription was made
+        self._also_sent: deque[int] = deque(maxlen=_REMEMBERED)
 
     def put(self, value: Any, stamp_ns: int, sent: bool) -> None:
-        """Leave a value here; any thread may."""
+        """Store a value; from any thread."""
         with self._lock:
-            self.given = True
+            self.received_any = True
             self._replaced += len(self._newest)
             self._newest = [value]
             if sent:
-                self._doubled.append(stamp_ns)
+                self._also_sent.append(stamp_ns)
         self._wake()
 
     def take(self) -> tuple[list[Any], int]:
-        """What was left since the last time: one value or none; how many it took the place of."""
+        """The new value, if there is one, and the number of values that it replaced."""
         with self._lock:
             newest, self._newest = self._newest, []
             replaced, self._replaced = self._replaced, 0
         return newest, replaced
 
-    def had(self, stamp_ns: int) -> bool:
-        """Whether a message is one that was handed over too; each is so once."""
+    def is_duplicate(self, stamp_ns: int) -> bool:
+        """Whether a message repeats a value that came by reference; true once for each value."""
         with self._lock:
-            if stamp_ns not in self._doubled:
+            if stamp_ns not in self._also_sent:
                 return False
-            self._doubled.remove(stamp_ns)
+            self._also_sent.remove(stamp_ns)
             return True
 
 
 class IntraProcessBus:
-    """What the nodes of one graph that live in one process share: who of them takes which topic.
+    """The intra-process subscriptions of the nodes of one graph.
 
-    Topics go by their resolved names, so that namespaces and remaps count as they do for messages.
-    No value is copied: it belongs to all who hold it, and none of them writes to it. Its maker
-    makes a new one for the next capture; this one's memory is free when the last has let it go.
+    Topics have their resolved names, so that namespaces and remaps hold as for messages. Values
+    are shared, not copied: neither publisher nor subscribers write to them.
     """
 
     def __init__(self) -> None:
-        self._lock = Lock()  # who has it knows that the takers are there, and stay
-        self._takers: dict[str, list[IntraProcessSubscription]] = {}
+        self._lock = Lock()  # held while subscriptions are read or changed
+        self._subscribers: dict[str, list[IntraProcessSubscription]] = {}
 
     @contextmanager
-    def taking(self, topic: str, node: str,
+    def subscribed(self, topic: str, node: str,
                wake: Callable[[], None]) -> Iterator[IntraProcessSubscription]:
-        """Take the values of a topic while it lasts.
+        """A subscription to the values of a topic, for the time of the context.
 
-        node: the taker's full name, which its subscription to the topic has too. wake: called from
-        the giver's thread when there is something to take, and never after the end.
+        node: the subscriber's full name, which its subscription to the ROS topic has too. wake:
+        called from the publisher's thread when a value has come; never after the context ended.
         """
-        taker = IntraProcessSubscription(node, wake)
+        subscription = IntraProcessSubscription(node, wake)
         with self._lock:
-            self._takers.setdefault(topic, []).append(taker)
+            self._subscribers.setdefault(topic, []).append(subscription)
         try:
-            yield taker
+            yield subscription
         finally:
             with self._lock:
-                self._takers[topic].remove(taker)
+                self._subscribers[topic].remove(subscription)
 
-    def takers(self, topic: str) -> list[str]:
-        """The names of the nodes that take a topic."""
+    def subscribers(self, topic: str) -> list[str]:
+        """The full names of the nodes that subscribe to a topic."""
         with self._lock:
-            return [each.node for each in self._takers.get(topic, ())]
+            return [each.node for each in self._subscribers.get(topic, ())]
 
-    def give(self, topic: str, value: Any, stamp_ns: int, sent: bool) -> int:
-        """Hand a value over; to how many.
+    def publish(self, topic: str, value: Any, stamp_ns: int, sent: bool) -> int:
+        """Pass a value to the subscribers of a topic; returns their number.
 
-        sent: whether it will also be sent as a message, which the takers get as everybody does and
-        know again by its stamp.
+        sent: whether it is also sent as a message. The subscribers receive that message too, and
+        recognise it by its stamp.
         """
         with self._lock:
-            takers = self._takers.get(topic, ())
-            for each in takers:
+            subscribers = self._subscribers.get(topic, ())
+            for each in subscribers:
                 each.put(value, stamp_ns, sent)
-            return len(takers)
+            return len(subscribers)

@@ -1,4 +1,4 @@
-"""Playing in step: the next capture is played when pmcl_node has said what became of the last."""
+"""Lockstep replay: a capture is played when pmcl_node has published the result of the last."""
 
 import time
 from collections.abc import Collection
@@ -29,7 +29,7 @@ class LockstepPlayer:
 
     A capture ends where one of its topics comes again; in which order they come is the bag's. What
     is of no capture, as an arm's poses, is played in its turn. patience: for an answer [s].
-    BagError where the bag has nothing that tells captures apart.
+    BagError where the bag has no topic that separates captures.
     """
 
     def __init__(self, node: Node, topics: Collection[Topic], patience: float) -> None:

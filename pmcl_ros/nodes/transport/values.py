@@ -1,4 +1,4 @@
-"""Publishers and subscriptions of values: by reference in the process, as messages elsewhere."""
+"""Publishers and subscriptions of values: by reference within the process, else as messages."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -13,8 +13,7 @@ from pmcl_ros.messages.cdr import message_from, type_name
 from pmcl_ros.messages.types import Buffer
 from pmcl_ros.nodes.runtime.base import StageNode
 
-# s: after that who has not said that the first message came did not get it; likewise the next.
-_ANSWER, _AGAIN = 1.0, 0.1
+_ANSWER, _AGAIN = 1.0, 0.1  # s: acknowledgement timeouts: first message, later messages
 
 
 class Stamped(Protocol):
@@ -29,13 +28,13 @@ T = TypeVar('T', bound=Stamped)
 
 
 class ValuePublisher(Generic[T]):
-    """Hands each value to those who take it in this process, and sends it to all others.
+    """Passes each value by reference within the process, and as a message to other subscribers.
 
-    For `set_up` of a node, whose health counts what went which way. write: makes the message, in
-    the buffer. each_a_capture: whether messages that nobody got before the next overwrote them
-    count as dropped. Those who listen count what they miss after the first that they took (see
-    `Gaps`); until one has arrived only this end can, which may find them before they find it.
-    (What arrives and is overwritten before they take their first, neither end counts.)
+    For `set_up` of a node, whose health counts the values of both ways. write: makes the message,
+    in the buffer. each_a_capture: whether a message that no subscriber received before the next
+    one overwrote it counts as dropped. A subscriber counts its own losses after its first message
+    (`SequenceGaps`); until then this publisher counts them. (A message that arrives and is
+    overwritten before a subscriber reads its first one is not counted.)
     """
 
     def __init__(self, node: StageNode, kind: type, topic: str, qos: QoSProfile,
@@ -44,30 +43,30 @@ class ValuePublisher(Generic[T]):
         self._publisher = node.publisher(kind, topic, qos)
         self._name, self._topic = topic, node.resolve_topic_name(topic)
         self._each_a_capture = each_a_capture
-        self._listeners = 0  # when they were last looked for
-        self._sent_ns = 0  # what may be the first to arrive; 0: one has
+        self._listeners = 0  # when last looked for
+        self._sent_ns = 0  # the first message that may arrive; 0: one has arrived
         self._patience = _ANSWER
 
     def wanted(self) -> bool:
-        """Whether anybody listens, as far as is known."""
+        """Whether DDS has discovered a subscriber."""
         return self._publisher.get_subscription_count() > 0
 
     def arrived(self, patience: Duration) -> bool:
-        """Wait until all that was sent is in the histories of those who listen; whether it is."""
+        """Whether all messages arrive in the subscribers' histories within `patience`."""
         return bool(self._publisher.wait_for_all_acked(patience))
 
     def publish(self, value: T) -> None:
-        """Hand over, then send where somebody listens who is not handed it."""
+        """Pass the value by reference, then send it if other subscribers exist."""
         sent = self._others() > 0
-        if self._node.hand_over.give(self._topic, value, value.header.stamp_ns, sent):
+        if self._node.bus.publish(self._topic, value, value.header.stamp_ns, sent):
             self._node.health.count(f'{self._name} handed over')
         if sent:
             if self._each_a_capture:
-                self._count_unheard(value.header.stamp_ns)
+                self._count_unreceived(value.header.stamp_ns)
             self._publisher.publish(self._write(value, self._buffer))
             self._node.health.count(f'{self._name} sent')
 
-    def _count_unheard(self, next_ns: int) -> None:
+    def _count_unreceived(self, next_ns: int) -> None:
         listeners = self._publisher.get_subscription_count()
         if listeners > self._listeners:
             self._sent_ns, self._patience = next_ns, _ANSWER  # nothing was sent to the new one
@@ -81,12 +80,12 @@ class ValuePublisher(Generic[T]):
         self._listeners = listeners
 
     def _others(self) -> int:
-        """Subscriptions but those of the takers, which are there for other publishers."""
+        """The number of subscriptions without those that get the values by reference."""
         listening = self._node.get_subscriptions_info_by_topic(self._topic)
         names = [f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in listening]
-        for taker in self._node.hand_over.takers(self._topic):
-            if taker in names:  # once: a node elsewhere may have the same name
-                names.remove(taker)
+        for name in self._node.bus.subscribers(self._topic):
+            if name in names:  # once: a node elsewhere may have the same name
+                names.remove(name)
         return len(names)
 
 
@@ -104,7 +103,7 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
     scope = node.active if scope is None else scope
     ways: set[str] = set()
 
-    def tell(way: str) -> None:
+    def log_once(way: str) -> None:
         if way not in ways:
             ways.add(way)
             node.get_logger().info(f'{topic} comes {way}')
@@ -115,24 +114,25 @@ def subscribe_value(node: StageNode, kind: type, topic: str, read: Callable[[Any
 
     def received(cdr: bytes) -> None:
         value = read(message_from(cdr, type_name(kind)))
-        if not taker.had(value.header.stamp_ns):
-            tell('as messages')
+        if not direct.is_duplicate(value.header.stamp_ns):
+            log_once('as messages')
             callback(value)
 
     def woken() -> None:
         with node.watched(topic):
-            values, replaced = taker.take()
+            values, replaced = direct.take()
             missed(replaced)
             for value in values:
-                tell('by reference, from a node of this process')
+                log_once('by reference, from a node of this process')
                 callback(value)
 
     # What is handed over may be sent to others too, and so come twice: one of the two counts.
     subscription = node.subscribe(kind, topic, received, qos, raw=True,
                                   missed=lambda count: missed(
-                                      0 if announced or taker.given else count), scope=scope)
+                                      0 if announced or direct.received_any else count),
+                                  scope=scope)
     bell = node.create_guard_condition(woken)
     scope.callback(node.destroy_guard_condition, bell)
-    taker = scope.enter_context(node.hand_over.taking(
+    direct = scope.enter_context(node.bus.subscribed(
         node.resolve_topic_name(topic), node.get_fully_qualified_name(), bell.trigger))
     return subscription

@@ -162,7 +162,7 @@ def test_health_is_told_from_any_thread_in_any_state(probe):
     def tell():
         try:
             while not stop.is_set():
-                probe.tell_health()
+                probe.publish_diagnostics()
         except Exception as problem:
             problems.append(problem)
 

@@ -26,7 +26,7 @@ class Speaker(StageNode):
     def start(self):
         outputs = [Output(lambda name=name: name in self.listens, words.append)
                    for name, words in self.said.items()]
-        self.audience = DeferredPublisher(self, outputs, 'a word: nobody listens', self.patience)
+        self.deferred = DeferredPublisher(self, outputs, 'a word: nobody listens', self.patience)
 
     def say(self, word):
         def make():
@@ -34,7 +34,7 @@ class Speaker(StageNode):
             if word == 'bad':
                 raise PmclError('no such word')
             return word
-        self.audience.tell(make)
+        self.deferred.publish(make)
 
 
 @pytest.fixture

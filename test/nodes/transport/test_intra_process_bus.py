@@ -99,8 +99,8 @@ def stamped(small_volume):
 @pytest.fixture
 def pair(start):
     """A giver and a taker that share what nodes of one process do."""
-    hand_over = IntraProcessBus()
-    return start(Giver, hand_over=hand_over), start(Taker, hand_over=hand_over)
+    bus = IntraProcessBus()
+    return start(Giver, bus=bus), start(Taker, bus=bus)
 
 
 def test_in_one_process_it_is_the_very_same_memory(user, pair, small_volume, capfd):
@@ -219,15 +219,15 @@ def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, 
 
 
 def test_names_count_as_for_messages(user, start, stamped):
-    hand_over = IntraProcessBus()
-    giver = start(Giver, hand_over=hand_over, namespace='/left')
-    right = start(Taker, hand_over=hand_over, namespace='/right')
-    remapped = start(Taker, hand_over=hand_over, namespace='/left',
+    bus = IntraProcessBus()
+    giver = start(Giver, bus=bus, namespace='/left')
+    right = start(Taker, bus=bus, namespace='/right')
+    remapped = start(Taker, bus=bus, namespace='/left',
                      cli_args=['--ros-args', '-r', 'dlv:=other'])
     giver.dlv.publish(stamped(1))
     assert not giver.dlv.wanted()
     assert giver.health.counts == {}
-    left = start(Taker, hand_over=hand_over, namespace='/elsewhere',
+    left = start(Taker, bus=bus, namespace='/elsewhere',
                  cli_args=['--ros-args', '-r', 'dlv:=/left/dlv'])
     giver.dlv.publish(stamped(2))
     user.wait(lambda: left.volumes, 'the volume')
@@ -236,8 +236,8 @@ def test_names_count_as_for_messages(user, start, stamped):
 
 def test_two_graphs_do_not_mix(user, start, stamped):
     one, two = IntraProcessBus(), IntraProcessBus()
-    graphs = [(start(Giver, hand_over=each, namespace=name),
-               start(Taker, hand_over=each, namespace=name))
+    graphs = [(start(Giver, bus=each, namespace=name),
+               start(Taker, bus=each, namespace=name))
               for each, name in ((one, '/a'), (two, '/b'))]
     for number, (giver, _) in enumerate(graphs):
         giver.dlv.publish(stamped(number))
