@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from pmcl_ros import doctor
+from pmcl_ros.cli import doctor
 
 PMCL = Path(sys.executable).with_name('pmcl')
 
@@ -42,20 +42,19 @@ def test_what_is_wrong_is_told_with_a_remedy():
     ('numpy>=1.26', True), ('numpy>=999', False), ('no-such-package>=1', False),
     ('numpy', True), (f'numpy=={version("numpy")}', True)])
 def test_packages_are_compared_by_version(requirement, there):
-    assert doctor._installed(requirement) is there
+    assert doctor.installed(requirement) is there
 
 
-def test_a_full_or_missing_shared_memory_is_a_note(tmp_path, monkeypatch):
+def test_a_full_or_missing_shared_memory_is_a_note(tmp_path):
     assert doctor.shared_memory(tmp_path / 'none').verdict == 'note'
-    monkeypatch.setattr(doctor, '_SHARED', 2**60)
-    full = doctor.shared_memory(tmp_path)
+    full = doctor.shared_memory(tmp_path, 2**60)
     assert full.verdict == 'note'
     assert '--shm-size' in full.advice
 
 
 def test_without_libegl_the_processor_draws():
     # the loader finds no vendor's driver
-    script = ('from pmcl_ros.doctor import opengl; found = opengl(); '
+    script = ('from pmcl_ros.cli.doctor import opengl; found = opengl(); '
               'print(found.verdict, found.advice)')
     done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
                           env=os.environ | {'__EGL_VENDOR_LIBRARY_DIRS': '/nowhere',
