@@ -1,9 +1,16 @@
 """LightField -> DepthLikelihoodVolume: the paper's volume of one capture."""
 
-import numpy as np
+import logging
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from typing import Literal
 
-from pmcl_ros.dlv.back_end import make_likelihood
-from pmcl_ros.dlv.likelihood import truncate
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv import cost, reference
+from pmcl_ros.dlv.gl_cost import GlCost
+from pmcl_ros.dlv.likelihood import log_likelihood, truncate
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
 from pmcl_ros.dlv.superposition import fit_superposition
@@ -11,6 +18,8 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume, checked_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.gl import GlContext, choose_back_end
 
 
 def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
@@ -49,3 +58,54 @@ def tiny_light_field() -> LightField:
     grid = ViewGrid(pinhole, 0.001, nominal_positions(3, 3), np.ones((3, 3), np.float32))
     views = np.random.default_rng(0).random((3, 3, side, side, 3), np.float32)
     return LightField(Header(), views, grid)
+
+
+_LOG = logging.getLogger(__name__)
+
+# A context is its thread's: volumes are asked for by any thread, and made by this one.
+_THREAD = ThreadPoolExecutor(1, 'dlv_gl')
+
+
+def make_likelihood(light_field: LightField, depths: NDArray[np.float64], settings: DlvSettings
+                    ) -> NDArray[np.float32]:
+    """L(x, l), (height, width, labels), by the settings' back end; any thread may call.
+
+    depths: (labels,) [m]. Where 'auto' chose gl, what GL cannot hold is made by numba, with a
+    warning. Raises VolumeError as `CostInputs.of` does, and RenderError when 'gl' is forced and GL
+    cannot.
+    """
+    if settings.interpolation == 'phase':
+        return log_likelihood(
+            reference.cost_volume(light_field, depths, settings).astype(np.float32))
+    if choose(settings.back_end) == 'gl':
+        try:
+            return _THREAD.submit(_on_gl, light_field, depths, settings).result()
+        except RenderError as error:
+            if settings.back_end == 'gl':
+                raise
+            _warn(str(error))
+    return cost.likelihood_volume(light_field, depths, settings)
+
+
+def choose(wanted: BackEnd) -> Literal['numba', 'gl']:
+    """The back end that `wanted` stands for on this machine; logged when first asked."""
+    return choose_back_end(wanted, 'volumes are made')
+
+
+@lru_cache(maxsize=16)  # logged once, not at every capture
+def _warn(reason: str) -> None:
+    _LOG.warning('volumes are made by numba instead of gl: %s', reason)
+
+
+@lru_cache(maxsize=1)
+def _gl_cost() -> GlCost:
+    return GlCost(GlContext())
+
+
+def _on_gl(light_field: LightField, depths: NDArray[np.float64], settings: DlvSettings
+           ) -> NDArray[np.float32]:
+    likelihood = _gl_cost().log_likelihood(light_field, depths, settings)
+    try:
+        return likelihood.read()
+    finally:
+        likelihood.release()

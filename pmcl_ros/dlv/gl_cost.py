@@ -11,7 +11,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.cost_inputs import CostInputs
+from pmcl_ros.dlv.cost import CostInputs
 from pmcl_ros.dlv.cost_shaders import GROUP, LABELS, LIKELIHOOD, LINE, MATCH, SUM
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.lightfield.light_field import LightField

@@ -8,8 +8,7 @@ of a cost: of rounded costs they would keep four digits, or three.
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.samples import sample_row
-from pmcl_ros.dlv.sampling import TAPS
+from pmcl_ros.dlv.sampling import TAPS, sample_row
 from pmcl_ros.runtime.kernels import compiled
 
 # Pixels worked on at once: as many as the widest vectors hold, so that no loop has a remainder.

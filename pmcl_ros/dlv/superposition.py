@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.layer_evidence import fit_rays
-from pmcl_ros.dlv.layer_sums import LL, NN, OO, REACH, SUMS, window_sums
+from pmcl_ros.dlv.layer_fit import LL, NN, OO, REACH, SUMS, fit_rays, window_sums
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid

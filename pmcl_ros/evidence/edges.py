@@ -16,8 +16,7 @@ from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import colour_planes, mirrored
-from pmcl_ros.dlv.samples import sample_row
-from pmcl_ros.dlv.sampling import TAPS
+from pmcl_ros.dlv.sampling import TAPS, sample_row
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, check_values, checked_labels
 from pmcl_ros.geometry.header import Header

@@ -7,8 +7,7 @@ from functools import cached_property, partial
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros.dlv.back_end import choose
-from pmcl_ros.dlv.build import build_volume, tiny_light_field, warm_up
+from pmcl_ros.dlv.build import build_volume, choose, tiny_light_field, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture

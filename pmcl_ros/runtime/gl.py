@@ -6,13 +6,16 @@ error.
 
 import logging
 import threading
-from typing import Any
+from functools import lru_cache
+from typing import Any, Literal
 
 import moderngl
 
 from pmcl_ros.runtime.errors import RenderError
 
 _LOG = logging.getLogger(__name__)
+# Mesa's renderers that need no GPU, by their names; swrast calls itself the last.
+_SOFTWARE = ('llvmpipe', 'softpipe', 'swr', 'software rasterizer')
 _REMEDY = ('on Debian or Ubuntu: apt-get install libegl1 libgl1 libgl1-mesa-dri; '
            'in a container with an NVIDIA GPU, give it the graphics capability')
 
@@ -63,3 +66,29 @@ class GlContext:
         if threading.get_ident() != self._thread:
             raise RenderError('this OpenGL context belongs to another thread; '
                               'make and use it in one thread')
+
+
+def is_software(renderer: str) -> bool:
+    """Whether an OpenGL renderer of this name runs on the processor."""
+    return any(each in renderer.lower() for each in _SOFTWARE)
+
+
+@lru_cache
+def choose_back_end(wanted: Literal['auto', 'gl', 'numba'], what: str
+                    ) -> Literal['gl', 'numba']:
+    """The back end that `wanted` stands for on this machine; logged when first asked.
+
+    auto: gl where OpenGL runs on a GPU, else numba. what: is done by it, for the log.
+    """
+    if wanted != 'auto':
+        _LOG.info('%s by %s, as the settings say', what, wanted)
+        return wanted
+    try:
+        context = GlContext()
+    except RenderError as error:
+        _LOG.info('%s by numba: %s', what, error)
+        return 'numba'
+    context.close()
+    chosen: Literal['gl', 'numba'] = 'numba' if is_software(context.renderer) else 'gl'
+    _LOG.info('%s by %s: the OpenGL renderer is %s', what, chosen, context.renderer)
+    return chosen

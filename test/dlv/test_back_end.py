@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from dlv_fields import make_grid, noise_field
 
-from pmcl_ros.dlv import back_end
 from pmcl_ros.dlv.build import build_volume, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.gl import choose_back_end, is_software
 
 FEW = {'labels': 9, 'edge_labels': 3, 'views': 3}
 
 
 @pytest.fixture(autouse=True)
 def _asked_for_the_first_time():
-    back_end.choose.cache_clear()
+    choose_back_end.cache_clear()
 
 
 @pytest.mark.parametrize(('renderer', 'software'), [
@@ -29,15 +29,15 @@ def _asked_for_the_first_time():
     ('Mesa Intel(R) UHD Graphics 620 (KBL GT2)', False),
     ('AMD Radeon RX 6800 (radeonsi, navi21, LLVM 15.0.6, DRM 3.49)', False)])
 def test_a_gpu_is_known_by_its_name(renderer, software):
-    assert back_end.is_software(renderer) == software
+    assert is_software(renderer) == software
 
 
 def test_auto_goes_by_the_renderer_and_is_told_once(context, caplog):
     field = noise_field(make_grid())
-    with caplog.at_level(logging.INFO, 'pmcl_ros.dlv'):
+    with caplog.at_level(logging.INFO, 'pmcl_ros'):
         build_volume(field, DlvSettings(**FEW))
         build_volume(field, DlvSettings(**FEW))
-    expected = 'numba' if back_end.is_software(context.renderer) else 'gl'
+    expected = 'numba' if is_software(context.renderer) else 'gl'
     assert [each.getMessage() for each in caplog.records if 'made by' in each.getMessage()] == [
         f'volumes are made by {expected}: the OpenGL renderer is {context.renderer}']
 
@@ -45,7 +45,7 @@ def test_auto_goes_by_the_renderer_and_is_told_once(context, caplog):
 def test_forced_back_ends_give_the_same_in_any_thread(caplog):
     field = noise_field(make_grid(size=(40, 30)))
     options = [DlvSettings(**FEW, truncate=True, back_end=each) for each in ('numba', 'gl')]
-    with caplog.at_level(logging.INFO, 'pmcl_ros.dlv'):
+    with caplog.at_level(logging.INFO, 'pmcl_ros'):
         numba, here = (build_volume(field, each) for each in options)
     assert 'volumes are made by gl, as the settings say' in caplog.messages
     with ThreadPoolExecutor(2) as pool:
@@ -65,7 +65,7 @@ def test_phase_has_no_form_for_gl():
 @pytest.mark.parametrize('wanted', ['numba', 'gl'])
 def test_warm_up_is_for_the_back_end_that_will_be_used(wanted):
     warm_up(wanted)
-    assert back_end.choose.cache_info().currsize == 1
+    assert choose_back_end.cache_info().currsize == 1
 
 
 _BUILD = """

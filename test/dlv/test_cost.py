@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.dlv import reference
-from pmcl_ros.dlv.cost import cost_volume
-from pmcl_ros.dlv.cost_inputs import CostInputs
+from pmcl_ros.dlv.cost import CostInputs, cost_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.planes import ENCODING
 from pmcl_ros.dlv.settings import DlvSettings

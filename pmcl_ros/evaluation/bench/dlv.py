@@ -5,9 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv import back_end, reference
+from pmcl_ros.dlv import reference
+from pmcl_ros.dlv.build import choose, make_likelihood
 from pmcl_ros.dlv.cost import likelihood_of
-from pmcl_ros.dlv.cost_inputs import CostInputs
+from pmcl_ros.dlv.cost import CostInputs
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.likelihood import log_likelihood
 from pmcl_ros.dlv.planes import ENCODING
@@ -39,13 +40,13 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     grid, counts = _grid(side), _noise(side)
     light_field = _light_field(grid, counts)
     task = CostInputs.of(light_field, depths, settings)
-    chosen = back_end.choose(wanted)
+    chosen = choose(wanted)
     ms = {'views': best_ms(lambda: _light_field(grid, counts), repeats),
           'planes': best_ms(lambda: CostInputs.of(light_field, depths, settings), repeats)}
     ms |= (_gl_stages if chosen == 'gl' else _numba_stages)(task, settings, repeats)
 
     def total() -> None:
-        back_end.make_likelihood(_light_field(grid, counts), depths, settings)
+        make_likelihood(_light_field(grid, counts), depths, settings)
 
     edge_depths = depth_labels(settings.near, settings.far, settings.edge_labels)
     ms['total'] = _best_after_first(total, repeats)

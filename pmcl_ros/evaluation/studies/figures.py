@@ -4,10 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import LayersFrom
-from pmcl_ros.dlv.theory.lemma import counterexample, printed
-from pmcl_ros.dlv.theory.two_layers import BACK, FRONT
 from pmcl_ros.drawing.charts import Chart, Line, draw, picture
 from pmcl_ros.drawing.frames_picture import frames_figure
+from pmcl_ros.evaluation.studies.lemma import BACK, FRONT, counterexample, printed
 from pmcl_ros.evaluation.studies.two_layers import rates
 
 _SOURCES: tuple[LayersFrom, ...] = ('joint', 'volume')

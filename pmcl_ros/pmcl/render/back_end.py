@@ -1,13 +1,10 @@
 """Which machine draws and scores poses, and what any of them offers."""
 
-import logging
-from functools import lru_cache
 from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.back_end import is_software
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
@@ -17,10 +14,7 @@ from pmcl_ros.pmcl.render.crease_lines import CreasePoints
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime.errors import RenderError
-from pmcl_ros.runtime.gl import GlContext
-
-_LOG = logging.getLogger(__name__)
+from pmcl_ros.runtime.gl import choose_back_end
 
 BackEnd = Literal['auto', 'gl', 'numba']
 
@@ -114,25 +108,8 @@ def make_renderer(wanted: BackEnd, likelihoods: bool = True) -> Renderer:
     likelihoods: will be scored too, not contours alone.
     Raises RenderError when 'gl' is wanted and there is none. With 'numba' OpenGL is not touched.
     """
-    if choose(wanted) == 'gl':
+    if choose_back_end(wanted, 'poses are scored') == 'gl':
         return GlRenderer()
     renderer = NumbaRenderer()
     renderer.warm_up(likelihoods)
     return renderer
-
-
-@lru_cache
-def choose(wanted: BackEnd) -> Literal['gl', 'numba']:
-    """The back end that `wanted` stands for on this machine; logged when first asked."""
-    if wanted != 'auto':
-        _LOG.info('poses are scored by %s, as the settings say', wanted)
-        return wanted
-    try:
-        context = GlContext()
-    except RenderError as error:
-        _LOG.info('poses are scored by numba: %s', error)
-        return 'numba'
-    context.close()
-    chosen: Literal['gl', 'numba'] = 'numba' if is_software(context.renderer) else 'gl'
-    _LOG.info('poses are scored by %s: the OpenGL renderer is %s', chosen, context.renderer)
-    return chosen

@@ -10,24 +10,24 @@ import numpy as np
 import pytest
 from pmcl_scenes import CAMERA, cup, model_of, random_poses
 
-from pmcl_ros.dlv.back_end import is_software
 from pmcl_ros.pmcl.render import back_end
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import RenderError, SettingsError
+from pmcl_ros.runtime.gl import choose_back_end, is_software
 
 SCENE = Scene(model_of(cup()), CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), 0.2, 0.8)
 
 
 @pytest.fixture(autouse=True)
 def _asked_for_the_first_time():
-    back_end.choose.cache_clear()
+    choose_back_end.cache_clear()
 
 
 def test_auto_goes_by_the_renderer_and_is_told_once(context, caplog):
-    with caplog.at_level(logging.INFO, 'pmcl_ros.pmcl'):
+    with caplog.at_level(logging.INFO, 'pmcl_ros'):
         renderers = [back_end.make_renderer('auto') for _ in range(2)]
     software = is_software(context.renderer)
     for each in renderers:
@@ -40,7 +40,7 @@ def test_auto_goes_by_the_renderer_and_is_told_once(context, caplog):
 
 @pytest.mark.parametrize(('wanted', 'kind'), [('gl', GlRenderer), ('numba', NumbaRenderer)])
 def test_a_back_end_can_be_forced(wanted, kind, caplog):
-    with caplog.at_level(logging.INFO, 'pmcl_ros.pmcl'):
+    with caplog.at_level(logging.INFO, 'pmcl_ros'):
         renderer = back_end.make_renderer(wanted)
     assert isinstance(renderer, kind)
     renderer.close()

@@ -7,10 +7,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import norm
 
-from pmcl_ros.dlv.theory.lemma import counterexample, printed
-from pmcl_ros.dlv.theory.likelihood import depth_likelihood
-from pmcl_ros.dlv.theory.mixture import Mixture, squared_distance
-from pmcl_ros.dlv.theory.two_layers import BACK, FRONT, NEITHER, TwoLayers
+from pmcl_ros.evaluation.studies.lemma import (
+    BACK,
+    FRONT,
+    NEITHER,
+    Mixture,
+    TwoLayers,
+    counterexample,
+    depth_likelihood,
+    printed,
+    squared_distance,
+)
 from pmcl_ros.runtime.errors import VolumeError
 
 COLOURS = arrays(float, (2, 3), elements=st.floats(0, 1))
