@@ -81,7 +81,7 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
     changes: values that are wanted otherwise. origin: of them, for errors (SettingsError).
     """
     default = DlvSettings()
-    needed = min(StereoPairs.of(grid, default.views).labels_needed(near, far), _MOST_LABELS)
+    needed = min(StereoPairs.from_grid(grid, default.views).labels_needed(near, far), _MOST_LABELS)
     values: dict[str, Any] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
                               'edge_labels': max(default.edge_labels, needed)}
     if mode == 'faithful':

@@ -25,12 +25,12 @@ from pmcl_ros.runtime.gl import GlContext, choose_back_end
 def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
     """The paper's depth likelihood volume of one capture (section V.A).
 
-    It is made for the pixels of `PixelGrid.of` the settings, and carries their camera. With
+    It is made for the pixels of `PixelGrid.from_crop` the settings, and carries their camera. With
     `interpolation` 'phase' every view is shifted to every label by a Fourier transform, which
     takes many seconds. Raises VolumeError when fewer than two views have light, the labels are too
     near, or the volume would be too large; RenderError when `back_end` is 'gl' and GL cannot.
     """
-    pinhole = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride).pinhole
+    pinhole = PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride).pinhole
     depths = checked_labels(light_field.grid, settings, pinhole, 'labels')
     likelihood = make_likelihood(light_field, depths, settings)
     if settings.truncate:
@@ -71,8 +71,8 @@ def make_likelihood(light_field: LightField, depths: NDArray[np.float64], settin
     """L(x, l), (height, width, labels), by the settings' back end; any thread may call.
 
     depths: (labels,) [m]. Where 'auto' chose gl, what GL cannot hold is made by numba, with a
-    warning. Raises VolumeError as `CostInputs.of` does, and RenderError when 'gl' is forced and GL
-    cannot.
+    warning. Raises VolumeError as `CostInputs.from_light_field` does, and RenderError when 'gl' is
+    forced and GL cannot.
     """
     if settings.interpolation == 'phase':
         return log_likelihood(

@@ -53,14 +53,14 @@ class CostInputs:
     half: int
 
     @classmethod
-    def of(cls, light_field: LightField, depths: NDArray[np.float64], settings: DlvSettings
-           ) -> 'CostInputs':
+    def from_light_field(cls, light_field: LightField, depths: NDArray[np.float64],
+                         settings: DlvSettings) -> 'CostInputs':
         """depths: (labels,) [m], monotone.
 
         Raises VolumeError when no two views have light, the depths shift views out of the image,
         or the crop is not in it.
         """
-        pairs = StereoPairs.of(light_field.grid, settings.views)
+        pairs = StereoPairs.from_grid(light_field.grid, settings.views)
         shifts = pairs.shifts(depths)
         neutral = settings.interpolation == 'neutral'
         gradient = 1 - settings.beta
@@ -69,7 +69,7 @@ class CostInputs:
         if settings.view_weights == 'light':
             weights *= pairs.light[:, None]
         limits = weights * [settings.tau_color, settings.tau_gradient, settings.tau_gradient]
-        wanted = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
+        wanted = PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride)
         half = settings.window // 2 // settings.stride
         lattice = wanted.grown(half)
         left, top, width, height = _reached(lattice, int(np.ceil(np.abs(shifts).max())))
@@ -96,7 +96,7 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
     in proportion to views, labels and pixels. Raises VolumeError when no two views have light, the
     depths shift views out of the image, or the crop is not in it.
     """
-    task = CostInputs.of(light_field, depths, settings)
+    task = CostInputs.from_light_field(light_field, depths, settings)
     cost = np.empty((len(depths), *task.wanted.shape), np.float32)
     _run(task, settings, cost, _NONE)
     return cost
@@ -108,7 +108,7 @@ def likelihood_volume(light_field: LightField, depths: NDArray[np.float64],
 
     It is the more exact for not rounding the costs. Arguments and errors: as `cost_volume`.
     """
-    return likelihood_of(CostInputs.of(light_field, depths, settings), settings)
+    return likelihood_of(CostInputs.from_light_field(light_field, depths, settings), settings)
 
 
 def likelihood_of(task: CostInputs, settings: DlvSettings) -> NDArray[np.float32]:

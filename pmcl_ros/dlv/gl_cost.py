@@ -78,7 +78,7 @@ class GlCost:
     """Makes volumes in a context, on its thread.
 
     All methods raise RenderError in another thread, and when the views or the volume are larger
-    than this GL can hold; and VolumeError as `CostInputs.of` does.
+    than this GL can hold; and VolumeError as `CostInputs.from_light_field` does.
     """
 
     def __init__(self, context: GlContext) -> None:
@@ -90,7 +90,7 @@ class GlCost:
     def cost_volume(self, light_field: LightField, depths: NDArray[np.float64],
                     settings: DlvSettings) -> NDArray[np.float32]:
         """What `cost.cost_volume` gives: (labels, height, width)."""
-        task = CostInputs.of(light_field, depths, settings)
+        task = CostInputs.from_light_field(light_field, depths, settings)
         rows, columns = task.wanted.within(task.lattice)
         with self.upload(task, settings) as uploaded:
             self._sum_costs(uploaded)
@@ -104,7 +104,8 @@ class GlCost:
 
         The layout is that which `pmcl`'s scorer reads. The caller releases it.
         """
-        with self.upload(CostInputs.of(light_field, depths, settings), settings) as uploaded:
+        task = CostInputs.from_light_field(light_field, depths, settings)
+        with self.upload(task, settings) as uploaded:
             return self.likelihood_of(uploaded)
 
     def upload(self, task: CostInputs, settings: DlvSettings) -> 'Uploaded':

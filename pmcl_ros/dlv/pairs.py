@@ -23,7 +23,7 @@ class StereoPairs:
     indices: NDArray[np.int64]
 
     @classmethod
-    def of(cls, grid: ViewGrid, views: int) -> 'StereoPairs':
+    def from_grid(cls, grid: ViewGrid, views: int) -> 'StereoPairs':
         """The inner `views` x `views` of the grid (a smaller grid: all), without the centre.
 
         A view outside the pupil (weight 0) holds no picture and is left out: so is any view whose

@@ -24,7 +24,8 @@ class PixelGrid:
     stride: int = 1
 
     @classmethod
-    def of(cls, whole: Pinhole, crop: tuple[int, int, int, int], stride: int) -> 'PixelGrid':
+    def from_crop(cls, whole: Pinhole, crop: tuple[int, int, int, int], stride: int
+                  ) -> 'PixelGrid':
         """crop: left, top, width, height [px]; a size of 0 is up to the image's end.
 
         Raises VolumeError when that is not within the image.

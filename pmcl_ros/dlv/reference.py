@@ -27,14 +27,14 @@ def cost_volume(light_field: LightField, depths: NDArray[np.float64],
                 settings: DlvSettings) -> NDArray[np.float64]:
     """C(x, l) = beta C_c + (1 - beta) C_g, (labels, height, width) float64.
 
-    depths: (labels,) [m]. height and width are those of `PixelGrid.of` the settings. The sums run
+    depths: (labels,) [m]. height and width are those of the settings' `PixelGrid`. The sums run
     over the views and the window R_x, cut off at the image's border; at a pixel a view counts if
     its samples at all labels lie inside it. Intensities are linear light, clipped to [0, 1] and
     gamma encoded as in a displayed picture, so that the noise of dark and of bright pixels counts
     about alike. Raises VolumeError when no two views have light, the depths shift views out of the
     image, or the crop is not in it.
     """
-    wanted = PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride)
+    wanted = PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride)
     half = settings.window // 2 // settings.stride
     lattice = wanted.grown(half)
     total = np.zeros((len(depths), len(lattice.rows), len(lattice.columns)))
@@ -50,7 +50,7 @@ def pixel_costs(light_field: LightField, depths: NDArray[np.float64],
 
     It is 0 where a sample of the view lies outside it at any label.
     """
-    pairs = StereoPairs.of(light_field.grid, settings.views)
+    pairs = StereoPairs.from_grid(light_field.grid, settings.views)
     shifts = pairs.shifts(depths)
     neutral = settings.interpolation == 'neutral'
     runs = LabelSegments.neutral(shifts) if neutral else None

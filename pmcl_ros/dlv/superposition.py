@@ -77,11 +77,11 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     or on a line, or the depths shift them out of the image.
     """
     grid = light_field.grid
-    lattice = PixelGrid.of(grid.pinhole, settings.crop, settings.stride)
-    views = _with_centre(StereoPairs.of(grid, settings.views))
+    lattice = PixelGrid.from_crop(grid.pinhole, settings.crop, settings.stride)
+    views = _with_centre(StereoPairs.from_grid(grid, settings.views))
     places = views.positions * [1, grid.pinhole.fy / grid.pinhole.fx]
     light = grid.weights[tuple(views.indices.T)].astype(float)
-    moments = ViewMoments.of(places, light)
+    moments = ViewMoments.from_places(places, light)
     scale = grid.baseline * grid.pinhole.fx  # px per view step, times m
     reach = np.abs(places).max()
     count = int(np.ceil(scale * (1 / settings.near - 1 / settings.far) * reach / _SPACING)) + 1

@@ -35,7 +35,7 @@ class ViewMoments:
     covariance: NDArray[np.float64]
 
     @classmethod
-    def of(cls, places: NDArray[np.float64], light: NDArray[np.float64]) -> 'ViewMoments':
+    def from_places(cls, places: NDArray[np.float64], light: NDArray[np.float64]) -> 'ViewMoments':
         """light: (views,) of each view; one of light w has noise of variance 1 / w.
 
         Raises VolumeError when the places are too few, or on a line.

@@ -44,7 +44,7 @@ def checked_labels(grid: ViewGrid, settings: DlvSettings, pinhole: Pinhole,
         raise VolumeError(
             f'{count} {name} of {pinhole.width}x{pinhole.height} px take {size / 2 ** 30:.1f} GiB,'
             f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views')
-    needed = StereoPairs.of(grid, settings.views).labels_needed(settings.near, settings.far)
+    needed = StereoPairs.from_grid(grid, settings.views).labels_needed(settings.near, settings.far)
     if count < needed:
         _warn_of_few_labels(name, count, needed)
     return depth_labels(settings.near, settings.far, count)

@@ -88,7 +88,7 @@ class Variant:
             return build_evidence(light_field, settings, self.mode)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(light_field, depths, views=1).on(
-            PixelGrid.of(light_field.grid.pinhole, settings.crop, settings.stride))
+            PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride))
 
 
 def _of(settings: type[DlvSettings] | type[PmclSettings], values: Mapping[str, Any]

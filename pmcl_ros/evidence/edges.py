@@ -62,13 +62,13 @@ class EdgeVolume:
 
 
 def build_edges(light_field: LightField, settings: DlvSettings) -> EdgeVolume:
-    """The edge volume of one capture, for the pixels of `PixelGrid.of` the settings.
+    """The edge volume of one capture, for the pixels of `PixelGrid.from_crop` the settings.
 
     Raises VolumeError when fewer than two views have light, the labels are too near, or the
     tensor would be too large: it is made for all pixels, whatever is kept of them.
     """
     pinhole = light_field.grid.pinhole
-    lattice = PixelGrid.of(pinhole, settings.crop, settings.stride)
+    lattice = PixelGrid.from_crop(pinhole, settings.crop, settings.stride)
     depths = checked_labels(light_field.grid, settings, pinhole, 'edge_labels', components=3)
     return edge_volume(light_field, depths, settings.views).on(lattice)
 

@@ -43,8 +43,9 @@ class Deviation:
             points = score.points(pose)
         learned = ModelError.learned()
         of_model, common, local = (
-            LocalModel.of(pose, symmetry, points, example.edges, profile, error) for error in (
-                learned, ModelError(1, 0, learned.length), ModelError(0, 1, learned.length)))
+            LocalModel.from_contour(pose, symmetry, points, example.edges, profile, error)
+            for error in (learned, ModelError(1, 0, learned.length),
+                          ModelError(0, 1, learned.length)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis - of_model.model_error
         truth = symmetry.nearest_equivalents(example.pose[None], pose)

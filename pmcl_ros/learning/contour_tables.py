@@ -11,12 +11,12 @@ from scipy.special import expit, softmax
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import energies_across
-from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.motion import perturb, uniform_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particles import perturb, uniform_poses
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -102,7 +102,7 @@ def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
     profile = ContourProfile(OFFSETS, KNOTS, np.zeros((len(OFFSETS), len(KNOTS)), np.float32))
     wrong = np.concatenate([uniform_poses(each.region, _POSES // 2, rng), perturb(
         np.tile(each.pose, (_POSES // 2, 1, 1)), *_NEAR, rng)])
-    creases = Creases.of(each.model, profile) if of_creases else None
+    creases = Creases.from_model(each.model, profile) if of_creases else None
     if of_creases and creases is None:
         return []
     with renderer.contour_score(each.scene, each.edges, profile, creases=creases) as score:

@@ -1,4 +1,4 @@
-"""One edge volume as a place to look for an object's contours in: scores, climbs, posteriors."""
+"""One edge volume as a place to look for contours in: scores, refinements, posteriors."""
 
 import logging
 from collections.abc import Callable
@@ -11,29 +11,28 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.estimator import Contour
 from pmcl_ros.pmcl.level_of_detail import simplified
-from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Score
+from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints
+from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _LOG = logging.getLogger(__name__)
-_COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of climbs
+_COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of refinements
 _DETAIL = 0.3  # image px: what may be left out of the mesh in them
-# Of the climbs, image px: how far aside slopes are taken on coarse, fine and the finest contours,
-# how far a step goes at most, and at least. Tries: of steps.
+# Of the refinements, image px: how far aside slopes are taken on coarse, fine and the finest
+# contours, how far a step goes at most, and at least. Tries: of steps.
 _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
 
-Free = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 
 @dataclass(frozen=True)
@@ -41,8 +40,9 @@ class ContourEvidence:
     """What an object's contours, and creases, say of its poses in one edge volume.
 
     edges: where contours are looked for; profile: what their energies say.
-    creases: that count too. free: (n,) which of poses (n, 4, 4) are possible, beside being in the
-    region. detail: what may be left out of the mesh at the image's own resolution [image px].
+    creases: that count too. constraint: (n,) which of poses (n, 4, 4) are feasible, beside being
+    in the region. detail: what may be left out of the mesh at the image's own resolution
+    [image px].
     """
 
     renderer: Renderer
@@ -52,12 +52,13 @@ class ContourEvidence:
     edges: EdgeVolume
     profile: ContourProfile
     creases: Creases | None
-    free: Free | None = None
+    constraint: Feasible | None = None
     detail: float = 0.0
 
     @classmethod
-    def of(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel, settings: PmclSettings,
-           profile: ContourProfile, creases: Creases | None) -> 'ContourEvidence':
+    def from_edges(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel,
+                   settings: PmclSettings, profile: ContourProfile, creases: Creases | None
+                   ) -> 'ContourEvidence':
         """In an edge volume.
 
         Tables were learned on sharp edge volumes: those made of a likelihood are judged by their
@@ -79,7 +80,7 @@ class ContourEvidence:
         return self.renderer.contour_score(self._scene(self.window), self.edges, self.profile,
                                            self.creases)
 
-    def climbs(self, count: int = 3) -> list[GaussNewton]:
+    def optimizers(self, count: int = 3) -> list[GaussNewton]:
         """The first of: by coarse contours, by fine ones, at the image's own resolution."""
         window = self.window
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
@@ -88,22 +89,22 @@ class ContourEvidence:
                       self.region, step)
                 for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
 
-    def ascent(self, climb: GaussNewton, tries: int = _TRIES, judge: Score | None = None
-               ) -> Ascend:
-        """Where poses come to by a climb, and what they are worth there.
+    def refinement(self, gauss_newton: GaussNewton, tries: int = _TRIES,
+                   score: Score | None = None) -> Refine:
+        """Refines poses by Gauss-Newton steps, and evaluates them there.
 
-        judge: by this; by default by the climb, which sees no creases.
+        score: evaluates them; by default the evidence of `gauss_newton`, without creases.
         """
-        def ascend(poses: NDArray[np.float64]
+        def refine(poses: NDArray[np.float64]
                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            found, values = climb(poses, tries, _FARTHEST, _CONVERGED)
-            barred = ~self.possible(found)
+            found, values = gauss_newton(poses, tries, _FARTHEST, _CONVERGED)
+            barred = ~self.feasible(found)
             if barred.any():  # what ends where it cannot be has not moved
-                found[barred], values[barred] = climb(poses[barred], 0, 0, 0)
-            if judge is not None:
-                return found, judge(found)
-            return found, np.where(self.possible(found), values, -np.inf)
-        return ascend
+                found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
+            if score is not None:
+                return found, score(found)
+            return found, np.where(self.feasible(found), values, -np.inf)
+        return refine
 
     def posterior(self, score: Score, contour: Contour,
                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
@@ -111,20 +112,22 @@ class ContourEvidence:
         """By a score of poses; contour, creases: what counts of a pose's."""
         edges, profile = self.edges, self.profile
 
-        def about(pose: NDArray[np.float64], sure: bool) -> LocalModel:
-            return LocalModel.of(pose, self.model.symmetry, contour(pose), edges, profile,
-                                 ModelError.learned() if sure else None, creases(pose))
+        def local_model_at(pose: NDArray[np.float64], sure: bool) -> LocalModel:
+            return LocalModel.from_contour(
+                pose, self.model.symmetry, contour(pose), edges, profile,
+                ModelError.learned() if sure else None, creases(pose))
 
-        def near(pose: NDArray[np.float64]) -> LinearizedContour:
-            return LinearizedContour.of(pose, contour(pose), edges, profile, creases(pose))
+        def linearize_at(pose: NDArray[np.float64]) -> LinearizedContour:
+            return LinearizedContour.from_contour(pose, contour(pose), edges, profile,
+                                                  creases(pose))
 
-        return ContourPosterior(self.model, self.settings, where(self.possible, score, -np.inf),
-                                about, near, self.possible)
+        return ContourPosterior(self.model, self.settings, where(self.feasible, score, -np.inf),
+                                local_model_at, linearize_at, self.feasible)
 
-    def possible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(n,) which of poses (n, 4, 4) can be: the prior is uniform on them."""
+    def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of poses (n, 4, 4) are feasible: the prior is uniform on them."""
         inside = self.region.contains(poses[:, :3, 3])
-        return inside if self.free is None else inside & self.free(poses)
+        return inside if self.constraint is None else inside & self.constraint(poses)
 
     def _scene(self, window: Window) -> Scene:
         return scene(self.model, self.region, self.edges.pinhole, window,
@@ -140,10 +143,10 @@ def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
     return Scene(model, camera, window, near, far)
 
 
-def where(possible: Free, score: Score, outside: float) -> Score:
-    """The score of possible poses; the rest have `outside`, and need not be drawn."""
+def where(feasible: Feasible, score: Score, outside: float) -> Score:
+    """The score of feasible poses; the rest have `outside`, and need not be drawn."""
     def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        known = possible(poses)
+        known = feasible(poses)
         values = np.full(len(poses), outside)
         values[known] = score(poses[known])
         return values

@@ -13,15 +13,15 @@ from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import contour_support, share_in_view
-from pmcl_ros.pmcl.weights import Weights
 
-About = Callable[[NDArray[np.float64], bool], LocalModel]
+LocalModelAt = Callable[[NDArray[np.float64], bool], LocalModel]
 Contour = Callable[[NDArray[np.float64]], ContourPoints]
 
 
@@ -33,14 +33,16 @@ class Estimator:
     region: Region
     settings: PmclSettings
 
-    def of_posterior(self, edges: EdgeVolume, posterior: Posterior, about: About, contour: Contour,
-                     least: float, rng: np.random.Generator,
-                     share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
-                     ) -> PoseEstimate:
+    def from_posterior(self, edges: EdgeVolume, posterior: Posterior,
+                       local_model_at: LocalModelAt, contour: Contour, least: float,
+                       rng: np.random.Generator,
+                       share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
+                       ) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
-        about: local models. contour: what counts of a pose's. least: evidence that nothing has
-        [nat / px]. share: of a pose's contour that counts.
+        local_model_at: of a pose, with its uncertainty. contour: the points that count of a
+        pose's. least: evidence that nothing has [nat / px]. share: of a pose's contour that
+        counts.
         """
         symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
@@ -48,7 +50,7 @@ class Estimator:
         ours = poses[posterior.own == order[0]]
         pose = self._representative(symmetry.mean_pose(ours))
         ours = symmetry.nearest_equivalents(ours, pose)
-        local = about(pose, True)
+        local = local_model_at(pose, True)
         # What the model gets wrong adds to what the data leave open.
         error = local.basis @ local.model_error @ local.basis.T
         spread = symmetry.covariance(ours, pose) + error
@@ -67,8 +69,8 @@ class Estimator:
                             partly or absent, self.settings.mode, modes, support, evidence,
                             incomplete=partly and not absent, in_view=in_view)
 
-    def of_prior(self, edges: EdgeVolume, prior: Gaussian, count: int,
-                 rng: np.random.Generator) -> PoseEstimate:
+    def from_prior(self, edges: EdgeVolume, prior: Gaussian, count: int,
+                   rng: np.random.Generator) -> PoseEstimate:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))
         poses = retract(prior.pose, prior.deviations(normal))
@@ -77,9 +79,10 @@ class Estimator:
                             np.full(count, -np.log(count)), 0.0, True, self.settings.mode,
                             support=-np.inf, evidence=-np.inf)
 
-    def of_particles(self, volume: DepthLikelihoodVolume, poses: NDArray[np.float64],
-                     weights: Weights, score: Callable[[NDArray[np.float64]], NDArray[np.float64]]
-                     ) -> PoseEstimate:
+    def from_particles(self, volume: DepthLikelihoodVolume, poses: NDArray[np.float64],
+                       weights: Weights,
+                       score: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+                       ) -> PoseEstimate:
         """By the paper's likelihood: the mode about the best of weighted particles (n, 4, 4).
 
         score: the likelihoods (n,) of poses.

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Stage = Literal['proposals', 'coarse', 'fine', 'rivals', 'scattered', 'modes',
+Stage = Literal['proposals', 'coarse', 'fine', 'ambiguous', 'scattered', 'modes',
                 'approximate', 'posterior', 'filter']
 
 

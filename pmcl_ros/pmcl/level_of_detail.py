@@ -33,7 +33,7 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
     if wanted >= 0.7 * len(model.faces):
         return model
     own = trimesh.Trimesh(model.vertices, model.faces, process=False)
-    known = _Faces.of(own, model.diameter)
+    known = _Faces.from_mesh(own, model.diameter)
     while wanted < 0.7 * len(model.faces):
         mesh = _collapsed(model, wanted)
         if len(mesh.faces) < 0.7 * len(model.faces) and _within(own, known, mesh, tolerance):
@@ -66,7 +66,7 @@ def _within(own: trimesh.Trimesh, faces: '_Faces', mesh: trimesh.Trimesh, tolera
     there, here = _points(mesh), _points(own)
     if faces.distances(there[::few]).max() > tolerance or faces.distances(there).max() > tolerance:
         return False
-    others = _Faces.of(mesh, faces.diameter)
+    others = _Faces.from_mesh(mesh, faces.diameter)
     few = max(1, len(here) // _FEW)
     return (others.distances(here[::few]).max() <= tolerance
             and others.distances(here).max() <= tolerance)
@@ -89,7 +89,7 @@ class _Faces:
     diameter: float
 
     @classmethod
-    def of(cls, mesh: trimesh.Trimesh, diameter: float) -> '_Faces':
+    def from_mesh(cls, mesh: trimesh.Trimesh, diameter: float) -> '_Faces':
         subdivide: Any = trimesh.remesh.subdivide_to_size
         vertices, faces, owner = subdivide(
             mesh.vertices, mesh.faces, diameter / _PIECES, max_iter=20, return_index=True)

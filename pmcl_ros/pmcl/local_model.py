@@ -5,6 +5,7 @@ the image. So the evidence along those normals, which is smooth, tells the evide
 nearby: no rasteriser's steps, and no more rendering than once.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,9 +17,10 @@ from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints
+from pmcl_ros.pmcl.render.creases import CreasePoints
 
 _STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
 # px: contributions this far apart on a contour share no noise. Contrast is measured against that
@@ -55,9 +57,10 @@ class LocalModel:
     moments: NDArray[np.float64]
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], symmetry: Symmetry,
-           points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
-           error: ModelError | None, creases: CreasePoints | None = None) -> 'LocalModel':
+    def from_contour(cls, pose: NDArray[np.float64], symmetry: Symmetry,
+                     points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
+                     error: ModelError | None, creases: CreasePoints | None = None
+                     ) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points are `points`.
 
         symmetry: of the object. error: of the model; None: noise and error do not
@@ -193,3 +196,31 @@ def weighted(points: ContourPoints, weights: NDArray[np.float64]) -> ContourPoin
         depths=points.depths[kept], lengths=(points.lengths * weights)[kept],
         energies=points.energies[kept], evidence=points.evidence[kept],
         piece=points.piece[kept], along=points.along[kept])
+
+
+def gauss_newton(pose: NDArray[np.float64],
+                 local_model_at: Callable[[NDArray[np.float64]], LocalModel], steps: int,
+                 converged: float, feasible: Callable[[NDArray[np.float64]], bool] = lambda _: True
+                 ) -> tuple[NDArray[np.float64], LocalModel]:
+    """Refine a pose (4, 4) by Gauss-Newton steps on local models of the evidence.
+
+    Returns the best pose reached in `steps` steps, and the model there.
+    local_model_at: the local model at a pose. converged: length of the step to stop at [px, rms
+    along the contour]. feasible: whether a pose is allowed.
+    """
+    best, local = pose, local_model_at(pose)
+    for _ in range(steps):
+        step = local.step
+        if local.motion(step) < converged:
+            break
+        for part in (1.0, 0.5, 0.25):
+            tried = retract(best, part * step[None])[0]
+            if not feasible(tried):
+                continue
+            there = local_model_at(tried)
+            if there.evidence > local.evidence:
+                best, local = tried, there
+                break
+        else:
+            break
+    return best, local

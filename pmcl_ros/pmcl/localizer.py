@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.model_error import ModelError
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Free, scene
-from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.contour_approximations import LinearizedContour
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.linearized_contour import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.sampler import Gaussian
@@ -54,7 +54,7 @@ class Localizer:
         self._model = model
         self._settings = settings
         self._profile = profile or ContourProfile.learned()
-        self._creases = creases or (Creases.of(model) if profile is None else None)
+        self._creases = creases or (Creases.from_model(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._estimator = Estimator(model, self._region, settings)
         self._renderer = make_renderer(settings.renderer, likelihoods=False)
@@ -79,13 +79,13 @@ class Localizer:
     def localize(self, edges: EdgeVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None, free: Free | None = None) -> PoseEstimate:
+                 watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first; proposed from the edges if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
-        free: (n,) which of poses (n, 4, 4) are possible, beside being in the region.
+        feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in the region.
         Raises LocalizationError when the edges' labels do not reach the region of interest, and
         with the renderer gl RenderError in another thread, after `close`, or when the GL refuses
         its work.
@@ -93,7 +93,7 @@ class Localizer:
         self._renderer.use()
         self._region.check_depths(edges.depths)
         try:
-            return self._search(edges, rng, progress or (lambda _: True), start, watch, free)
+            return self._search(edges, rng, progress or (lambda _: True), start, watch, feasible)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
@@ -116,17 +116,18 @@ class Localizer:
         evidence = self._evidence(edges)
         with evidence.score() as exact:
             values = exact(poses)
-            about = evidence.posterior(exact, exact.points, exact.creases).about
-            return about(poses[values.argmax()], True).scale * values
+            local_model_at = evidence.posterior(exact, exact.points,
+                                                exact.creases).local_model_at
+            return local_model_at(poses[values.argmax()], True).scale * values
 
     def _evidence(self, edges: EdgeVolume) -> ContourEvidence:
-        return ContourEvidence.of(edges, self._renderer, self._model, self._settings,
+        return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
                                   self._profile, self._creases)
 
     def _search(self, edges: EdgeVolume, rng: np.random.Generator, progress: Progress,
-                start: NDArray[np.float64] | None, watch: Watch | None, free: Free | None
+                start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
                 ) -> PoseEstimate:
-        evidence = replace(self._evidence(edges), free=free)
+        evidence = replace(self._evidence(edges), constraint=feasible)
         if start is not None and not len(start):
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
@@ -134,18 +135,18 @@ class Localizer:
             start, scores = self._proposals.propose(evidence.edges, self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
-        climbs = evidence.climbs()
+        optimizers = evidence.optimizers()
         with evidence.score() as exact:
             posterior = evidence.posterior(exact, exact.points, exact.creases)
-            judge = posterior.exact if evidence.creases is not None else None
+            score = posterior.exact if evidence.creases is not None else None
             sample = ContourSearch(
-                evidence.ascent(climbs[0], 0), evidence.ascent(climbs[0]),
-                evidence.ascent(climbs[1], judge=judge), evidence.ascent(climbs[2]),
-                posterior).run(start, rng, progress, watch)
-            estimate = self._estimator.of_posterior(
-                edges, sample, posterior.about, exact.points, evidence.profile.least, rng)
+                evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),
+                evidence.refinement(optimizers[1], score=score),
+                evidence.refinement(optimizers[2]), posterior).run(start, rng, progress, watch)
+            estimate = self._estimator.from_posterior(
+                edges, sample, posterior.local_model_at, exact.points, evidence.profile.least, rng)
             return replace(estimate, evaluations=exact.evaluations + sum(
-                each.evaluations for each in climbs))
+                each.evaluations for each in optimizers))
 
     def follow(self, edges: EdgeVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
@@ -157,21 +158,21 @@ class Localizer:
         self._renderer.use()
         self._region.check_depths(edges.depths)
         evidence = replace(self._evidence(edges), detail=_FINEST)
-        climbs = evidence.climbs(2)
+        optimizers = evidence.optimizers(2)
         with evidence.score() as exact:
             search = evidence.posterior(exact, exact.points, exact.creases)
-            judge = search.exact if evidence.creases is not None else None
+            score = search.exact if evidence.creases is not None else None
             posterior = LocalSearch(
-                exact.points, evidence.edges, evidence.ascent(climbs[0]),
-                evidence.ascent(climbs[1], judge=judge), search, particles, candidates
+                exact.points, evidence.edges, evidence.refinement(optimizers[0]),
+                evidence.refinement(optimizers[1], score=score), search, particles, candidates
             ).run(prior, rng)
             if posterior is None:
-                return replace(self._estimator.of_prior(edges, prior, particles, rng),
+                return replace(self._estimator.from_prior(edges, prior, particles, rng),
                                mode=FOLLOWED)
-            estimate = self._estimator.of_posterior(
-                edges, posterior, search.about, exact.points, evidence.profile.least, rng)
+            estimate = self._estimator.from_posterior(
+                edges, posterior, search.local_model_at, exact.points, evidence.profile.least, rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
-                each.evaluations for each in climbs))
+                each.evaluations for each in optimizers))
 
     def observe(self, edges: EdgeVolume, poses: Sequence[NDArray[np.float64]]
                 ) -> list[Observation]:
@@ -188,9 +189,10 @@ class Localizer:
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]
         return [Observation(pose, seen, depth,
-                            LocalModel.of(pose, self._model.symmetry, seen, evidence.edges,
-                                                      evidence.profile, ModelError.learned()),
-                     share_in_view(self._model, pose, camera))
+                            LocalModel.from_contour(
+                                pose, self._model.symmetry, seen, evidence.edges,
+                                evidence.profile, ModelError.learned()),
+                            share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
     def refine(self, edges: EdgeVolume, pose: NDArray[np.float64], rng: np.random.Generator,
@@ -208,9 +210,9 @@ class Localizer:
                 return weighted(points, shown(points))
 
             search = evidence.posterior(exact, contour)
-            mode = search.refined(pose)
+            mode = search.refine(pose)
             points = exact.points(mode.pose)
-            rest = LinearizedContour.of(mode.pose, weighted(points, 1 - shown(points)),
+            rest = LinearizedContour.from_contour(mode.pose, weighted(points, 1 - shown(points)),
                                      evidence.edges, evidence.profile)
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -218,9 +220,9 @@ class Localizer:
                 off = self._model.symmetry.local(poses, mode.pose)
                 return search.exact(poses) - rest.evidence(off)
 
-            posterior = replace(search, exact=partly).sampled([mode], rng, lambda _: True)
-            estimate = self._estimator.of_posterior(
-                edges, posterior, search.about, contour, evidence.profile.least, rng,
+            posterior = replace(search, exact=partly).sample([mode], rng, lambda _: True)
+            estimate = self._estimator.from_posterior(
+                edges, posterior, search.local_model_at, contour, evidence.profile.least, rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)

@@ -2,8 +2,10 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.object_model import ObjectModel
 
 # Limits of translation [m] and rotation [rad] for `Symmetry.same_mode`, the only ones there are.
 # Maxima of the evidence that are closer merge under refinement.
@@ -28,3 +30,40 @@ def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: i
         if len(kept) == count:
             break
     return kept
+
+
+def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4, 4) poses that a pose (4, 4) could be mistaken for, the middle of the mesh in place.
+
+    With an axis of symmetry: the object upside down, and both of these with the tilt of the axis
+    towards the camera turned into one away from it. From afar their outlines are alike or nearly.
+    Without: half turns about the mesh's axes, and about the line of sight. What a discrete
+    symmetry makes of the pose, or of another rival, is none.
+    """
+    middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
+    rotation = pose[:3, :3]
+    centre = rotation @ middle + pose[:3, 3]
+    sight = centre / np.linalg.norm(centre)
+    if model.axis is None:
+        turned = [rotation @ Rotation.from_rotvec(np.pi * each).as_matrix() for each in np.eye(3)]
+        turned.append(Rotation.from_rotvec(np.pi * sight).as_matrix() @ rotation)
+    else:
+        axis = rotation @ model.axis
+        away = axis - 2 * (axis @ sight) * sight
+        turned = [Rotation.align_vectors(each[None], axis[None])[0].as_matrix() @ rotation
+                  for each in (-axis, away, -away)]
+    result = np.tile(np.eye(4), (len(turned), 1, 1))
+    result[:, :3, :3] = turned
+    result[:, :3, 3] = centre - result[:, :3, :3] @ middle
+    return _unlike(model.symmetry, pose, result)
+
+
+def _unlike(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.float64]
+            ) -> NDArray[np.float64]:
+    """Those of poses (n, 4, 4) that no discrete symmetry makes of `pose` or an earlier one."""
+    kept, spin = [pose], Symmetry(symmetry.axis)
+    for each in found:
+        images = symmetry.equivalents(each)[1:]
+        if not any(spin.same_mode(images, other, *SAME_MODE).any() for other in kept):
+            kept.append(each)
+    return np.array(kept[1:]).reshape(-1, 4, 4)

@@ -15,12 +15,11 @@ from pmcl_ros.pmcl.contour_evidence import scene, where
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Record, Watch, recorder
-from pmcl_ros.pmcl.motion import perturb, uniform_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particles import Weights, perturb, uniform_poses
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.progress import Progress
 
@@ -69,7 +68,8 @@ class ParticleFilterLocalizer:
                     where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
                     self._region, self._settings, rng, progress or (lambda _: True),
                     recorder(watch, 'filter'))
-                estimate = self._estimator.of_particles(volume, poses, Weights.of(scores), score)
+                estimate = self._estimator.from_particles(
+                    volume, poses, Weights.from_values(scores), score)
                 return replace(estimate, evaluations=score.evaluations)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -94,7 +94,7 @@ def particle_filter(score: Score, region: Region, settings: PmclSettings,
             break
         if not progress(iteration / settings.faithful_iterations):
             break
-        poses = poses[Weights.of(scores).resample(len(poses), rng)]
+        poses = poses[Weights.from_values(scores).resample(len(poses), rng)]
         poses = perturb(poses, settings.faithful_sigma_translation,
                         settings.faithful_sigma_rotation, rng)
         scores = score(poses)

@@ -7,17 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pmcl_ros.pmcl.ascent import ascent
+from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.history import Watch, recorder
-from pmcl_ros.pmcl.linearized_contour import LinearizedContour
-from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.local_model import LocalModel, gauss_newton
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.progress import Progress
 
 Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-Ascend = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 _REFINEMENTS = 10
 _CONVERGED = 0.02  # px: rms along the contour
@@ -52,31 +51,32 @@ class Posterior:
 class ContourPosterior:
     """What contour evidence says of poses, at the image's own resolution.
 
-    exact: evidence of poses, -inf outside the region of interest. about: the local model about a
-    pose; with True also how sure it is. near: the evidence near a pose. inside: whether poses are
-    in the region.
+    exact: evidence of poses, -inf outside the region of interest. local_model_at: the local model
+    at a pose; with True also its uncertainty. linearize_at: the evidence near a pose. feasible:
+    whether poses are in the region and satisfy the constraint.
     """
 
     model: ObjectModel
     settings: PmclSettings
     exact: Score
-    about: Callable[[NDArray[np.float64], bool], LocalModel]
-    near: Callable[[NDArray[np.float64]], LinearizedContour]
-    inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
+    local_model_at: Callable[[NDArray[np.float64], bool], LocalModel]
+    linearize_at: Callable[[NDArray[np.float64]], LinearizedContour]
+    feasible: Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
-    def refined(self, pose: NDArray[np.float64]) -> Mode:
+    def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps on the local model."""
-        best, _ = ascent(pose, lambda each: self.about(each, False), _REFINEMENTS, _CONVERGED,
-                         lambda each: bool(self.inside(each[None])[0]))
-        return Mode(best, self.about(best, True))
+        best, _ = gauss_newton(pose, lambda each: self.local_model_at(each, False), _REFINEMENTS,
+                               _CONVERGED, lambda each: bool(self.feasible(each[None])[0]))
+        return Mode(best, self.local_model_at(best, True))
 
-    def sampled(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
+    def sample(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
                 watch: Watch | None = None) -> Posterior:
         """The posterior about modes, best first."""
         scale, symmetry = modes[0].local.scale, self.model.symmetry
-        start_of = [Gaussian.of(mode.pose, _WIDEN ** 2 * mode.local.covariance, symmetry)
-                    for mode in modes]
-        slides = [self.near(mode.pose) for mode in modes]
+        start_of = [
+            Gaussian.from_covariance(mode.pose, _WIDEN ** 2 * mode.local.covariance, symmetry)
+            for mode in modes]
+        slides = [self.linearize_at(mode.pose) for mode in modes]
 
         def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             terms = np.full((len(slides), len(poses)), -np.inf)
@@ -85,7 +85,7 @@ class ContourPosterior:
                 near = off < _OTHER ** 2
                 deviations = symmetry.local(poses[near], each.pose)
                 terms[k, near] = scale * slide.evidence(deviations) - 0.5 * off[near]
-            return np.where(self.inside(poses), logsumexp(terms, axis=0), -np.inf)
+            return np.where(self.feasible(poses), logsumexp(terms, axis=0), -np.inf)
 
         poses, values, own = sample_posterior(
             [rough, lambda each: scale * self.exact(each)], start_of,

@@ -64,7 +64,7 @@ class Proposals:
         self._symmetry = model.symmetry
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
         self._turns = 2 * np.pi * np.arange(turns) / turns
-        self._templates = Templates.of(renderer, model, region.center[2])
+        self._templates = Templates.from_views(renderer, model, region.center[2])
 
     def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

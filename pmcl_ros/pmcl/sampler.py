@@ -12,7 +12,7 @@ from scipy.stats import qmc
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.history import Record
-from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.runtime.progress import Progress
 
 LogDensity = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -35,8 +35,8 @@ class Gaussian:
     symmetry: Symmetry
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], covariance: NDArray[np.float64],
-           symmetry: Symmetry) -> 'Gaussian':
+    def from_covariance(cls, pose: NDArray[np.float64], covariance: NDArray[np.float64],
+                        symmetry: Symmetry) -> 'Gaussian':
         """covariance: (6, 6), of which the part about the axis of symmetry is left out."""
         basis = symmetry.tangent_basis(pose)
         return cls(pose, basis, np.linalg.cholesky(basis.T @ covariance @ basis), symmetry)

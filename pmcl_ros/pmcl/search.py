@@ -1,4 +1,4 @@
-"""The default mode's search: proposals climb, by coarse contours, then by fine ones."""
+"""The default mode's search: proposals are refined, by coarse contours, then by fine ones."""
 
 from dataclasses import dataclass
 
@@ -6,13 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
-from pmcl_ros.pmcl.modes import suppress_duplicates
-from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
+from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
+from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Refine
 from pmcl_ros.runtime.progress import Progress
 
-# Poses that go on to climb, to fine contours, from there, to the end.
+# Poses that are refined by coarse contours, by fine ones, again, at the end.
 _LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3
 _CHALLENGED = 2  # of the best poses, whose rivals are tried
 # About each of the poses left others begin again: so many; the contour moves so far to each, a
@@ -29,10 +28,10 @@ class ContourSearch:
     finest: at the image's own resolution. posterior: what is to be found.
     """
 
-    rough: Ascend
-    coarse: Ascend
-    fine: Ascend
-    finest: Ascend
+    rough: Refine
+    coarse: Refine
+    fine: Refine
+    finest: Refine
     posterior: ContourPosterior
 
     def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
@@ -40,35 +39,35 @@ class ContourSearch:
         """The posterior, from proposals (k, 4, 4).
 
         progress: called with 0..1; once it returns False what was found so far is summed up.
-        watch: told the poses after each climb, and every generation of particles.
+        watch: told the poses after each refinement, and every generation of particles.
         """
         stages = _Stages(progress)
         found = start
         if stages.go_on(0):
             values = self.rough(found)[1]
             found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
-            found = self._climbed(self.coarse, found, _HOPEFUL, 'coarse', watch)
+            found = self._refined(self.coarse, found, _HOPEFUL, 'coarse', watch)
         if stages.go_on(0.3):
-            found = self._climbed(self.fine, found, _LEFT, 'fine', watch)
+            found = self._refined(self.fine, found, _LEFT, 'fine', watch)
         if stages.go_on(0.4):
             others = np.concatenate([ambiguous_poses(self.posterior.model, each)
                                      for each in found[:_CHALLENGED]])
             if len(others):
                 found = np.concatenate([found, self.coarse(others)[0]])
-                found = self._climbed(self.fine, found, _LEFT, 'rivals', watch)
+                found = self._refined(self.fine, found, _LEFT, 'ambiguous', watch)
         if stages.go_on(0.5):
-            found = self._climbed(self.fine, self._scattered(found, rng), _MODES, 'scattered',
+            found = self._refined(self.fine, self._scattered(found, rng), _MODES, 'scattered',
                                   watch)
         modes = self._modes(found[:_MODES])
         if watch is not None:
             watch(Generation('modes', np.stack([mode.pose for mode in modes]),
                              np.array([mode.local.evidence for mode in modes])))
-        return self.posterior.sampled(modes, rng, stages.part(0.6), watch)
+        return self.posterior.sample(modes, rng, stages.part(0.6), watch)
 
-    def _climbed(self, ascend: Ascend, poses: NDArray[np.float64], count: int, stage: Stage,
+    def _refined(self, refine: Refine, poses: NDArray[np.float64], count: int, stage: Stage,
                  watch: Watch | None) -> NDArray[np.float64]:
         """At most `count` different ones of where poses come to, best first."""
-        poses, values = ascend(poses)
+        poses, values = refine(poses)
         if watch is not None:
             watch(Generation(stage, poses, values))
         poses = poses[np.argsort(-values, kind='stable')]
@@ -79,7 +78,7 @@ class ContourSearch:
         """Poses, and others about each: so far off as the contour moves by a few pixels."""
         result = [poses]
         for pose in poses:
-            local = self.posterior.about(pose, False)
+            local = self.posterior.local_model_at(pose, False)
             widest = local.basis.T @ np.diag((_ASIDE / _WIDEST) ** 2) @ local.basis
             root = np.linalg.cholesky(np.linalg.inv(local.moments + widest))
             off = _ASIDE * rng.normal(size=(_AROUND, len(root))) @ root.T
@@ -88,7 +87,7 @@ class ContourSearch:
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
         """The different modes near poses (n, 4, 4), best first."""
-        modes = sorted((self.posterior.refined(each) for each in self.finest(poses)[0]),
+        modes = sorted((self.posterior.refine(each) for each in self.finest(poses)[0]),
                        key=lambda mode: -mode.local.evidence)
         return [modes[k] for k in suppress_duplicates(np.stack([mode.pose for mode in modes]),
                                             self.posterior.model.symmetry, _MODES)]

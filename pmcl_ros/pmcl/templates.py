@@ -38,7 +38,7 @@ class Templates:
     lengths: NDArray[np.float64]
 
     @classmethod
-    def of(cls, renderer: Renderer, model: ObjectModel, depth: float) -> 'Templates':
+    def from_views(cls, renderer: Renderer, model: ObjectModel, depth: float) -> 'Templates':
         """Those of a model from every side, drawn at `depth` [m] or where all of it is in view.
 
         Raises ObjectModelError where it cannot be seen from any.

@@ -23,7 +23,7 @@ def assert_same(field, options, depths):
     fast = cost_volume(field, depths, options)
     plain = reference.cost_volume(field, depths, options)
     assert fast.dtype == np.float32
-    samples = len(StereoPairs.of(field.grid, options.views).indices) * options.window ** 2
+    samples = len(StereoPairs.from_grid(field.grid, options.views).indices) * options.window ** 2
     np.testing.assert_allclose(fast, plain, rtol=1e-5, atol=2e-6 * samples)
     return agreement(fast, plain), agreement(-fast, -plain)
 
@@ -223,6 +223,6 @@ def test_a_periodic_band_limited_view_is_shifted_exactly_by_the_shift_theorem():
 def test_crops_pay_for_what_they_need():
     field = noise_field(make_grid((3, 3), (200, 180), 0.006))
     depths, crop = depth_labels(0.3, 0.9, 9), DlvSettings(crop=(90, 70, 20, 30), window=3)
-    whole = CostInputs.of(field, depths, DlvSettings(window=3)).planes
-    part = CostInputs.of(field, depths, crop).planes
+    whole = CostInputs.from_light_field(field, depths, DlvSettings(window=3)).planes
+    part = CostInputs.from_light_field(field, depths, crop).planes
     assert part.size < whole.size / 10

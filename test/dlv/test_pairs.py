@@ -17,7 +17,7 @@ def with_weights(grid, weights):
 
 def test_inner_views_without_the_centre():
     grid = make_grid((9, 9))
-    pairs = StereoPairs.of(grid, 7)
+    pairs = StereoPairs.from_grid(grid, 7)
     assert len(pairs.indices) == 48
     assert pairs.indices.min() == 1
     assert pairs.indices.max() == 7
@@ -26,11 +26,11 @@ def test_inner_views_without_the_centre():
 
 def test_a_smaller_grid_is_used_whole_and_dark_views_are_left_out():
     grid = with_weights(make_grid(), [[0, 1, 0], [0.3, 1, 1], [0, 0.01, 0]])
-    assert StereoPairs.of(grid, 7).indices.tolist() == [[0, 1], [1, 0], [1, 2], [2, 1]]
+    assert StereoPairs.from_grid(grid, 7).indices.tolist() == [[0, 1], [1, 0], [1, 2], [2, 1]]
 
 
 def test_gamma_is_the_share_of_the_horizontal_offset():
-    pairs = StereoPairs.of(make_grid((5, 5)), 5)
+    pairs = StereoPairs.from_grid(make_grid((5, 5)), 5)
     gamma = dict(zip(map(tuple, pairs.indices), pairs.gamma, strict=True))
     assert gamma[2, 4] == 1
     assert gamma[0, 2] == 0
@@ -40,7 +40,7 @@ def test_gamma_is_the_share_of_the_horizontal_offset():
 
 def test_shifts_are_those_of_the_view_grid():
     grid = make_grid((3, 5), jitter=0.1)
-    pairs = StereoPairs.of(grid, 5)
+    pairs = StereoPairs.from_grid(grid, 5)
     point = np.array([0.02, -0.01, 0.5])
     seen = grid.pinhole.project(point)
     for index, shift in zip(pairs.indices, pairs.shifts(np.array([0.5, 0.7])), strict=True):
@@ -50,7 +50,7 @@ def test_shifts_are_those_of_the_view_grid():
 
 def test_a_pair_is_judged_where_all_its_samples_are_inside():
     grid = make_grid((3, 3), (24, 20), jitter=0.1)
-    pairs = StereoPairs.of(grid, 3)
+    pairs = StereoPairs.from_grid(grid, 3)
     depths = np.array([0.9, 0.5, 0.3])
     shifts = pairs.shifts(depths)
     y, x = np.indices((20, 24))
@@ -65,7 +65,7 @@ def test_a_pair_is_judged_where_all_its_samples_are_inside():
 def test_light_is_the_inverse_variance_of_a_difference():
     rng = np.random.default_rng(0)
     weights = rng.uniform(0.1, 1, (3, 3))
-    pairs = StereoPairs.of(with_weights(make_grid(), weights), 3)
+    pairs = StereoPairs.from_grid(with_weights(make_grid(), weights), 3)
     weight = (weights / weights[1, 1])[pairs.indices[:, 0], pairs.indices[:, 1]]
     difference = rng.normal(size=(100_000, 1)) - rng.normal(size=(100_000, 8)) / np.sqrt(weight)
     np.testing.assert_allclose(pairs.light, 2 / difference.var(axis=0), rtol=0.03)
@@ -97,7 +97,7 @@ def test_depths_that_shift_views_out_of_the_image_are_refused():
 @pytest.mark.parametrize('views', [3, 5])
 @pytest.mark.parametrize('baseline', [0.0007, 0.02])
 def test_with_the_labels_needed_no_view_moves_by_more_than_a_pixel(views, baseline):
-    pairs = StereoPairs.of(make_grid((5, 7), (400, 300), baseline, 0.2), views)
+    pairs = StereoPairs.from_grid(make_grid((5, 7), (400, 300), baseline, 0.2), views)
     needed = pairs.labels_needed(0.4, 0.8)
     steps = [np.abs(np.diff(pairs.shifts(depth_labels(0.4, 0.8, count)), axis=1)).max()
              for count in (needed, needed - 1) if count > 1]

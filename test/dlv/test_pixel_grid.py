@@ -13,7 +13,7 @@ CROPS = st.tuples(st.integers(0, 39), st.integers(0, 29), st.integers(0, 40), st
 
 def lattices():
     return st.builds(
-        lambda crop, stride: PixelGrid.of(
+        lambda crop, stride: PixelGrid.from_crop(
             WHOLE, (crop[0], crop[1], min(crop[2], 40 - crop[0]), min(crop[3], 30 - crop[1])),
             stride), CROPS, st.integers(1, 8))
 
@@ -43,10 +43,10 @@ def test_a_grown_lattice_has_the_same_pixels_and_more_around(lattice, steps):
 
 
 def test_the_whole_image_is_its_own_camera():
-    assert PixelGrid.of(WHOLE, (0, 0, 0, 0), 1).pinhole == WHOLE
+    assert PixelGrid.from_crop(WHOLE, (0, 0, 0, 0), 1).pinhole == WHOLE
 
 
 @pytest.mark.parametrize('crop', [(40, 0, 0, 0), (0, 31, 0, 0), (30, 0, 11, 0), (0, 0, 0, 31)])
 def test_a_crop_outside_the_image_is_refused(crop):
     with pytest.raises(VolumeError, match=r'crop .* reaches out of views of 40x30 px'):
-        PixelGrid.of(WHOLE, crop, 1)
+        PixelGrid.from_crop(WHOLE, crop, 1)

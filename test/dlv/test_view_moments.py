@@ -21,7 +21,7 @@ def places(side, jitter=0.0, seed=0):
 def test_a_polynomial_is_found_and_nothing_is_left_of_it(side, jitter, seed, coefficients):
     where = places(side, jitter, seed)
     light = np.random.default_rng(seed).uniform(0.2, 1, len(where))
-    moments = ViewMoments.of(where, light)
+    moments = ViewMoments.from_places(where, light)
     a, b = where.T
     values = np.stack([np.ones_like(a), a, b, a * a, a * b, b * b], axis=1) @ coefficients
     np.testing.assert_allclose(moments.weights[:6] @ values, coefficients, atol=1e-9)
@@ -35,7 +35,7 @@ def test_a_polynomial_is_found_and_nothing_is_left_of_it(side, jitter, seed, coe
 @pytest.mark.parametrize('angle', [0, 0.6, 2.0])
 def test_a_surface_beside_the_refocused_depth(angle):
     """A wave's second-degree part is that of its second and fourth derivatives, to sixth order."""
-    moments = ViewMoments.of(places(7), np.ones(49))
+    moments = ViewMoments.from_places(places(7), np.ones(49))
     wave = np.array([np.cos(angle), np.sin(angle)])
 
     def missed(beside):
@@ -72,4 +72,4 @@ def test_refocused_pictures_are_read_between_pixels():
 @pytest.mark.parametrize('where', [places(7)[:7], places(3)[:5]])
 def test_too_few_views_are_refused(where):
     with pytest.raises(VolumeError, match=f'{len(where)} views cannot tell two layers'):
-        ViewMoments.of(where, np.ones(len(where)))
+        ViewMoments.from_places(where, np.ones(len(where)))

@@ -10,7 +10,7 @@ from scipy.special import softmax
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import FREE_AXIS_VARIANCE, Symmetry
-from pmcl_ros.pmcl.motion import perturb
+from pmcl_ros.pmcl.particles import perturb
 
 AXES = [np.array(axis, float) / np.linalg.norm(axis)
         for axis in ([0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, -1], [1, 2, -0.5], [1e-7, 0, 1])]

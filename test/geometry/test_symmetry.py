@@ -16,8 +16,8 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.modes import ambiguous_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region

@@ -23,9 +23,9 @@ from pmcl_ros.learning.contour_tables import (
     samples,
 )
 from pmcl_ros.learning.searches import Supports, searches
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
@@ -109,7 +109,7 @@ def block_example(seed):
     pose[:3, :3] = Rotation.from_euler('xyz', rng.uniform(0.4, 0.7, 3)).as_matrix()
     pose[:3, 3] = 0, 0, 0.5
     lines = np.zeros((140, 140), np.uint8)
-    creases = Creases.of(model)
+    creases = Creases.from_model(model)
     for ends, normals in zip(creases.ends, creases.normals, strict=True):
         there = ends @ pose[:3, :3].T + pose[:3, 3]
         if (normals @ pose[:3, :3].T @ there[0] < 0).any():

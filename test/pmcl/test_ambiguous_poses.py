@@ -3,7 +3,7 @@ import pytest
 from pmcl_scenes import bracket, cup, model_of, random_poses
 
 from pmcl_ros.geometry.se3 import rotation_angle
-from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
+from pmcl_ros.pmcl.modes import ambiguous_poses
 
 CUP = model_of(cup(), [0, 0, 1])
 BRACKET = model_of(bracket())

@@ -14,10 +14,10 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.creases import Creases
-from pmcl_ros.pmcl.linearized_contour import LinearizedContour
+from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -44,7 +44,7 @@ def stair():
 
 
 def of(mesh, axis=None):
-    return Creases.of(model_of(mesh, axis))
+    return Creases.from_model(model_of(mesh, axis))
 
 
 def scene(mesh, scale=1, camera=CAMERA):
@@ -138,7 +138,7 @@ def test_what_is_seen_is_what_rays_reach():
 @pytest.mark.parametrize('scale', [1, 2])
 def test_both_renderers_say_the_same_and_points_add_up(context, scale):
     mesh, edges = stair(), random_edges()
-    creases = Creases.of(model_of(mesh), CONTRAST)
+    creases = Creases.from_model(model_of(mesh), CONTRAST)
     poses = random_poses(60, seed=5, aside=0.05)
     said = []
     for renderer in (GlRenderer(context), NumbaRenderer()):
@@ -165,15 +165,16 @@ def test_both_renderers_say_the_same_and_points_add_up(context, scale):
 
 def test_creases_move_as_foretold():
     mesh, edges = stair(), random_edges()
-    creases = Creases.of(model_of(mesh), CONTRAST)
+    creases = Creases.from_model(model_of(mesh), CONTRAST)
     with NumbaRenderer().contour_score(scene(mesh), edges, CONTRAST, creases) as score:
         pose = next(each for each in random_poses(40, seed=8, aside=0.01)
                     if score.creases(each).shown)
         seen = score.creases(pose)
         points = seen.points
-        local = LocalModel.of(pose, Symmetry(), score.points(pose), edges, CONTRAST, None, seen)
-        alone = LocalModel.of(pose, Symmetry(), score.points(pose), edges, CONTRAST, None)
-        slides = LinearizedContour.of(pose, score.points(pose), edges, CONTRAST, seen)
+        contour = score.points(pose)
+        local = LocalModel.from_contour(pose, Symmetry(), contour, edges, CONTRAST, None, seen)
+        alone = LocalModel.from_contour(pose, Symmetry(), contour, edges, CONTRAST, None)
+        slides = LinearizedContour.from_contour(pose, score.points(pose), edges, CONTRAST, seen)
         assert local.evidence == pytest.approx(
             alone.evidence + points.lengths @ points.evidence, rel=1e-3)
         assert slides.evidence(np.zeros((1, 6)))[0] == pytest.approx(local.evidence, rel=1e-6)
@@ -246,7 +247,7 @@ def test_creases_tell_look_alikes_that_outlines_cannot():
     assert cKDTree(mesh.vertices @ found[:3, :3].T).query(corners - truth[:3, 3])[0].max() < 0.004
     with NumbaRenderer().contour_score(
             Scene(model, FAR, Window(0, 0, (150, 150)), 0.5, 0.9), edges, LEARNED,
-            creases=Creases.of(model)) as score:
+            creases=Creases.from_model(model)) as score:
         said = [[float(each.lengths @ each.evidence)
                  for each in (score.points(pose), score.creases(pose).points)]
                 for pose in (truth, other)]

@@ -97,7 +97,7 @@ def test_distances_to_faces_are_those_of_trimesh(seed):
     mesh.vertices += rng.normal(0, 0.01, mesh.vertices.shape)
     points = rng.normal(0, 0.05, (40, 3))
     expected = trimesh.proximity.closest_point_naive(mesh, points)[1]
-    found = _Faces.of(mesh, 0.1).distances(points)
+    found = _Faces.from_mesh(mesh, 0.1).distances(points)
     assert (found >= expected - 1e-12).all()
     # What is far from all faces may be given to one that is nearly as near.
     close = expected < 0.005

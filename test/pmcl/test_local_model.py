@@ -33,7 +33,7 @@ def scene(context, model, seed):
 
 
 def about(score, edges, pose, symmetry, error=ERROR):
-    return LocalModel.of(pose, symmetry, score.points(pose), edges, PROFILE, error)
+    return LocalModel.from_contour(pose, symmetry, score.points(pose), edges, PROFILE, error)
 
 
 @pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])

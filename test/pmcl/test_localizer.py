@@ -230,7 +230,7 @@ def test_no_pose_comes_from_where_none_can_be(context):
     with Localizer(CUP, SMALL) as localizer:
         found = localizer.localize(volume, np.random.default_rng(0))
         assert np.linalg.norm(found.pose[:3, 3] - truth[:3, 3]) < 0.005
-        beside = localizer.localize(volume, np.random.default_rng(0), free=lambda poses: (
+        beside = localizer.localize(volume, np.random.default_rng(0), feasible=lambda poses: (
             np.linalg.norm(poses[:, :3, 3] - truth[:3, 3], axis=1) > 0.02))
         with pytest.raises(LocalizationError, match='no pose to start from'):
             localizer.localize(volume, np.random.default_rng(0), start=np.zeros((0, 4, 4)))

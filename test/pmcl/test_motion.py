@@ -2,7 +2,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
-from pmcl_ros.pmcl.motion import perturb, uniform_poses
+from pmcl_ros.pmcl.particles import perturb, uniform_poses
 from pmcl_ros.pmcl.region import Region
 
 REGION = Region((0.1, -0.2, 0.6), (0.2, 0.1, 0.05))

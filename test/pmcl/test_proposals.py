@@ -97,7 +97,7 @@ def test_normals_are_those_of_the_outline_in_the_image(context):
     ball = model_of(trimesh.creation.icosphere(3, 0.05), [0, 0, 1])
     fx, fy = 600, 300
     turns = 2 * np.pi * np.arange(72) / 72
-    offsets, directions = Templates.of(NumbaRenderer(), ball, 0.4).turned(
+    offsets, directions = Templates.from_views(NumbaRenderer(), ball, 0.4).turned(
         turns, Pinhole(237, 213, fx, fy, 120.5, 103.0))
     # The outline is an ellipse; its normal is the gradient of (x / fx)^2 + (y / fy)^2.
     size = np.linalg.norm(offsets / [fx, fy], axis=-1)

@@ -8,9 +8,9 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.pmcl.contour_approximations import RigidContour, shrunk
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])
@@ -28,7 +28,7 @@ def seen(context):
 
 def test_unmoved_it_is_worth_what_the_drawn_contour_is(seen):
     truth, edges, exact = seen
-    wire = RigidContour.of(truth, exact.points(truth), CAMERA, 10_000)
+    wire = RigidContour.from_contour(truth, exact.points(truth), CAMERA, 10_000)
     assert wire.evidence(truth[None], edges, PROFILE)[0] == pytest.approx(exact(truth[None])[0],
                                                                           rel=0.02)
 
@@ -36,9 +36,8 @@ def test_unmoved_it_is_worth_what_the_drawn_contour_is(seen):
 def test_few_points_say_nearly_the_same(seen):
     truth, edges, exact = seen
     points = exact.points(truth)
-    few, all_ = (RigidContour.of(truth, points, CAMERA, count).evidence(truth[None], edges,
-                                                                        PROFILE)[0]
-                 for count in (64, 10_000))
+    wires = (RigidContour.from_contour(truth, points, CAMERA, count) for count in (64, 10_000))
+    few, all_ = (each.evidence(truth[None], edges, PROFILE)[0] for each in wires)
     assert few == pytest.approx(all_, rel=0.1)
 
 
@@ -46,7 +45,7 @@ def test_from_another_pose_it_is_best_where_the_object_is(seen):
     truth, edges, exact = seen
     other = truth.copy()
     other[:3, 3] += [0.02, -0.015, 0.01]
-    wire = RigidContour.of(other, exact.points(other), CAMERA, 64)
+    wire = RigidContour.from_contour(other, exact.points(other), CAMERA, 64)
     shifts = np.stack(np.meshgrid(*[np.linspace(-0.02, 0.02, 9)] * 2, [0.0]),
                       axis=-1).reshape(-1, 3)
     tried = np.tile(truth, (len(shifts), 1, 1))
@@ -57,7 +56,7 @@ def test_from_another_pose_it_is_best_where_the_object_is(seen):
 
 def test_out_of_view_nothing_speaks_for_or_against(seen):
     truth, edges, exact = seen
-    wire = RigidContour.of(truth, exact.points(truth), CAMERA, 64)
+    wire = RigidContour.from_contour(truth, exact.points(truth), CAMERA, 64)
     away = np.tile(truth, (2, 1, 1))
     away[:, :3, 3] = [[1.0, 0, 0.4], [0, 0, -0.4]]
     np.testing.assert_array_equal(wire.evidence(away, edges, PROFILE), 0)

@@ -35,7 +35,7 @@ def test_a_gaussian_is_sampled_with_its_mean_and_covariance(symmetry, seed):
     start = retract(pose, (basis @ basis.T @ SIGMA)[None])[0]
     poses, values, own = sample_posterior(
         [lambda each: density(pose, target, symmetry, each)],
-        [Gaussian.of(start, 9 * target, symmetry)],
+        [Gaussian.from_covariance(start, 9 * target, symmetry)],
         1500, 6, np.random.default_rng(seed), lambda _: True)
     np.testing.assert_allclose(values, density(pose, target, symmetry, poses), atol=1e-6)
     assert (own == 0).all()
@@ -59,7 +59,8 @@ def test_modes_share_the_particles_as_the_posterior_does():
     shares = []
     for seed in range(4):
         _, _, own = sample_posterior(
-            [two], [Gaussian.of(each, 4 * target, NONE) for each in (second, first)], 600, 3,
+            [two],
+            [Gaussian.from_covariance(each, 4 * target, NONE) for each in (second, first)], 600, 3,
             np.random.default_rng(seed), lambda _: True)
         shares.append((own == 1).mean())
     assert np.mean(shares) == pytest.approx(0.75, abs=0.06)
@@ -71,7 +72,7 @@ def test_what_is_impossible_is_left_out_and_stopping_is_heard():
     def half(poses):
         return np.where(poses[:, 0, 3] > pose[0, 3], density(pose, target, NONE, poses), -np.inf)
 
-    start = [Gaussian.of(pose, 4 * target, NONE)]
+    start = [Gaussian.from_covariance(pose, 4 * target, NONE)]
     poses, values, _ = sample_posterior([half], start, 300, 3, np.random.default_rng(0),
                                         lambda _: True)
     assert np.isfinite(values).all()
@@ -102,7 +103,7 @@ def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
     for densities in ([exact], [rough, exact]):
         asked.clear()
         poses, values, _ = sample_posterior(
-            densities, [Gaussian.of(beside, 9 * target, ROUND)], 1500, 6,
+            densities, [Gaussian.from_covariance(beside, 9 * target, ROUND)], 1500, 6,
             np.random.default_rng(0), lambda _: True)
         costs.append(sum(asked))
         np.testing.assert_allclose(values, density(pose, target, ROUND, poses), atol=1e-6)
@@ -116,7 +117,7 @@ def test_a_rough_density_on_the_way_changes_nothing_but_the_cost():
 @pytest.mark.parametrize('modes', [1, 2, 3])
 def test_each_modes_particles_begin_evenly(modes):
     places, target, size = random_poses(modes, 7), covariance_of(1), 60
-    starts = [Gaussian.of(each, target, NONE) for each in places]
+    starts = [Gaussian.from_covariance(each, target, NONE) for each in places]
     means = []
     for seed in range(12):
         begun = []

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pmcl_ros.pmcl.weights import Weights
+from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.runtime.errors import LocalizationError
 
 LOGS = arrays(float, st.integers(1, 60), elements=st.floats(-800, 800) | st.just(-np.inf))
@@ -35,16 +35,16 @@ def test_effective_size_is_between_one_and_all(log):
 def test_effective_size_by_example():
     assert Weights(np.zeros(7)).effective_size == pytest.approx(7)
     assert Weights(np.array([0, -np.inf, -1e9])).effective_size == pytest.approx(1)
-    assert Weights.of(np.array([1, 1, 1, 0.0])).effective_size == pytest.approx(3)
+    assert Weights.from_values(np.array([1, 1, 1, 0.0])).effective_size == pytest.approx(3)
 
 
 def test_nan_is_no_weight_and_no_weights_are_equal_ones():
     np.testing.assert_allclose(Weights(np.array([np.nan, 0, 0])).normalised, [0, 0.5, 0.5])
     for none in ([-np.inf, -np.inf], [np.nan, np.nan], [np.nan, -np.inf]):
         np.testing.assert_allclose(Weights(np.array(none)).normalised, 0.5)
-    np.testing.assert_allclose(Weights.of(np.array([0, 3, 1, -2, np.nan])).normalised,
+    np.testing.assert_allclose(Weights.from_values(np.array([0, 3, 1, -2, np.nan])).normalised,
                                [0, 0.75, 0.25, 0, 0])
-    np.testing.assert_allclose(Weights.of(np.zeros(4)).normalised, 0.25)
+    np.testing.assert_allclose(Weights.from_values(np.zeros(4)).normalised, 0.25)
 
 
 @pytest.mark.parametrize('log', [np.zeros(0), np.zeros((2, 2)), np.array(1.0)])
@@ -114,7 +114,7 @@ def test_no_weight_is_never_drawn_at_either_end(value):
 
 
 def test_resampling_is_unbiased():
-    weights = Weights.of(np.array([0.15, 0.6, 0.05, 0.2]))
+    weights = Weights.from_values(np.array([0.15, 0.6, 0.05, 0.2]))
     rng = np.random.default_rng(0)
     drawn = np.concatenate([weights.resample(3, rng) for _ in range(4000)])
     share = np.bincount(drawn, minlength=4) / len(drawn)

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv import reference
 from pmcl_ros.dlv.build import choose, make_likelihood
-from pmcl_ros.dlv.cost import likelihood_of
-from pmcl_ros.dlv.cost import CostInputs
+from pmcl_ros.dlv.cost import CostInputs, likelihood_of
 from pmcl_ros.dlv.gl_cost import GlArray, GlCost
 from pmcl_ros.dlv.likelihood import log_likelihood
 from pmcl_ros.dlv.planes import ENCODING
@@ -39,10 +38,11 @@ def bench_dlv(repeats: int = 7, wanted: BackEnd = 'numba', side: int = 328) -> B
     depths = depth_labels(settings.near, settings.far, settings.labels)
     grid, counts = _grid(side), _noise(side)
     light_field = _light_field(grid, counts)
-    task = CostInputs.of(light_field, depths, settings)
+    task = CostInputs.from_light_field(light_field, depths, settings)
     chosen = choose(wanted)
     ms = {'views': best_ms(lambda: _light_field(grid, counts), repeats),
-          'planes': best_ms(lambda: CostInputs.of(light_field, depths, settings), repeats)}
+          'planes': best_ms(lambda: CostInputs.from_light_field(light_field, depths, settings),
+                            repeats)}
     ms |= (_gl_stages if chosen == 'gl' else _numba_stages)(task, settings, repeats)
 
     def total() -> None:

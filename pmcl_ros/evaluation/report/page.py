@@ -25,7 +25,7 @@ _STAGES = {
     'views': 'views, from the picture', 'evidence': 'edge volume',
     'estimate': 'summary of the posterior',
     'proposals': 'proposals', 'coarse': 'refined, by coarse contours',
-    'fine': 'the best, by fine contours', 'rivals': 'with ambiguous poses',
+    'fine': 'the best, by fine contours', 'ambiguous': 'with ambiguous poses',
     'scattered': 'begun again around them', 'modes': 'modes, refined',
     'approximate': 'posterior, approximated', 'posterior': 'posterior',
     'filter': 'particle filter'}

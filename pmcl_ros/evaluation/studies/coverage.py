@@ -7,7 +7,7 @@ import numpy as np
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.motion import perturb
+from pmcl_ros.pmcl.particles import perturb
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 

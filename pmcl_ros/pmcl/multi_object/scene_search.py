@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.contour_evidence import Free
+from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import Observation, weighted
 from pmcl_ros.pmcl.localizer import Localizer
@@ -83,7 +83,7 @@ class SceneSearch:
             assigned = self._candidates.assigned()
         return assigned
 
-    def _search(self, number: int, edges: EdgeVolume, free: Free | None, part: float
+    def _search(self, number: int, edges: EdgeVolume, feasible: Feasible | None, part: float
                 ) -> PoseEstimate:
         """Search for one object alone, and add the modes to the candidates."""
         begin = self._done
@@ -94,25 +94,25 @@ class SceneSearch:
             return not self._stopped
 
         localizer = self._localizers[number]
-        found = localizer.localize(edges, self._rng.spawn(1)[0], progress, free=free)
+        found = localizer.localize(edges, self._rng.spawn(1)[0], progress, feasible=feasible)
         modes = [each.pose for each in found.modes]
         members = self._candidates.add(number, localizer.observe(self._edges, modes))
         self._searches[number].append((found, members[0]))
         return found
 
-    def _feasible(self, number: int, there: set[Member]) -> Free:
+    def _feasible(self, number: int, there: set[Member]) -> Feasible:
         """Feasible poses of an object beside others: the inscribed balls do not overlap."""
         ours = self._solids[number]
         others = [(self._solids[each[0]], self._candidates[each].pose) for each in sorted(there)]
 
-        def free(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        def feasible(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
             centres = poses[:, :3, :3] @ ours.core + poses[:, :3, 3]
             possible = np.ones(len(poses), bool)
             for solid, pose in others:
                 away = np.linalg.norm(centres - (pose[:3, :3] @ solid.core + pose[:3, 3]), axis=1)
                 possible &= away > 0.8 * (ours.core_radius + solid.core_radius)
             return possible
-        return free
+        return feasible
 
     def _visible_points(self, member: Member, assigned: Sequence[Member | None]) -> ContourPoints:
         observation = self._candidates[member]

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints
+from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene

@@ -46,7 +46,7 @@ class Edges(NamedTuple):
     bias: np.float32
 
     @classmethod
-    def of(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile) -> 'Edges':
+    def from_volume(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile) -> 'Edges':
         """As a scene's contours are judged by."""
         window = scene.window
         farthest, per_closeness = label_scale(edges.depths)

@@ -32,8 +32,8 @@ class ContourPoints:
     along: NDArray[np.float64]
 
     @classmethod
-    def of(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
-           profile: ContourProfile) -> 'ContourPoints':
+    def from_zbuffer(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
+                     profile: ContourProfile) -> 'ContourPoints':
         """Of the contour in a z-buffer (`raster`)."""
         found = np.zeros(2 * len(z), np.int32)
         found = found[:find(box, edges.keep, z, found)]

@@ -46,8 +46,8 @@ class GaussNewton:
     def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile, region: Region,
                  step: float) -> None:
         check_profile(profile)
-        self._drawing = Drawing.of(scene)
-        self._edges = Edges.of(scene, edges, profile)
+        self._drawing = Drawing.from_scene(scene)
+        self._edges = Edges.from_volume(scene, edges, profile)
         threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         self._room = Room.for_threads(self._drawing, threads)
         self._found = np.zeros((threads, 2 * self._room.z.shape[1]), np.int32)

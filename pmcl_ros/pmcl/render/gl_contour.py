@@ -6,10 +6,9 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, sums_of_images
+from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, sums_of_images
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
@@ -168,9 +167,9 @@ class GlContourScore:
         check_profile(profile)
         self.evaluations = 0
         self._scene, self._profile = scene, profile
-        self._edges = Edges.of(scene, edges, profile)
+        self._edges = Edges.from_volume(scene, edges, profile)
         self._creases = creases
-        self._lines = None if creases is None else Lines.of(scene, edges, creases)
+        self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
         self.zbuffers = ZBuffers(context, scene, capacity)
         self._tensor = _texture(
             context, np.ascontiguousarray(self._edges.tensor.transpose(2, 0, 1, 3)))
@@ -210,15 +209,16 @@ class GlContourScore:
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
         """See `ContourScore`."""
         self.evaluations += 1
-        return ContourPoints.of((0, 0, *self._scene.window.size), self._drawn(pose), self._edges,
-                                self._profile)
+        return ContourPoints.from_zbuffer((0, 0, *self._scene.window.size), self._drawn(pose),
+                                          self._edges, self._profile)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""
         if self._creases is None or self._lines is None:
             return None
-        return CreasePoints.of(np.asarray(pose, np.float32), (0, 0, *self._scene.window.size),
-                               self._drawn(pose), *self._lines, self._creases.profile)
+        return CreasePoints.from_zbuffer(
+            np.asarray(pose, np.float32), (0, 0, *self._scene.window.size), self._drawn(pose),
+            *self._lines, self._creases.profile)
 
     def _drawn(self, pose: NDArray[np.floating]) -> NDArray[np.float32]:
         self.zbuffers.draw(pose[None])

@@ -14,11 +14,10 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.crease_lines import CreasePoints, Lines, crease_sum
+from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.kernels import LOCK, compiled
@@ -32,7 +31,7 @@ class NumbaRenderer:
 
     def depths(self, scene: Scene, poses: NDArray[np.floating]) -> NDArray[np.float32]:
         """See `Renderer`."""
-        drawing = Drawing.of(scene)
+        drawing = Drawing.from_scene(scene)
         inverse = np.zeros((len(poses), drawing.height, drawing.width), np.float32)
         with LOCK:
             _draw_all(drawing, _float32(poses), _room(drawing), inverse)
@@ -87,12 +86,12 @@ class NumbaContourScore:
         check_profile(profile)
         self._profile = profile
         self.evaluations = 0
-        self._drawing = Drawing.of(scene)
-        self._edges = Edges.of(scene, edges, profile)
+        self._drawing = Drawing.from_scene(scene)
+        self._edges = Edges.from_volume(scene, edges, profile)
         self._room = _room(self._drawing)
         self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
         self._creases = creases
-        self._lines = None if creases is None else Lines.of(scene, edges, creases)
+        self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
 
     def __call__(self, poses: NDArray[np.floating]) -> NDArray[np.float64]:
         """See `ContourScore`."""
@@ -114,14 +113,14 @@ class NumbaContourScore:
         """See `ContourScore`."""
         self.evaluations += 1
         with LOCK:
-            return ContourPoints.of(*self._drawn(pose), self._edges, self._profile)
+            return ContourPoints.from_zbuffer(*self._drawn(pose), self._edges, self._profile)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""
         if self._creases is None or self._lines is None:
             return None
         with LOCK:
-            return CreasePoints.of(_float32(pose), *self._drawn(pose), *self._lines,
+            return CreasePoints.from_zbuffer(_float32(pose), *self._drawn(pose), *self._lines,
                                    self._creases.profile)
 
     def _drawn(self, pose: NDArray[np.floating]
@@ -143,7 +142,7 @@ class NumbaLikelihoodScore:
 
     def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
         self.evaluations = 0
-        self._drawing = Drawing.of(scene)
+        self._drawing = Drawing.from_scene(scene)
         self._room = _room(self._drawing)
         self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
         self._labels = label_scale(volume.depths)

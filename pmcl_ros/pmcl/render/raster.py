@@ -44,7 +44,7 @@ class Drawing(NamedTuple):
     far: float
 
     @classmethod
-    def of(cls, scene: Scene) -> 'Drawing':
+    def from_scene(cls, scene: Scene) -> 'Drawing':
         """Raises RenderError when the window is too large."""
         if max(scene.window.size) > LARGEST:
             width, height = scene.window.size

@@ -9,7 +9,7 @@ from scipy.spatial.distance import cdist
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.motion import perturb
+from pmcl_ros.pmcl.particles import perturb
 from pmcl_ros.runtime.errors import LocalizationError
 
 _ANCESTORS = 512  # at most: particles of the last state from which the next ones may come

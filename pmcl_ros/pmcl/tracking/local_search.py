@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.ambiguous_poses import ambiguous_poses
-from pmcl_ros.pmcl.modes import suppress_duplicates
-from pmcl_ros.pmcl.posterior import Ascend, ContourPosterior, Mode, Posterior
+from pmcl_ros.pmcl.contour_approximations import RigidContour, shrunk
+from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
+from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Refine
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.rigid_contour import RigidContour, shrunk
 from pmcl_ros.pmcl.sampler import Gaussian, sample_posterior
 
 # Distinct poses that are kept: by the rigid contour, after coarse refinement, in the end.
@@ -38,8 +37,8 @@ class LocalSearch:
 
     contour: Callable[[NDArray[np.float64]], ContourPoints]
     edges: EdgeVolume
-    coarse: Ascend
-    fine: Ascend
+    coarse: Refine
+    fine: Refine
     posterior: ContourPosterior
     particles: int
     candidates: int
@@ -71,7 +70,7 @@ class LocalSearch:
         kept = np.flatnonzero(masses >= masses.max() - _NEGLIGIBLE)
         modes, starts = [modes[k] for k in kept], [starts[k] for k in kept]
         scale = modes[0].local.scale
-        contours = [self.posterior.near(mode.pose) for mode in modes]
+        contours = [self.posterior.linearize_at(mode.pose) for mode in modes]
 
         def rough(poses: NDArray[np.float64]) -> NDArray[np.float64]:
             """By the linearized contour of the mode whose Gaussian is densest at a pose."""
@@ -80,7 +79,7 @@ class LocalSearch:
             for k, (mode, contour) in enumerate(zip(modes, contours, strict=True)):
                 own = nearest == k
                 values[own] = contour.evidence(symmetry.local(poses[own], mode.pose))
-            inside = self.posterior.inside(poses)
+            inside = self.posterior.feasible(poses)
             return np.where(inside, scale * values + log_prior(poses), -np.inf)
 
         poses, values, own = sample_posterior([rough, exact], starts, self.particles, _MOVES,
@@ -93,27 +92,28 @@ class LocalSearch:
         Its mean is the mode itself where the mean of the product is outside of the region.
         """
         both = _product(prior, mode)
-        return both if self.posterior.inside(both.pose[None])[0] else replace(both, pose=mode.pose)
+        feasible = self.posterior.feasible(both.pose[None])[0]
+        return both if feasible else replace(both, pose=mode.pose)
 
     def _candidates(self, prior: Gaussian, rng: np.random.Generator) -> NDArray[np.float64]:
         """(k, 4, 4) refined poses drawn from the prior, no two of one mode, best first."""
         points, model = self.contour(prior.pose), self.posterior.model
         if not len(points.lengths):
             return np.zeros((0, 4, 4))
-        rigid = RigidContour.of(prior.pose, points, self.edges.pinhole, _CONTOUR_POINTS)
+        rigid = RigidContour.from_contour(prior.pose, points, self.edges.pinhole, _CONTOUR_POINTS)
         blurred, contrast = shrunk(self.edges, _BLUR), ContourProfile.contrast()
         normal = rng.normal(size=(self.candidates, prior.basis.shape[1]))
         poses = np.concatenate([prior.pose[None], retract(prior.pose, prior.deviations(normal))])
-        poses = poses[self.posterior.inside(poses)]
+        poses = poses[self.posterior.feasible(poses)]
         poses = self._best(lambda each: (each, rigid.evidence(each, blurred, contrast)), poses,
                            prior, _LIKELY)
         poses = self._best(self.coarse, poses, prior, _HOPEFUL)
         others = ambiguous_poses(model, poses[0]) if len(poses) else poses
-        others = others[self.posterior.inside(others)]
+        others = others[self.posterior.feasible(others)]
         poses = np.concatenate([poses, self.coarse(others)[0]])
         return self._best(self.fine, poses, prior, _MODES)
 
-    def _best(self, stage: Ascend, poses: NDArray[np.float64], prior: Gaussian, count: int
+    def _best(self, stage: Refine, poses: NDArray[np.float64], prior: Gaussian, count: int
               ) -> NDArray[np.float64]:
         """The best `count` poses after a stage, by evidence and prior, no two of one mode."""
         poses, values = stage(poses)
@@ -123,8 +123,8 @@ class LocalSearch:
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
         """The modes near poses, best first, in the region, no two the same."""
-        modes = [self.posterior.refined(each) for each in poses]
-        modes = [each for each in modes if self.posterior.inside(each.pose[None])[0]
+        modes = [self.posterior.refine(each) for each in poses]
+        modes = [each for each in modes if self.posterior.feasible(each.pose[None])[0]
                  and each.local.length > 0]
         modes.sort(key=lambda mode: -mode.local.evidence)
         poses = np.array([mode.pose for mode in modes]).reshape(-1, 4, 4)
@@ -141,7 +141,7 @@ def _product(prior: Gaussian, mode: Mode) -> Gaussian:
     off = local.basis.T @ prior.symmetry.local(prior.pose[None], mode.pose)[0]
     step = local.basis @ np.linalg.solve(information + expected, expected @ off)
     wide = local.basis @ np.linalg.inv(information / _WIDEN ** 2 + expected) @ local.basis.T
-    return Gaussian.of(retract(mode.pose, step[None])[0], wide, prior.symmetry)
+    return Gaussian.from_covariance(retract(mode.pose, step[None])[0], wide, prior.symmetry)
 
 
 def _log_volume(prior: Gaussian, mode: Mode, product: Gaussian) -> float:

@@ -11,12 +11,12 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.tracking.action import ActionModel, State
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.pmcl.tracking.track import DOUBT_SIGMA, Prediction, Track
-from pmcl_ros.pmcl.weights import Weights
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
 
@@ -107,7 +107,7 @@ class Tracker:
         if prediction is None:  # the track is new, but the statistics hold
             track.confirmations = 0
             return (detected := detect()), track.passes_gate(detected, None)
-        prior = Gaussian.of(prediction.mean, prediction.covariance, self._symmetry)
+        prior = Gaussian.from_covariance(prediction.mean, prediction.covariance, self._symmetry)
 
         def follow() -> PoseEstimate:
             track.since_search += 1

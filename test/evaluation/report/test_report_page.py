@@ -122,7 +122,7 @@ def test_the_pose_is_the_same_with_a_history_and_without(found):
 
 def test_a_history_tells_the_stages_in_their_order(found):
     stages = [each.stage for each in found.history]
-    order = ['proposals', 'coarse', 'fine', 'rivals', 'scattered', 'modes', 'approximate',
+    order = ['proposals', 'coarse', 'fine', 'ambiguous', 'scattered', 'modes', 'approximate',
              'posterior']
     assert list(dict.fromkeys(stages)) == [each for each in order if each in stages]
     assert {'proposals', 'coarse', 'modes', 'posterior'} <= set(stages)

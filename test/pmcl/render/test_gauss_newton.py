@@ -65,7 +65,8 @@ def test_its_first_step_is_the_local_models(shown):
     with NumbaRenderer().contour_score(seen(model), edges, PROFILE) as score:
         compared = 0
         for pose in beside(truth, 20, 0.7):
-            local = LocalModel.of(pose, model.symmetry, score.points(pose), edges, PROFILE, None)
+            local = LocalModel.from_contour(pose, model.symmetry, score.points(pose), edges,
+                                            PROFILE, None)
             found, values = climb(pose[None], 1, 1.0, 0.01)
             if values[0] == local.evidence or (found[0] == pose).all():
                 continue  # that step led down

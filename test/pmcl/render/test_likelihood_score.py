@@ -10,8 +10,7 @@ from pmcl_scenes import bracket, cup, model_of, random_poses
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.render.gl_likelihood import GlLikelihoodScore
-from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
+from pmcl_ros.pmcl.render.gl_renderer import GlLikelihoodScore, GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError

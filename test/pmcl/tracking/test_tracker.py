@@ -198,8 +198,8 @@ def test_the_prior_is_a_part_of_the_posterior(frames):
     for sigma in (0.03, 0.0005):
         spread = np.diag(np.repeat([sigma ** 2, 0.05 ** 2], 3))
         with Localizer(CUP, settings('constant_pose')) as localizer:
-            results.append(localizer.follow(seen, Gaussian.of(off, spread, CUP.symmetry),
-                                            np.random.default_rng(0), 64, 256))
+            prior = Gaussian.from_covariance(off, spread, CUP.symmetry)
+            results.append(localizer.follow(seen, prior, np.random.default_rng(0), 64, 256))
     loose, tight = (pose_error(each.pose, pose, CUP.symmetry).ray for each in results)
     assert abs(loose) < 0.003
     assert tight > max(loose, 0) + 0.001
@@ -209,8 +209,8 @@ def test_a_prior_that_is_out_of_view_finds_nothing(frames):
     away = pose_of(Rotation.identity(), np.array([3.0, 0, 0.4]))
     spread = np.diag(np.repeat([1e-4, 1e-3], 3))
     with Localizer(CUP, settings('constant_pose')) as localizer:
-        estimate = localizer.follow(frames[0][0], Gaussian.of(away, spread, CUP.symmetry),
-                                    np.random.default_rng(0), 64, 256)
+        prior = Gaussian.from_covariance(away, spread, CUP.symmetry)
+        estimate = localizer.follow(frames[0][0], prior, np.random.default_rng(0), 64, 256)
     assert estimate.lost
     assert len(estimate.particles) == 64
 
@@ -301,7 +301,7 @@ def test_a_faint_mode_does_not_draw_particles_from_the_object(context):
         for seed in (44, 46, 73, 126, 141, 158, *range(6)):  # the first six went astray
             rng, about = np.random.default_rng(seed), START.copy()
             about[:3, 3] += rng.normal(0, 0.002, 3)
-            prior = Gaussian.of(about, spread, CUP.symmetry)
+            prior = Gaussian.from_covariance(about, spread, CUP.symmetry)
             estimate = localizer.follow(both, prior, rng, 64, 1024)
             assert pose_error(estimate.pose, START, CUP.symmetry).translation < 0.004
             assert estimate.evidence > 0.2

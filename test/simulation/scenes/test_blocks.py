@@ -5,8 +5,8 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from pmcl_ros.pmcl.creases import Creases
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.simulation.files import write_capture
 from pmcl_ros.simulation.scenes.blocks import BLOCKS, random_block
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -55,5 +55,5 @@ def test_a_block_is_written_with_its_symmetries(tmp_path):
             model = ObjectModel.load(described)
             assert model.axis is None
             assert len(model.discrete) == len(target.discrete)
-            assert len(Creases.of(model).ends) >= 9
+            assert len(Creases.from_model(model).ends) >= 9
     assert written == 1

@@ -14,22 +14,58 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import trimesh
 from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import evidence_across
-from pmcl_ros.pmcl.creases import Creases
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, energy, evidence
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.kernels import compiled
 
+SHARP = np.deg2rad(30)  # between normals: round parts of more than twelve facets a turn have less
 _CLEAR = 3  # image px to the nearest occluding contour; no more than MARGIN
 _STEP = 2  # pixels of the z-buffer: from one point of a crease to the next
 _BEHIND = 0.1  # of what counts as an occlusion: how far below the z-buffer a crease is still seen
+
+
+@dataclass(frozen=True)
+class Creases:
+    """Edges at which a mesh's surface turns by more than `SHARP`.
+
+    ends: (m, 2, 3) [m]. normals: (m, 2, 3) of the faces on both sides. closed: these point out of
+    the object; else they only agree with each other.
+    profile: of the evidence across them, as a contour's; no side is the outside.
+    """
+
+    ends: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    closed: bool
+    profile: ContourProfile
+
+    @classmethod
+    def from_model(cls, model: ObjectModel, profile: ContourProfile | None = None
+                   ) -> 'Creases | None':
+        """Of a mesh as it was given: where it is simplified its facets turn otherwise.
+
+        None where there are none, and for objects with an axis of symmetry: what creases say
+        about those does not pay (docs/concepts/evidence.md). profile: by default the learned one.
+        """
+        if model.axis is not None:
+            return None
+        mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
+        mesh.merge_vertices()
+        sharp = mesh.face_adjacency_angles > SHARP
+        if not sharp.any():
+            return None
+        return cls(np.asarray(mesh.vertices[mesh.face_adjacency_edges[sharp]], np.float64),
+                   np.asarray(mesh.face_normals[mesh.face_adjacency[sharp]], np.float64),
+                   model.closed, profile or ContourProfile.of_creases())
 
 
 class Lines(NamedTuple):
@@ -51,7 +87,8 @@ class Lines(NamedTuple):
     near: float
 
     @classmethod
-    def of(cls, scene: Scene, edges: EdgeVolume, creases: Creases) -> tuple['Lines', Edges]:
+    def from_creases(cls, scene: Scene, edges: EdgeVolume, creases: Creases
+                     ) -> tuple['Lines', Edges]:
         """Those, and the edges with their profile.
 
         Raises RenderError for a profile larger than scores are made for.
@@ -62,7 +99,7 @@ class Lines(NamedTuple):
                     np.ascontiguousarray(creases.normals, np.float64), bool(creases.closed),
                     np.array([camera.fx, camera.fy, camera.cx, camera.cy]), window.left,
                     window.top, window.scale, math.ceil(_CLEAR / window.scale), float(scene.near))
-        return lines, Edges.of(scene, edges, creases.profile)
+        return lines, Edges.from_volume(scene, edges, creases.profile)
 
 
 @dataclass(frozen=True)
@@ -76,9 +113,9 @@ class CreasePoints:
     profile: ContourProfile
 
     @classmethod
-    def of(cls, pose: NDArray[np.float32], box: tuple[int, int, int, int],
-           z: NDArray[np.float32], lines: Lines, edges: Edges, profile: ContourProfile
-           ) -> 'CreasePoints':
+    def from_zbuffer(cls, pose: NDArray[np.float32], box: tuple[int, int, int, int],
+                     z: NDArray[np.float32], lines: Lines, edges: Edges, profile: ContourProfile
+                     ) -> 'CreasePoints':
         """Of a pose (4, 4) whose z-buffer (`raster`) is given: those that are summed."""
         rows = _rows(pose, box, z, lines, edges)
         energies = rows[:, 8:]

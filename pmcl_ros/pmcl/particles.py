@@ -5,7 +5,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
+from pmcl_ros.pmcl.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
 
 
@@ -29,7 +31,7 @@ class Weights:
         object.__setattr__(self, 'log', clean - clean.max())
 
     @classmethod
-    def of(cls, values: NDArray[np.floating]) -> 'Weights':
+    def from_values(cls, values: NDArray[np.floating]) -> 'Weights':
         """Weights proportional to non-negative values."""
         with np.errstate(divide='ignore', invalid='ignore'):
             return cls(np.log(np.asarray(values, float)))
@@ -82,3 +84,27 @@ class Weights:
         # A step of no height is never stepped on, the last one included.
         drawn = np.searchsorted(ladder / ladder[-1], positions, side='right')
         return np.minimum(drawn, np.flatnonzero(self.normalised)[-1])
+
+
+def uniform_poses(region: Region, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """(count, 4, 4) poses, origins uniform in the region, orientations uniform over SO(3)."""
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, 3] = np.array(region.center) + (rng.random((count, 3)) - 0.5) * region.size
+    poses[:, :3, :3] = Rotation.random(count, rng).as_matrix()
+    return poses
+
+
+def perturb(poses: NDArray[np.float64], translation: NDArray[np.floating] | float,
+            rotation: NDArray[np.floating] | float, rng: np.random.Generator
+            ) -> NDArray[np.float64]:
+    """Poses moved by zero-mean Gaussians in the six degrees of freedom.
+
+    Paper, section V: the action model.
+    translation: standard deviation along x, y, z of the camera's frame [m].
+    rotation: about these axes through the object's origin [rad].
+    """
+    moved = poses.copy()
+    moved[:, :3, 3] += rng.normal(size=(len(poses), 3)) * translation
+    turn = Rotation.from_rotvec(rng.normal(size=(len(poses), 3)) * rotation)
+    moved[:, :3, :3] = turn.as_matrix() @ poses[:, :3, :3]
+    return moved
