@@ -7,6 +7,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pmcl_scenes
 import pytest
 from pmcl_scenes import CAMERA, cup, model_of, random_poses
 
@@ -100,8 +101,8 @@ for renderer in ('numba', 'auto', 'gl'):
 
 def test_without_opengl_numba_localises_and_gl_is_refused():
     environment = os.environ | {'GLCONTEXT_LINUX_LIBEGL': '/nowhere/libEGL.so'}
-    here = os.path.dirname(__file__)
-    said = subprocess.run([sys.executable, '-c', _WITHOUT_GL, here], env=environment, check=True,
+    support = os.path.dirname(pmcl_scenes.__file__)
+    said = subprocess.run([sys.executable, '-c', _WITHOUT_GL, support], env=environment, check=True,
                           capture_output=True, text=True).stdout
     before, after = said.split('poses are scored by numba: no headless OpenGL 4.3 context')
     assert 'OpenGL' not in before  # nobody has even asked for it
