@@ -102,8 +102,8 @@ for renderer in ('numba', 'auto', 'gl'):
 def test_without_opengl_numba_localises_and_gl_is_refused():
     environment = os.environ | {'GLCONTEXT_LINUX_LIBEGL': '/nowhere/libEGL.so'}
     support = os.path.dirname(pmcl_scenes.__file__)
-    said = subprocess.run([sys.executable, '-c', _WITHOUT_GL, support], env=environment, check=True,
-                          capture_output=True, text=True).stdout
+    said = subprocess.run([sys.executable, '-c', _WITHOUT_GL, support], env=environment,
+                          check=True, capture_output=True, text=True).stdout
     before, after = said.split('poses are scored by numba: no headless OpenGL 4.3 context')
     assert 'OpenGL' not in before  # nobody has even asked for it
     for mode in ('default', 'faithful'):
