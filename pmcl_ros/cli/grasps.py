@@ -11,10 +11,9 @@ from pmcl_ros.cli.base import FILE
 from pmcl_ros.drawing.grasp_picture import grasp_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.grasps.clearance import Clearance, surface_points
-from pmcl_ros.grasps.grasp_file import GraspFile
-from pmcl_ros.grasps.gripper import GripperSettings
-from pmcl_ros.grasps.profile import Profile
-from pmcl_ros.grasps.revolution import grasps_of
+from pmcl_ros.grasps.grasp import GraspFile
+from pmcl_ros.grasps.revolution import Profile, grasps_of
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
@@ -41,7 +40,7 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
         raise GraspError(f'no grasp of {model.name!r} leaves {1000 * sizes.margin:g} mm of room '
                          f'on every side with an opening of {1000 * sizes.opening:g} mm')
     points = surface_points(model)
-    clearances = [Clearance.of(each, points, sizes) for each in found]
+    clearances = [Clearance.from_points(each, points, sizes) for each in found]
     table = Table('grasp', 'kind', 'width', 'opening', 'beside', 'palm', 'tips',
                   *(f'clear at {1000 * sigma:g} mm' for sigma in _SIGMAS))
     for grasp, clearance in zip(found, clearances, strict=True):
@@ -63,5 +62,5 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
         click.echo(out, err=True)
     if picture is not None:
         picture.parent.mkdir(parents=True, exist_ok=True)
-        write_png(picture, grasp_picture(Profile.of(model), sizes, found, clearances))
+        write_png(picture, grasp_picture(Profile.from_model(model), sizes, found, clearances))
         click.echo(picture, err=True)

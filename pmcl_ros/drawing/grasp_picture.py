@@ -11,8 +11,8 @@ from scipy.spatial import ConvexHull
 from pmcl_ros.drawing.charts import picture
 from pmcl_ros.grasps.clearance import Clearance
 from pmcl_ros.grasps.grasp import Grasp
-from pmcl_ros.grasps.gripper import GripperSettings
-from pmcl_ros.grasps.profile import Profile
+from pmcl_ros.grasps.revolution import Profile
+from pmcl_ros.grasps.settings import GripperSettings
 
 _SCALE = 12.0  # inches / m
 _AROUND = 0.08  # m: shown on each side of the object

@@ -1,4 +1,4 @@
-"""How much room the open fingers leave the object, and how likely that is enough."""
+"""Clearance of an object between the open fingers, and the probability of a free approach."""
 
 from dataclasses import dataclass
 
@@ -8,27 +8,27 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri, owens_t
 
 from pmcl_ros.grasps.grasp import Grasp
-from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 
-# m: strips of shifts along the fingers' width, the middle one about none
+# m: ends of the strips of shifts along the fingers' width; the middle strip is about 0
 _EDGES = np.array([-24, -17, -12, -8, -5, -3, -1, 1, 3, 5, 8, 12, 17, 24]) * 1e-3
 _MIDDLE = len(_EDGES) // 2 - 1
-_QUANTILES = (0.25, 0.75)  # of a strip, for which its probability is told
-_DEPTHS = (0.15, 0.35, 0.6, 0.8, 1.0)  # of the room before the palm
-_SPACING = 0.002  # m: between points of the surface, where the object is no larger than usual
-_STEP, _SPAN = 0.001, 0.004  # m: how finely, and over what length, a wall's lean is measured
+_QUANTILES = (0.25, 0.75)  # of a strip, at which its probability is evaluated
+_DEPTHS = (0.15, 0.35, 0.6, 0.8, 1.0)  # shares of the room before the palm
+_SPACING = 0.002  # m: between points of the surface, on objects up to 0.3 m
+_STEP, _SPAN = 0.001, 0.004  # m: step and length for the lean of a wall
 
 
 @dataclass(frozen=True)
 class Clearance:
-    """The shifts of the object at which an open gripper still comes to hold it without a touch.
+    """Shifts of the object at which an open gripper reaches the grasp without contact.
 
-    A shift is how far the object is from where it is thought, in the grasp frame. Those along z
-    are cut into strips. For each, several rectangles of shifts along y and x are known, as room
-    before the palm costs room beside the fingers where the object widens: in each of them fingers
-    and palm are clear of the object, on the straight way along x and at its end, and the fingers
-    then close on walls that lean too little to slip away over the fingertips.
+    A shift is the error of the object's position in the grasp frame. Shifts along z are divided
+    into strips. Each strip has several rectangles of shifts along y and x, as room before the
+    palm costs room beside the fingers where the object widens. In each rectangle fingers and palm
+    are clear of the object during the straight approach along x, and the fingers close on walls
+    that friction holds.
 
     strips: (k, 2) ends along z [m]. low, high: (k, m, 2) ends of the rectangles along y (closing)
         and x (approach) [m]; one is empty where low is not below high.
@@ -39,9 +39,9 @@ class Clearance:
     high: NDArray[np.float64]
 
     @classmethod
-    def of(cls, grasp: Grasp, points: NDArray[np.float64], gripper: GripperSettings
-           ) -> 'Clearance':
-        """Measured on points (n, 3) of the object's surface, in its own frame [m]."""
+    def from_points(cls, grasp: Grasp, points: NDArray[np.float64], gripper: GripperSettings
+                    ) -> 'Clearance':
+        """Of points (n, 3) of the surface, in the object's frame [m]."""
         seen = in_grasp_frame(grasp, points)
         strips = np.stack([_EDGES[:-1], _EDGES[1:]], axis=1)
         rooms = np.array([_rooms(seen, gripper, grasp.opening, *strip) for strip in strips])
@@ -49,25 +49,25 @@ class Clearance:
 
     @property
     def room(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Low and high (2,) of the roomiest rectangle where z is right."""
+        """Low and high (2,) of the largest rectangle in the strip about z = 0 [m]."""
         low, high = self.low[_MIDDLE], self.high[_MIDDLE]
         best = int(np.minimum(-low, high).min(axis=1).argmax())
         return low[best], high[best]
 
     @property
     def least(self) -> float:
-        """The smallest room on any side of the object where it is thought to be [m]."""
+        """The least room on any side of the object at a shift of 0 [m]."""
         low, high = self.room
         return float(min(-low.max(), high.min()))
 
     def probability(self, covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(...) how likely the open fingers clear the object and then hold it.
+        """(...) probability that the open fingers clear the object and then hold it.
 
         covariance: (..., 3, 3) [m^2] of the object's shift in the grasp frame, Gaussian about 0.
 
-        A sum over the strips of z. Given z, shifts along y and x are a bivariate normal variable,
-        whose probability to lie in a rectangle is closed, by Owen's T function; the best rectangle
-        of the strip is taken. Farther out than the strips nothing is counted: it may be surer.
+        A sum over the strips of z. Given z, the shifts along y and x are bivariate normal; their
+        probability in a rectangle is closed, by Owen's T function. The best rectangle of a strip
+        counts. Shifts beyond the strips do not count: the result is a lower bound.
         """
         sigma = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 1e-18))
         below = ndtr(self.strips / sigma[..., 2, None, None])  # (..., k, 2)
@@ -94,12 +94,12 @@ class Clearance:
 
 
 def in_grasp_frame(grasp: Grasp, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3) points of the object's frame told in the grasp frame."""
+    """(n, 3) points of the object's frame, expressed in the grasp frame."""
     return (points - grasp.pose[:3, 3]) @ grasp.pose[:3, :3]
 
 
 def surface_points(model: ObjectModel) -> NDArray[np.float64]:
-    """(n, 3) points of the surface, dense against a finger: vertices, edges, and between [m]."""
+    """(n, 3) points of the surface [m], about 2 mm apart: vertices, edges and faces."""
     spacing = max(_SPACING, model.diameter / 150)
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
     ends = model.vertices[mesh.edges_unique]
@@ -109,14 +109,14 @@ def surface_points(model: ObjectModel) -> NDArray[np.float64]:
     along = ends[edge, 0] + part[:, None] * (ends[edge, 1] - ends[edge, 0])
     between = trimesh.sample.sample_surface(mesh, int(4 * mesh.area / spacing ** 2) + 1, seed=0)[0]
     points = np.concatenate([along, between])
-    # Slender triangles give too many: one is kept for each cell, and every vertex.
+    # Slender triangles give too many points: one is kept in each cell, and all vertices.
     _, kept = np.unique(np.floor(points / (spacing / 2)), axis=0, return_index=True)
     return np.concatenate([model.vertices, points[kept]])
 
 
 def held(points: NDArray[np.float64], gripper: GripperSettings, opening: float
          ) -> NDArray[np.float64]:
-    """(m, 3) those of points (n, 3) in the grasp frame that are between the fingers."""
+    """(m, 3) points between the fingers, of points (n, 3) in the grasp frame."""
     return _between(points[abs(points[:, 2]) <= gripper.finger_width / 2], gripper, opening)
 
 
@@ -128,9 +128,9 @@ def _between(level: NDArray[np.float64], gripper: GripperSettings, opening: floa
 
 def _rooms(points: NDArray[np.float64], gripper: GripperSettings, opening: float, first: float,
            last: float) -> NDArray[np.float64]:
-    """(2, m, 2) low and high of the rectangles for points in the grasp frame.
+    """(2, m, 2) low and high of the rectangles of one strip, for points in the grasp frame.
 
-    first, last: the strip of shifts along z [m].
+    first, last: ends of the strip along z [m].
     """
     def level(height: float) -> NDArray[np.float64]:
         z = points[:, 2]
@@ -142,7 +142,7 @@ def _rooms(points: NDArray[np.float64], gripper: GripperSettings, opening: float
         return np.zeros((2, len(_DEPTHS), 2))
     far = min(_hold(between[:, 0], sign * between[:, 1], gripper) for sign in (1, -1))
     low, high = _beside(fingers[fingers[:, 0] <= gripper.tip, 1], gripper, opening)
-    # A shift along x may come with one along y: to it, the palm is that much broader.
+    # A shift along x may come with one along y, for which the palm is effectively wider.
     palm, half = level(gripper.palm_height), gripper.palm_width / 2 + max(high, -low, 0)
     room = min(palm[abs(palm[:, 1]) <= half, 0].min(initial=np.inf) - gripper.palm,
                gripper.finger_length)
@@ -157,7 +157,7 @@ def _rooms(points: NDArray[np.float64], gripper: GripperSettings, opening: float
 
 def _beside(y: NDArray[np.float64], gripper: GripperSettings, opening: float
             ) -> tuple[float, float]:
-    """The shifts along y at which points at y (n,) [m] meet a finger's inside or outside."""
+    """Shifts along y [m] at which points at y (n,) touch the inside or outside of a finger."""
     inner, outer = opening / 2, opening / 2 + gripper.finger_thickness
     between = abs(y) < (inner + outer) / 2
     beyond = y[~between]
@@ -167,10 +167,10 @@ def _beside(y: NDArray[np.float64], gripper: GripperSettings, opening: float
 
 
 def _hold(x: NDArray[np.float64], y: NDArray[np.float64], gripper: GripperSettings) -> float:
-    """How much farther away the object may be until a finger at its +y would slip off [m].
+    """Largest shift along x until a finger at +y would slip off the object [m].
 
-    It touches the largest y that it reaches: slips where that still grows at the fingertip, by
-    more than the friction holds, or where nothing is left.
+    The finger touches the largest y in its reach. It slips where y still grows at the fingertip by
+    more than friction holds, or where nothing is in reach.
     """
     order = np.argsort(x)
     widest = np.r_[-np.inf, np.maximum.accumulate(y[order])]
@@ -183,9 +183,9 @@ def _hold(x: NDArray[np.float64], y: NDArray[np.float64], gripper: GripperSettin
 
 def rectangle_probability(low: NDArray[np.float64], high: NDArray[np.float64],
                           correlation: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) that two standard normal variables lie between low and high (..., 2).
+    """(...) probability that two standard normal variables lie between low and high (..., 2).
 
-    correlation: (...), of the two. 0 where a low is not below its high.
+    correlation: (...) of both. 0 where a low is not below its high.
     """
     parts = [(_below(first[..., 0], second[..., 1], correlation), sign)
              for first, second, sign in ((high, high, 1), (low, high, -1), (high, low, -1),

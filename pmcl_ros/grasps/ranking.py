@@ -1,4 +1,4 @@
-"""Which grasps of an object are the best, now that its pose is known, and how surely."""
+"""Rank the grasps of an object at an estimated pose: reach, clearance, comfort."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,18 +9,17 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.se3 import point_covariance, remove_spin, rotations_about
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.grasp import Grasp
-from pmcl_ros.grasps.gripper import GripperSettings
-from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.grasps.settings import GraspSettings, GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
 _UP = np.array([0, 0, 1.0])
-_LEVEL = 0.1  # of a unit vector: less than this across the axis makes no direction
+_LEVEL = 0.1  # of a unit vector: a smaller component across the axis gives no direction
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A grasp that the robot may try.
+    """A grasp at one pose of the object, with its rating.
 
     pose: (4, 4) the grasp frame in the robot's base. probability: that the open fingers clear the
     object. comfort: 1 where the approach points away from the shoulder, 0 where towards it.
@@ -33,7 +32,7 @@ class Candidate:
 
     @property
     def score(self) -> float:
-        """What candidates are ranked by."""
+        """The candidates are sorted by this value."""
         return self.probability * self.comfort
 
     def before(self, distance: float) -> NDArray[np.float64]:
@@ -45,7 +44,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Ranking:
-    """The candidates, best first, and how many were refused for what reason."""
+    """The candidates, best first, and the number of refused grasps by reason."""
 
     candidates: tuple[Candidate, ...]
     refused: dict[str, int]
@@ -71,7 +70,7 @@ class Ranker:
         points = surface_points(model)
         self._model, self._gripper, self._settings = model, gripper, settings
         self._grasps = tuple(grasps)
-        self._clearances = [Clearance.of(each, points, gripper) for each in grasps]
+        self._clearances = [Clearance.from_points(each, points, gripper) for each in grasps]
         poor = [f'{each.name} ({1000 * room.least:.1f} mm)' for each, room
                 in zip(self._grasps, self._clearances, strict=True) if room.least <= 0]
         if poor:
@@ -88,9 +87,9 @@ class Ranker:
         pose: (4, 4) object to base. covariance: (6, 6) of it, x, y, z [m^2], then rotations about
         the base's axes [rad^2].
 
-        An axis of symmetry makes the turns about it equivalent: each grasp is tried at evenly
-        spaced ones, from that where its approach (closed form) points away from the shoulder. What
-        follows is thus independent of the spin that the pose happens to have.
+        Rotations about an axis of symmetry are equivalent: each grasp is tried at evenly spaced
+        angles, starting where its approach points away from the shoulder (closed form). So the
+        result does not depend on the spin of the pose.
         """
         poses = self._turned(pose)  # (grasps, turns, 4, 4)
         probability = self._probability(pose, covariance, poses)
@@ -108,7 +107,7 @@ class Ranker:
                 refused[reason] = int((refuses & ~counted).sum())
             counted |= refuses
         grasp, turn = np.nonzero(good)
-        # Rounded, and the order of the grasps kept: noise must not decide between equals.
+        # Rounded, in a stable order: noise must not decide between equal grasps.
         order = np.argsort(-np.round((probability * comfort)[good], 9), kind='stable')
         return Ranking(tuple(
             Candidate(self._grasps[g], _upright(poses[g, t], outwards[g, t]),
@@ -117,7 +116,7 @@ class Ranker:
             refused)
 
     def _turned(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(grasps, turns, 4, 4) the equivalent grasps in the base."""
+        """(grasps, turns, 4, 4) the equivalent grasps in the base frame."""
         axis = self._model.axis
         own = np.stack([each.pose for each in self._grasps])
         if axis is None:
@@ -141,9 +140,9 @@ class Ranker:
                          in zip(self._clearances, shift, strict=True)])
 
     def _unreachable(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(grasps, turns) whose wrist, there or before the approach, is too near or too far.
+        """(grasps, turns) whose wrist is too near or too far, at the grasp or before the approach.
 
-        What is left may still have no inverse kinematics: a planner says.
+        A planner must still check the inverse kinematics of the others.
         """
         parent = (poses @ self._gripper.parent_pose)[..., :3, 3]
         wrist = parent - self._settings.wrist * poses[..., :3, 0]
@@ -154,9 +153,9 @@ class Ranker:
 
     def _too_low(self, pose: NDArray[np.float64], poses: NDArray[np.float64]
                  ) -> NDArray[np.bool_]:
-        """(grasps, turns) where the gripper, there or before, is below the object's lowest point.
+        """(grasps, turns) with the gripper below the object's lowest point during the approach.
 
-        The base's z points up.
+        z of the base frame points up.
         """
         if not self._settings.support:
             return np.zeros(poses.shape[:2], bool)
@@ -169,14 +168,14 @@ class Ranker:
 
 def _aligning(grasp: NDArray[np.float64], axis: NDArray[np.float64],
               outwards: NDArray[np.float64], pose: NDArray[np.float64]) -> float:
-    """The turn about `axis` [rad] that brings a grasp's (4, 4) approach nearest to `outwards`.
+    """The angle about `axis` [rad] that aligns the approach of a grasp (4, 4) with `outwards`.
 
-    For v = v_along + v_across, the turned v is v_along + cos(t) v_across + sin(t) axis x v_across;
-    its product with a direction is largest at t = atan2(axis x v . d, v_across . d). An approach
-    along the axis leaves the closing direction, which is then brought across `outwards`.
+    For v = v_along + v_across the rotated v is v_along + cos(t) v_across + sin(t) axis x v_across;
+    its product with a direction d is largest at t = atan2(axis x v . d, v_across . d). Where the
+    approach is along the axis, the closing direction is aligned normal to `outwards` instead.
     """
     ahead = outwards / max(float(np.linalg.norm(outwards)), 1e-9)
-    if np.linalg.norm(np.cross(axis, ahead)) < _LEVEL:  # seen along the axis: any fixed direction
+    if np.linalg.norm(np.cross(axis, ahead)) < _LEVEL:  # along the axis: any fixed direction
         ahead = pose[:3, :3].T @ np.eye(3)[int(abs(pose[:3, :3] @ axis).argmin())]
     across = np.cross(axis, np.cross(grasp[:3, 0], axis))
     if np.linalg.norm(across) < _LEVEL:
@@ -185,9 +184,9 @@ def _aligning(grasp: NDArray[np.float64], axis: NDArray[np.float64],
 
 
 def _upright(pose: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The pose (4, 4), or the same turned by half about the approach, which holds as well.
+    """The pose (4, 4), or the equivalent one after half a turn about the approach.
 
-    z of the gripper points up, or outwards where the approach is down: as a wrist likes it.
+    z of the gripper points up, or outwards where the approach is down, which wrists reach best.
     """
     if pose[:3, 2] @ (_UP + outwards) >= -1e-9:
         return pose

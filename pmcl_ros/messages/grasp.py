@@ -10,8 +10,8 @@ from std_msgs.msg import ColorRGBA, Float32MultiArray, MultiArrayDimension, Mult
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.ranking import Candidate
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.pose import poses_to_messages
 

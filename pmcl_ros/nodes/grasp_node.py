@@ -12,7 +12,7 @@ from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import rotate_covariance, transform
-from pmcl_ros.grasps.grasp_file import GraspFile
+from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker, Ranking
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_markers

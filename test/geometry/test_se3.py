@@ -14,8 +14,7 @@ from pmcl_ros.geometry.se3 import (
     rotations_about,
     transform,
 )
-from pmcl_ros.grasps.gripper import GripperSettings
-from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.grasps.settings import GraspSettings, GripperSettings
 
 lengths = st.tuples(*[st.floats(-2, 2)] * 3)
 

@@ -5,8 +5,8 @@ import pytest
 import trimesh
 
 from pmcl_ros.grasps.clearance import Clearance, surface_points
-from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.revolution import grasps_of
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 # (radius, height) of closed outlines, from the axis and back [m]
@@ -43,7 +43,7 @@ def made(vessels):
 def rooms(vessels, made):
     """How much room the grasps of the cup have."""
     points = surface_points(vessels['cup'])
-    return [Clearance.of(each, points, GripperSettings()) for each in made['cup']]
+    return [Clearance.from_points(each, points, GripperSettings()) for each in made['cup']]
 
 
 @pytest.fixture(scope='session')

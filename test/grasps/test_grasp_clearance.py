@@ -15,7 +15,7 @@ from pmcl_ros.grasps.clearance import (
     rectangle_probability,
     surface_points,
 )
-from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.grasps.settings import GripperSettings
 
 FETCH = GripperSettings()
 ends = st.floats(-4, 4)
@@ -121,7 +121,7 @@ def test_a_grasp_that_holds_nothing_has_no_room(made, vessels):
     grasp = made['cup'][0]
     pose = grasp.pose.copy()
     pose[:3, 3] -= 0.3 * grasp.approach
-    room = Clearance.of(replace(grasp, pose=pose), surface_points(vessels['cup']), FETCH)
+    room = Clearance.from_points(replace(grasp, pose=pose), surface_points(vessels['cup']), FETCH)
     assert room.least <= 0
     assert room.probability(1e-6 * np.eye(3)) == 0
 

@@ -7,9 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import rotations_about, transform
-from pmcl_ros.grasps.gripper import GripperSettings
 from pmcl_ros.grasps.ranking import Ranker
-from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.grasps.settings import GraspSettings, GripperSettings
 from pmcl_ros.runtime.errors import GraspError
 
 FETCH, SETTINGS = GripperSettings(), GraspSettings()

@@ -7,9 +7,8 @@ import pytest
 import trimesh
 
 from pmcl_ros.grasps.clearance import Clearance, surface_points
-from pmcl_ros.grasps.gripper import GripperSettings
-from pmcl_ros.grasps.profile import Profile
-from pmcl_ros.grasps.revolution import grasps_of
+from pmcl_ros.grasps.revolution import Profile, grasps_of
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
@@ -135,7 +134,7 @@ def test_rotationally_asymmetric_objects_are_refused(vessels):
 
 
 def test_the_profile_is_the_outline(vessels):
-    profile = Profile.of(vessels['cup'])
+    profile = Profile.from_model(vessels['cup'])
     assert (profile.bottom, profile.top) == pytest.approx((0, 0.1))
     inner, outer = profile.crossings(0.05)
     # between two sections of 48 the mesh is 0.2 % nearer to the axis
@@ -150,7 +149,7 @@ def test_the_profile_is_the_outline(vessels):
 
 
 def test_shipped_grasps_are_those_that_would_be_made(request):
-    from pmcl_ros.grasps.grasp_file import GraspFile
+    from pmcl_ros.grasps.grasp import GraspFile
     folder = request.config.rootpath / 'config' / 'objects'
     files = sorted(folder.glob('*.grasps.yaml'))
     assert files
@@ -163,4 +162,4 @@ def test_shipped_grasps_are_those_that_would_be_made(request):
         points = surface_points(model)
         for one, other in zip(again, grasps, strict=True):
             np.testing.assert_allclose(one.pose, other.pose, atol=1e-5)
-            assert Clearance.of(other, points, gripper).least >= gripper.margin - 1e-5
+            assert Clearance.from_points(other, points, gripper).least >= gripper.margin - 1e-5

@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import inverse, rotate_covariance, transform
-from pmcl_ros.grasps.grasp_file import GraspFile
+from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.grasp import pose_to_message

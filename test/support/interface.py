@@ -26,8 +26,8 @@ FILES = {
     'sweep.yaml frame': 'pmcl_ros.lightfield.readers.sweep_folder:FrameEntry',
     'sweep plan YAML': 'pmcl_ros.lightfield.sweep.plan:SweepPlan',
     'sweep plan YAML view': 'pmcl_ros.lightfield.sweep.plan:PlannedView',
-    'grasps YAML': 'pmcl_ros.grasps.grasp_file:GraspFile',
-    'grasps YAML grasp': 'pmcl_ros.grasps.grasp_file:GraspEntry',
+    'grasps YAML': 'pmcl_ros.grasps.grasp:GraspFile',
+    'grasps YAML grasp': 'pmcl_ros.grasps.grasp:GraspEntry',
     'scene settings YAML': 'pmcl_ros.simulation.scenes.random_scene:SceneSettings',
     'sequence settings YAML': 'pmcl_ros.simulation.sequence:SequenceSettings',
 }

@@ -5,8 +5,8 @@ import yaml
 from click.testing import CliRunner
 
 from pmcl_ros.cli import main
-from pmcl_ros.grasps.grasp_file import GraspFile
-from pmcl_ros.grasps.gripper import GripperSettings
+from pmcl_ros.grasps.grasp import GraspFile
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 
 FETCH = GripperSettings()
