@@ -1,9 +1,19 @@
-"""A camera that takes pictures: its interface, and the queue of unpublished pictures."""
+"""A camera that takes pictures: its interface, retries, and the queue of unpublished pictures."""
 
+import logging
+import threading
+import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
+from pmcl_ros.runtime.errors import LinkError
+
+_log = logging.getLogger(__name__)
+
+_T = TypeVar('_T')
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before a retry, doubled each time
 _TRIES = 3  # another client of the camera can spoil a download, but not each time
 
 
@@ -52,6 +62,28 @@ class CameraClient(Protocol):
 
     def close(self) -> None:
         """End every connection."""
+
+
+def retry(attempt: Callable[[], _T], lost: type[LinkError], patience: float,
+          closed: threading.Event, received: Callable[[], int] = lambda: 0) -> _T:
+    """The result of `attempt`, repeated after each `lost` connection.
+
+    patience: seconds until the error is raised; they begin again while `received`, the number of
+    bytes so far, grows. closed: ends the retries.
+    """
+    pause, before, began = _FIRST_PAUSE, received(), time.monotonic()
+    while True:
+        try:
+            return attempt()
+        except lost as error:
+            if received() > before:
+                pause, before, began = _FIRST_PAUSE, received(), time.monotonic()
+            if time.monotonic() + pause > began + patience:
+                raise
+            _log.info('trying again in %.2f s: %s', pause, error)
+            if closed.wait(pause):
+                raise
+            pause = min(2 * pause, _LONGEST_PAUSE)
 
 
 class PictureQueue:

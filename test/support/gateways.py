@@ -13,9 +13,10 @@ from pmcl_ros.camera.lytro.client import LytroClient
 
 
 @contextmanager
-def gateway_to(address, token=None, limit=1 << 29, host='127.0.0.1', settings=QUICK):
+def gateway_to(address, token=None, limit=1 << 29, host='127.0.0.1', settings=QUICK,
+               cache=None):
     """A gateway in a thread of this process, to the camera at `address`."""
-    service = Service(lambda: LytroClient(address, settings), Cache(limit=limit))
+    service = Service(lambda: LytroClient(address, settings), Cache(cache, limit))
     with closing(service), GatewayServer(service, host, 0, token) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
@@ -27,10 +28,11 @@ def gateway_to(address, token=None, limit=1 << 29, host='127.0.0.1', settings=QU
 
 
 @contextmanager
-def gateway_of(folder, *faults, token=None, limit=1 << 29, settings=QUICK, **options):
+def gateway_of(folder, *faults, token=None, limit=1 << 29, settings=QUICK, cache=None,
+               **options):
     """A gateway to a simulated camera of the pictures in `folder`."""
     with serving(folder, *faults, **options) as address, \
-            gateway_to(address, token, limit, settings=settings) as server:
+            gateway_to(address, token, limit, settings=settings, cache=cache) as server:
         yield server
 
 

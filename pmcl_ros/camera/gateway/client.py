@@ -15,7 +15,7 @@ from urllib.parse import quote, urlsplit
 import requests
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from pmcl_ros.camera.client import CameraStatus, Picture
+from pmcl_ros.camera.client import CameraStatus, Picture, retry
 from pmcl_ros.camera.gateway.download import Download, LostError
 from pmcl_ros.camera.gateway.settings import TIME_HEADER, GatewaySettings, check_token
 from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
@@ -27,7 +27,6 @@ from pmcl_ros.runtime.settings import explain
 _DRIFT = 100e-6  # two quartzes, at worst
 _LARGEST_ANSWER = 1 << 20  # bytes of JSON
 _TIME = re.compile('[0-9]{19}')
-_PAUSE, _LONGEST_PAUSE = 0.1, 2.0  # seconds between attempts
 _log = logging.getLogger(__name__)
 _Value = TypeVar('_Value')
 
@@ -131,7 +130,7 @@ class GatewayClient:
         def attempt() -> Picture:
             with self._ask('POST', '/capture', key) as response:
                 return self._picture(_value(response, _Picture.model_validate_json))
-        return self._persist(attempt)
+        return self._retry(attempt)
 
     def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON), checked by their SHA-256.
@@ -179,13 +178,13 @@ class GatewayClient:
         def attempt() -> _Value:
             with self._ask('GET', path) as response:
                 return _value(response, read)
-        return self._persist(attempt)
+        return self._retry(attempt)
 
     def _download(self, path: str, download: Download, timeout: float) -> bytes:
         def attempt() -> bytes:
             with self._ask('GET', path, download.headers, timeout) as response:
                 return download.take(response)
-        return self._persist(attempt, lambda: download.most)
+        return self._retry(attempt, lambda: download.most)
 
     def _picture(self, found: _Picture) -> Picture:
         return Picture(found.id, found.shutter_ns - self._clock.ahead_ns)
@@ -194,6 +193,7 @@ class GatewayClient:
     def _ask(self, method: str, path: str, headers: dict[str, str] | None = None,
              timeout: float | None = None) -> Iterator[requests.Response]:
         """The answer with its body unread; LostError when the connection fails."""
+        self._check_open()
         timeouts = (self._settings.timeout, timeout or self._settings.answer_timeout)
         asked = time.time_ns()
         try:
@@ -214,22 +214,9 @@ class GatewayClient:
         if self._closed.is_set():
             raise LinkError(f'the connection to gateway {self._url} is closed')
 
-    def _persist(self, attempt: Callable[[], _Value],
-                 progress: Callable[[], int] = lambda: 0) -> _Value:
-        """Retry `attempt` after lost connections, while `progress` grows or patience lasts."""
-        began, before, pause = time.monotonic(), progress(), _PAUSE
-        while True:
-            self._check_open()
-            try:
-                return attempt()
-            except LostError as error:
-                if progress() > before:
-                    began, before, pause = time.monotonic(), progress(), _PAUSE
-                elif time.monotonic() - began > self._settings.patience:
-                    raise
-                _log.info('%s; trying again', error)
-            self._closed.wait(pause)
-            pause = min(2 * pause, _LONGEST_PAUSE)
+    def _retry(self, attempt: Callable[[], _Value],
+               received: Callable[[], int] = lambda: 0) -> _Value:
+        return retry(attempt, LostError, self._settings.patience, self._closed, received)
 
 
 def _checked(url: str) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
+from pmcl_ros.camera.client import retry
 from pmcl_ros.camera.lytro.address import Address, LinkSettings
 from pmcl_ros.camera.lytro.protocol import (
     CHUNK,
@@ -25,7 +26,6 @@ _SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has s
 LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600; larger files are refused
 T = TypeVar('T')
 _log = logging.getLogger(__name__)
-_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before the next try, doubled each time
 _ANOTHER_CLIENT = 'does another client use the camera?'
 
 
@@ -147,7 +147,7 @@ class Link:
 
     def ask(self, request: Request) -> bytes:
         """The reply's payload; only for requests that may be sent twice."""
-        return self._insist(lambda: self.ask_once(request))
+        return self._retry(lambda: self.ask_once(request))
 
     def ask_once(self, request: Request) -> bytes:
         """The reply's payload; LinkError when the connection is lost, or cannot be made."""
@@ -164,7 +164,7 @@ class Link:
         """
         with self._buffer:
             download = _Download(self, request, what, expected, progress, grows)
-            self._insist(download.run, lambda: download.got)
+            self._retry(download.run, lambda: download.got)
             return bytes(download.data)
 
     def close(self) -> None:
@@ -192,21 +192,8 @@ class Link:
             self.last_exchange = time.monotonic()
             return result
 
-    def _insist(self, step: Callable[[], T], got: Callable[[], int] = lambda: 0) -> T:
-        """Run `step` again after each lost connection, while `got` grows or patience lasts."""
-        pause, before, began = _FIRST_PAUSE, got(), time.monotonic()
-        while True:
-            try:
-                return step()
-            except LinkError as error:
-                if got() > before:
-                    pause, before, began = _FIRST_PAUSE, got(), time.monotonic()
-                if time.monotonic() + pause > began + self._settings.patience:
-                    raise
-                _log.info('trying again in %.2f s: %s', pause, error)
-                if self._closed.wait(pause):
-                    raise
-                pause = min(2 * pause, _LONGEST_PAUSE)
+    def _retry(self, step: Callable[[], T], received: Callable[[], int] = lambda: 0) -> T:
+        return retry(step, LinkError, self._settings.patience, self._closed, received)
 
 
 class _Download:

@@ -9,7 +9,6 @@ import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import datetime
-from pathlib import Path
 
 import pytest
 import requests
@@ -152,11 +151,11 @@ def test_what_was_fetched_needs_no_camera(folder, raws):
             assert str(address.port) in status['problem']
 
 
-def test_the_oldest_pictures_are_forgotten_and_fetched_again(folder, raws):
-    with gateway_of(folder, limit=2 * len(raws[0])) as gateway:
+def test_the_oldest_pictures_are_forgotten_and_fetched_again(folder, raws, tmp_path):
+    with gateway_of(folder, limit=2 * len(raws[0]), cache=tmp_path) as gateway:
         for index in (0, 1, 2, 0, 2, 1):
             assert requests.get(picture_url(gateway, index), timeout=30).content == raws[index]
-        files = list(Path(gateway.service._cache._folder.name).iterdir())
+        files = list(tmp_path.glob('*/*'))
         assert sum(each.stat().st_size for each in files) <= 2 * len(raws[0])
         for each in files:  # somebody tidies up
             each.unlink()
@@ -192,7 +191,7 @@ def test_a_capture(folder):
 def test_captures_at_the_same_time(folder):
     with gateway_of(folder, empty=True, delay=1) as gateway, ThreadPoolExecutor(4) as pool:
         answers = [pool.submit(capture, gateway, 'same') for _ in range(4)]
-        until(lambda: gateway.service._capturing)
+        until(lambda: gateway.service.capturing)
         busy = capture(gateway, 'other')
         assert busy.status_code == 409
         assert int(busy.headers['Retry-After']) > 0
