@@ -9,9 +9,9 @@ from pmcl_ros import __version__
 from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
-    'bag', 'bench', 'calibrate', 'camera', 'coverage', 'decode', 'doctor', 'evaluate', 'figures',
-    'grasps', 'lattice', 'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep', 'together',
-    'track')}
+    'bag', 'bench', 'calibrate', 'camera', 'decode', 'doctor', 'evaluate', 'grasps', 'lattice',
+    'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep')}
+_MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track'), 'pmcl_ros.cli.studies')
 _MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.calibrate', 'warm-up': 'pmcl_ros.cli.warm_up'}
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves on disk for other programs: all trials, BOP's CSV, what it was made with."""
+"""Writes trials for other programs: a CSV of all, BOP's CSV, the settings and versions."""
 
 import csv
 import hashlib
@@ -20,17 +20,17 @@ from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.trials import Trial
 
+COLUMNS = tuple(each.name for each in fields(Trial) if each.name != 'extra')  # of results.csv
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'moderngl', 'trimesh')
 _BOP = ('scene_id', 'im_id', 'obj_id', 'score', 'R', 't', 'time')
 
 
 class TrialsFile:
-    """A CSV with a row for each trial, written as they come."""
+    """A CSV with a row for each trial, written as trials come."""
 
     def __init__(self, path: Path) -> None:
         self._stream = path.open('w', newline='')
-        names = [each.name for each in fields(Trial) if each.name != 'extra']
-        self._writer = csv.DictWriter(self._stream, names, extrasaction='ignore')
+        self._writer = csv.DictWriter(self._stream, COLUMNS, extrasaction='ignore')
         self._writer.writeheader()
 
     def __enter__(self) -> 'TrialsFile':
@@ -40,13 +40,13 @@ class TrialsFile:
         self._stream.close()
 
     def add(self, trial: Trial) -> None:
-        """Write one more; whoever reads the file now sees it."""
+        """Write one row, at once to the disk."""
         self._writer.writerow(asdict(trial) | {'pose': _numbers(trial.pose)})
         self._stream.flush()
 
 
 def write_trials(path: Path, trials: Sequence[Trial]) -> None:
-    """All at once."""
+    """Write a CSV of all trials."""
     with TrialsFile(path) as file:
         for each in trials:
             file.add(each)
@@ -56,8 +56,8 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
     """The poses found, as BOP's toolkit reads them: R row by row, t in mm, time in seconds.
 
     A scene is a capture and an image one of its trials (its seed), both counted from 0, an object
-    a mesh, counted from 1; `settings` lists them. Lost poses are none, and searches for an object
-    of another capture are no part of a benchmark.
+    a mesh, counted from 1; `settings` lists them. Lost poses and searches for an object
+    of another capture are left out.
     """
     scenes = {each.name: number for number, each in enumerate(plan.captures)}
     objects = _objects(plan)
@@ -87,9 +87,9 @@ def _numbers(values: Sequence[float]) -> str:
 
 def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
              ) -> dict[str, Any]:
-    """What a table was made with: enough to make it again, on whatever machine.
+    """All that is needed to make a table again, on any machine.
 
-    files: what was read beside the captures, as the calibration and the white image.
+    files: files that were read beside the captures, as calibration and white image.
     """
     objects = _objects(plan)
     return {
@@ -117,7 +117,7 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
 
 
 def write_settings(path: Path, values: dict[str, Any]) -> None:
-    """JSON, to be read by people too."""
+    """Write JSON that people can read too."""
     path.write_text(json.dumps(values, indent=1) + '\n')
 
 
@@ -133,7 +133,7 @@ def _digest(path: Path) -> str:
 
 
 def _processor() -> str:
-    """Its name where the system tells; platform.processor is empty on most Linuxes."""
+    """The processor's name; platform.processor is empty on most Linuxes."""
     try:
         lines = Path('/proc/cpuinfo').read_text().splitlines()
     except OSError:

@@ -4,7 +4,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 
@@ -102,8 +101,8 @@ def _files() -> Iterator[str]:
         module, _, kind = place.partition(':')
         for key, field in getattr(import_module(module), kind).model_fields.items():
             yield f'file {name}: {field.alias or key}'
-    from pmcl_ros.evaluation.trials import Trial
-    yield from (f'file results.csv: {each.name}' for each in fields(Trial))
+    from pmcl_ros.evaluation.records import COLUMNS
+    yield from (f'file results.csv: {each}' for each in COLUMNS)
 
 
 if __name__ == '__main__':

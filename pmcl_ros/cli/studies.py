@@ -1,0 +1,173 @@
+"""The studies as commands: `pmcl coverage`, `figures`, `together`, `track`."""
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from pathlib import Path
+
+import click
+import numpy as np
+from rich import progress
+
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.recall import median, share, values
+from pmcl_ros.evaluation.results import table
+from pmcl_ros.evaluation.studies.coverage import run_coverage
+from pmcl_ros.evaluation.studies.figures import FIGURES, TABLES
+from pmcl_ros.evaluation.studies.together import Together, summary
+from pmcl_ros.evaluation.studies.together import together as in_scene
+from pmcl_ros.evaluation.studies.tracking import (
+    TRACKED,
+    picture,
+    play,
+    recoveries,
+    recovery,
+    row,
+)
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings
+from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
+
+_FIELDS = SequenceSettings.model_fields
+
+
+@click.command()
+@click.option('--trials', type=click.IntRange(1), default=200, show_default=True)
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--near', is_flag=True, help='Start beside the truth: quicker.')
+def coverage(trials: int, seed: int, near: bool) -> None:
+    """Print how often the truth lies in the credible regions, on random volumes."""
+    found = list(progress.track(run_coverage(trials, seed, not near), total=trials,
+                                console=STDERR, description='volumes', transient=True))
+    levels, lost = values(found, 'credible_level'), values(found, 'lost') > 0
+    for wanted in (0.5, 0.9, 0.97):
+        inside = levels <= wanted
+        kept = f'{100 * share(inside[~lost]):.1f} %' if not lost.all() else 'none'
+        click.echo(f'in the {100 * wanted:.0f} % region: {100 * share(inside):.1f} %; of those '
+                   f'not lost: {kept}')
+    click.echo(f'within 2 cm and 10 degrees: {100 * share([each.near for each in found]):.1f} %; '
+               f'lost: {100 * np.mean(lost):.1f} %; median error '
+               f'{median(found, "translation_mm"):.2f} mm')
+
+
+@click.command()
+@click.argument('folder', type=FOLDER)
+@click.option('--only', type=click.Choice(list(FIGURES)), help='Only this drawing.')
+@click.option('--tables', is_flag=True, help='Print their numbers too, as Markdown.')
+def figures(folder: Path, only: str | None, tables: bool) -> None:
+    """Draw the documentation's figures into FOLDER, as PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in [only] if only else FIGURES:
+        write_png(folder / f'{name}.png', FIGURES[name]())
+        click.echo(folder / f'{name}.png')
+        if tables and name in TABLES:
+            click.echo(TABLES[name]())
+
+
+@click.command()
+@click.option('--count', type=click.IntRange(1), default=20, show_default=True, help='Scenes.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Scene k is that of seed + k.')
+@click.option('--objects', type=click.IntRange(2, 5), default=3, show_default=True,
+              help='In each scene; one more is looked for, which is not there.')
+@click.option('--views', type=click.IntRange(3), default=5, show_default=True,
+              help='Side of the square of views, odd.')
+@click.option('--size', type=click.IntRange(16), default=328, show_default=True,
+              help='Side of a view [px].')
+@click.option('--samples', type=click.IntRange(1), default=1, show_default=True,
+              help='Rays per pixel and view.')
+@click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
+@click.option('--out', type=FOLDER, help='Folder for a picture of each scene, and the table.')
+def together(count: int, seed: int, objects: int, views: int, size: int, samples: int,
+             processes: int, out: Path | None) -> None:
+    """Localise the objects of scenes in which some hide others: jointly, and each alone.
+
+    Prints a row for each scene: errors of the origins in mm, in brackets where the object is
+    reported as lost. Two of the objects overlap in the image at least; some are copies.
+    """
+    settings = SceneSettings.make({'views': views, 'size': size, 'near': 0.5, 'far': 0.8},
+                                  'pmcl together')
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    run = partial(in_scene, count=objects, settings=settings, samples=samples)
+    seeds = range(seed, seed + count)
+    done: list[Together] = []
+    for each in progress.track(_all(run, seeds, processes), total=count, console=STDERR,
+                               transient=True, description='scenes'):
+        done = sorted([*done, each], key=lambda one: one.seed)
+        if out is not None:
+            write_png(out / f'{each.seed:06d}.png', each.picture)
+            (out / 'results.md').write_text(summary(done) + '\n')
+    click.echo(summary(done))
+
+
+def _all(run: Callable[[int], Together], seeds: Iterable[int], processes: int
+         ) -> Iterator[Together]:
+    """Of each seed, as soon as it is done."""
+    if processes == 1:
+        yield from map(run, seeds)
+        return
+    # Spawned, not forked: numba's threads do not survive a fork.
+    with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
+        for job in as_completed([pool.submit(run, each) for each in seeds]):
+            yield job.result()
+
+
+@click.command()
+@click.option('--count', type=click.IntRange(1), default=3, show_default=True, help='Sequences.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Sequence k is that of seed + k.')
+@click.option('--model', type=click.Choice(['constant_pose', 'constant_velocity', 'camera']),
+              default='constant_velocity', show_default=True,
+              help=TrackingSettings.model_fields['tracking'].description)
+@click.option('--every', type=click.IntRange(0), default=4, show_default=True, metavar='N',
+              help='Localise each N-th frame by itself too; 0: none.')
+@click.option('--frames', type=click.IntRange(1), default=_FIELDS['frames'].default,
+              show_default=True, help=_FIELDS['frames'].description)
+@click.option('--occluded', type=click.IntRange(0), show_default=True,
+              default=_FIELDS['occluded'].default, help=_FIELDS['occluded'].description)
+@click.option('--size', type=click.IntRange(32), default=_FIELDS['size'].default,
+              show_default=True, help=_FIELDS['size'].description)
+@click.option('--object-speed', type=click.FloatRange(0), show_default=True,
+              default=_FIELDS['object_speed'].default, help=_FIELDS['object_speed'].description)
+@click.option('--camera-speed', type=click.FloatRange(0), show_default=True,
+              default=_FIELDS['camera_speed'].default, help=_FIELDS['camera_speed'].description)
+@click.option('--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of the '
+              'errors over frames for each sequence.')
+def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
+          size: int, object_speed: float, camera_speed: float, out: Path | None) -> None:
+    """Track an object through generated sequences (`pmcl scenes sequence`); print the errors.
+
+    Errors, shares and times of single shots are of the frames that were localised both ways.
+    """
+    settings = SequenceSettings.make(
+        {'frames': frames, 'occluded': occluded, 'size': size, 'object_speed': object_speed,
+         'camera_speed': camera_speed}, 'pmcl track')
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    rows: list[dict[str, str]] = []
+    played: list[list[Trial]] = []
+    columns = (*progress.Progress.get_default_columns()[:3], progress.MofNCompleteColumn(),
+               progress.TimeRemainingColumn())
+    with progress.Progress(*columns, console=STDERR, transient=True) as bar:
+        task = bar.add_task('', total=count * frames)
+        for number in range(seed, seed + count):
+            sequence = Sequence(number, settings)
+            name = f'{number}: {sequence.kind} {sequence.model.name}'
+            bar.update(task, description=name)
+            trials: list[Trial] = []
+            for each in play(sequence, model, every):  # type: ignore[arg-type]
+                trials.append(each)
+                bar.update(task, advance=each.mode == TRACKED)
+            played.append(trials)
+            rows.append(row(name, [trials]))
+            shown = [*rows, row('all', played)]
+            text = '\n\n'.join([table(list(shown[0]), [list(line.values()) for line in shown]),
+                                recoveries([recovery(each) for each in played])])
+            if out is not None:  # at once: a sequence takes minutes
+                write_png(out / f'track_{number:03d}.png', picture(name, trials))
+                (out / 'track.md').write_text(text + '\n')
+    click.echo(text)
