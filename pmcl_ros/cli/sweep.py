@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from pmcl_ros.cli.base import STDERR
-from pmcl_ros.evaluation.studies.sweep_study import Arm, compare
+from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.sweep.plan import (
     MATCHING,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.evaluation.studies.two_layers import rates, two_layers
+from pmcl_ros.evaluation.studies.figures import rates, two_layers
 
 
 def test_the_texture_has_the_correlation_length_asked_for():
