@@ -1,4 +1,4 @@
-"""What the edge energy across a contour says for and against a surface that ends there."""
+"""Log odds that a surface ends at a point, from the edge energy across its contour there."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedProfile, learned_contour, learned_creases
 
-# A first guess: the best poses among noise have less.
+# Not learned: the best poses among noise have less.
 _LEAST_CONTRAST = 0.5
 
 
@@ -23,7 +23,7 @@ class ContourProfile:
     tables: (j, k) T_j at the knots, linear between them, constant beyond the last [nat / px of
         contour].
     bias: [nat / px of contour].
-    least: mean evidence of a contour that is rather there than not [nat / px].
+    least: mean evidence from which on a contour is more likely there than not [nat / px].
     """
 
     offsets: NDArray[np.float32]
@@ -40,7 +40,7 @@ class ContourProfile:
 
     @classmethod
     def contrast(cls) -> 'ContourProfile':
-        """Learned from nothing: the energy on the contour less that just outside it.
+        """Not learned: the energy on the contour minus the energy just outside it.
 
         Glass shows edges as strong a few pixels inside (the inner wall, caustics), hardly ever
         outside. Both terms saturate at 2, and have the same expectation where there is no object.
@@ -54,18 +54,16 @@ class ContourProfile:
     def learned(cls) -> 'ContourProfile':
         """The log odds that a surface ends there, learned from generated scenes.
 
-        In words: an edge on the contour, some energy beside it, little 3 to 5 px outside. Where
-        nothing is seen that speaks against a contour, so that a large outline has to be found, not
-        only some of it.
+        The tables reward an edge on the contour, some energy beside it, and little 3 to 5 px
+        outside. Missing energy is evidence against the contour: a pose must explain the whole
+        outline, not only parts of it.
         """
         numbers = learned_contour()
         return cls.from_numbers(numbers, numbers.least_evidence)
 
     @classmethod
     def of_creases(cls) -> 'ContourProfile':
-        """The log odds that a sharp edge of the mesh is there, inside the outline; alike on both
-        sides.
-        """
+        """The log odds of a sharp edge of the mesh inside the outline; the same on both sides."""
         return cls.from_numbers(learned_creases())
 
     @classmethod

@@ -1,7 +1,7 @@
 """LightField -> EdgeVolume: the structure tensor of the views refocused at every label.
 
-A second layer behind glass pulls the likelihood of a contour's rays towards itself; the energy of
-an edge that is sharp when refocused at its own depth stays where the edge is
+A second layer behind glass biases the likelihood of the rays at a contour. The energy of an edge
+that is refocused at its own depth is sharp, and stays at the edge
 (docs/concepts/evidence.md).
 """
 
@@ -126,11 +126,11 @@ def _inner(grid: ViewGrid, views: int) -> NDArray[np.bool_]:
 def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> EdgeVolume:
     """An edge volume from a likelihood alone, where nothing else was recorded.
 
-    A pixel's likelihood stands out from its mean over the labels where there is something to
-    match, that is at edges, and most at their depth: the square of that, measured against the
-    neighbourhood, takes the energy's place. It knows no directions and is as coarse as the window
-    R_x, so its contour evidence is about half of the refocused energy's.
-    labels: about so many at most, evenly chosen.
+    The likelihood exceeds its mean over the labels at edges, most at their depth. The square of
+    the excess, divided by its mean over the neighbourhood, replaces the edge energy. It has no
+    directions and the resolution of the window R_x: the contour evidence is about half of that
+    from refocused edges.
+    labels: the largest number of labels, about; they are chosen evenly.
     """
     step = max(1, round(len(volume.depths) / labels))
     likelihood = volume.likelihood[:, :, ::step]

@@ -1,4 +1,4 @@
-"""The edge energy across a contour, and what it says, at any distance from it."""
+"""Edge energy and contour evidence at points and at shifts along their normals."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,7 @@ def _labels(edges: EdgeVolume, depths: NDArray[np.floating]) -> NDArray[np.float
 
 
 def _double(*arrays: NDArray[np.floating]) -> list[NDArray[np.float64]]:
-    """So that kernels are compiled once."""
+    """As float64, so that each kernel is compiled for one type."""
     return [np.ascontiguousarray(each, np.float64) for each in arrays]
 
 

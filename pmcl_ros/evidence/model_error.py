@@ -1,4 +1,4 @@
-"""How far a contour lies from where the model says, which no evidence along it can tell."""
+"""Covariance of the displacement between the contour in the image and the rendered one."""
 
 from dataclasses import dataclass
 
@@ -15,11 +15,12 @@ FACING = 0.5
 class ModelError:
     """Displacement of the seen contour along its normals: a Gaussian field over the contour [px].
 
-    Refraction moves a glass contour inwards, a film's blur moves it outwards, the camera's model
-    and the mesh have their errors: of the whole outline alike, and of each stretch of it.
+    Refraction moves a glass contour inwards, the blur of a film moves it outwards, and the camera
+    model and the mesh have errors. One part is common to the whole outline, one is local. The
+    evidence along the contour cannot reveal either.
 
-    common: standard deviation of what the whole contour has in common [px].
-    local: of what stretches of it have for themselves [px]. length: of these stretches [px].
+    common: standard deviation of the displacement of the whole contour [px].
+    local: standard deviation of the local displacement [px]. length: its correlation length [px].
     """
 
     common: float

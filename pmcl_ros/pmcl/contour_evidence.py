@@ -1,4 +1,4 @@
-"""One edge volume as a place to look for contours in: scores, refinements, posteriors."""
+"""The contour evidence of one capture: scores of poses, their refinement, the posterior."""
 
 import logging
 from collections.abc import Callable
@@ -27,9 +27,9 @@ from pmcl_ros.pmcl.settings import PmclSettings
 
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of refinements
-_DETAIL = 0.3  # image px: what may be left out of the mesh in them
-# Of the refinements, image px: how far aside slopes are taken on coarse, fine and the finest
-# contours, how far a step goes at most, and at least. Tries: of steps.
+_DETAIL = 0.3  # image px: tolerance of the simplified mesh in them
+# Refinements: step of the finite differences on coarse, fine and finest contours, largest and
+# smallest motion of the contour in a step [image px], number of steps.
 _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
 
 Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
@@ -37,12 +37,11 @@ Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ContourEvidence:
-    """What an object's contours, and creases, say of its poses in one edge volume.
+    """Evidence of an object's poses by its contours and creases in one edge volume.
 
-    edges: where contours are looked for; profile: what their energies say.
-    creases: that count too. constraint: (n,) which of poses (n, 4, 4) are feasible, beside being
-    in the region. detail: what may be left out of the mesh at the image's own resolution
-    [image px].
+    edges: the evidence of the picture. profile: log odds by its energies. creases: None to ignore
+    them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides being in the region.
+    detail: tolerance of the simplified mesh at the resolution of the image [image px].
     """
 
     renderer: Renderer
@@ -59,10 +58,10 @@ class ContourEvidence:
     def from_edges(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel,
                    settings: PmclSettings, profile: ContourProfile, creases: Creases | None
                    ) -> 'ContourEvidence':
-        """In an edge volume.
+        """The evidence in an edge volume.
 
-        Tables were learned on sharp edge volumes: those made of a likelihood are judged by their
-        contrast.
+        Profile and creases were learned on refocused edges: for edges made from a likelihood the
+        contrast replaces them.
         """
         if edges.from_likelihood:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
@@ -76,17 +75,16 @@ class ContourEvidence:
         return self.region.window(self.edges.pinhole, self.model.radius)
 
     def score(self) -> ContourScore:
-        """The evidence of poses at the image's own resolution; to be closed."""
+        """The evidence of poses at the resolution of the image; the caller closes it."""
         return self.renderer.contour_score(self._scene(self.window), self.edges, self.profile,
                                            self.creases)
 
     def optimizers(self, count: int = 3) -> list[GaussNewton]:
-        """The first of: by coarse contours, by fine ones, at the image's own resolution."""
+        """Gauss-Newton on coarse contours, fine ones, those of the image: the first `count`."""
         window = self.window
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
         return [GaussNewton(self._scene(window.coarser(max(scale, least))), self.edges,
-                            self.profile,
-                      self.region, step)
+                            self.profile, self.region, step)
                 for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
 
     def refinement(self, gauss_newton: GaussNewton, tries: int = _TRIES,
@@ -99,7 +97,7 @@ class ContourEvidence:
                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
             found, values = gauss_newton(poses, tries, _FARTHEST, _CONVERGED)
             barred = ~self.feasible(found)
-            if barred.any():  # what ends where it cannot be has not moved
+            if barred.any():  # infeasible results go back to the start
                 found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
             if score is not None:
                 return found, score(found)
@@ -109,7 +107,7 @@ class ContourEvidence:
     def posterior(self, score: Score, contour: Contour,
                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
                   ) -> ContourPosterior:
-        """By a score of poses; contour, creases: what counts of a pose's."""
+        """The posterior by a score of poses. contour, creases: the points of a pose that count."""
         edges, profile = self.edges, self.profile
 
         def local_model_at(pose: NDArray[np.float64], sure: bool) -> LocalModel:
@@ -136,7 +134,7 @@ class ContourEvidence:
 
 def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
           detail: float = 0.0) -> Scene:
-    """An object anywhere in a region; detail: what may be left out of its mesh [image px]."""
+    """An object anywhere in a region; detail: tolerance of its simplified mesh [image px]."""
     near, far = region.grown(model.radius)
     if detail > 0:
         model = simplified(model, detail * near / max(camera.fx, camera.fy))
@@ -144,7 +142,7 @@ def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
 
 
 def where(feasible: Feasible, score: Score, outside: float) -> Score:
-    """The score of feasible poses; the rest have `outside`, and need not be drawn."""
+    """A score that renders feasible poses only; the rest get `outside`."""
     def inside(poses: NDArray[np.float64]) -> NDArray[np.float64]:
         known = feasible(poses)
         values = np.full(len(poses), outside)

@@ -1,4 +1,4 @@
-"""How a search went, generation by generation. Nothing is kept unless somebody watches."""
+"""Generations of poses of a search, for a callback that watches it."""
 
 import time
 from collections.abc import Callable
@@ -16,11 +16,11 @@ Stage = Literal['proposals', 'coarse', 'fine', 'ambiguous', 'scattered', 'modes'
 class Generation:
     """The particles at one moment of a search.
 
-    stage: what the search was at. poses: (n, 4, 4), object to camera [m].
-    scores: (n,) in the stage's own units: the templates' of the proposals; evidence [nat] of what
-        climbed from them and of the modes; log posterior, but for a constant, in
-        'approximate' and 'posterior'; the mean likelihood in 'filter'.
-    time: when it was so, of `time.perf_counter` [s].
+    stage: of the search. poses: (n, 4, 4), object to camera [m].
+    scores: (n,) in the unit of the stage: template scores of the proposals; evidence [nat] of
+        refined poses and modes; log posterior, up to a constant, in 'approximate' and
+        'posterior'; the mean likelihood in 'filter'.
+    time: of the generation, by `time.perf_counter` [s].
     """
 
     stage: Stage
@@ -34,9 +34,9 @@ Record = Callable[[NDArray[np.float64], NDArray[np.float64]], None]
 
 
 def recorder(watch: Watch | None, stage: Stage) -> Record | None:
-    """What a stage tells its particles: poses (n, 4, 4), and scores (n,).
+    """A callback for the particles of a stage: poses (n, 4, 4) and scores (n,).
 
-    None, as nobody watches, says that they need not be told.
+    None where nobody watches.
     """
     if watch is None:
         return None

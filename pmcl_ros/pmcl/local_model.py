@@ -1,8 +1,8 @@
-"""What the evidence is worth near one pose: how far it is from the best, and how sure that is.
+"""Second-order model of the evidence about a pose, its covariance, and Gauss-Newton on it.
 
-To first order a small motion of the object moves each point of its contour along its own normal in
-the image. So the evidence along those normals, which is smooth, tells the evidence of all poses
-nearby: no rasteriser's steps, and no more rendering than once.
+To first order, a small motion of the object moves each point of its contour along its normal in
+the image. The evidence along the normals is smooth: it gives the evidence of all poses nearby
+from one rendering, without the steps of a rasteriser.
 """
 
 from collections.abc import Callable
@@ -42,8 +42,8 @@ class LocalModel:
     evidence, length: of the contour, sums over it [nat, px].
     basis: (6, d), columns of the tangent space.
     gradient: (d,) of the evidence. information: (d, d) minus its second derivative, H.
-    variability: (d, d) of the gradient over the noise of captures like this one, J.
-    model_error: (d, d) covariance of the pose by what no evidence along a contour can tell.
+    variability: (d, d) covariance of the gradient over the noise of such captures, J.
+    model_error: (d, d) covariance of the pose by the model error (`ModelError`).
     moments: (d, d) mean over the contour of the products of its motions [px^2].
     """
 
@@ -63,8 +63,8 @@ class LocalModel:
                      ) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points are `points`.
 
-        symmetry: of the object. error: of the model; None: noise and error do not
-        matter, only where to go, which costs a tenth. creases: seen in this pose, if any count.
+        symmetry: of the object. error: of the model; None: gradient and information only, without
+        the covariances, at a tenth of the cost. creases: seen in this pose, if any count.
         """
         basis = symmetry.tangent_basis(pose)
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
@@ -115,11 +115,11 @@ class LocalModel:
 
     @property
     def scale(self) -> float:
-        """What the evidence is to be multiplied by to be a log likelihood.
+        """Factor that turns the evidence into a log likelihood.
 
-        Contributions along a contour are noisy alike, so their sum is too sure of itself. Scaled
-        by d / tr(H^-1 J), at most 1, the posterior is on average as wide as the estimate scatters
-        (Godambe's information; magnitude adjustment of Ribatet, Cooley, Davison 2012).
+        The noise of neighbouring contributions is correlated, so their sum is overconfident.
+        Scaled by d / tr(H^-1 J), at most 1, the posterior is on average as wide as the estimates
+        scatter (Godambe's information; magnitude adjustment of Ribatet, Cooley, Davison 2012).
         """
         loss = float(np.trace(np.linalg.solve(self.information, self.variability)))
         return len(self.gradient) / max(loss, len(self.gradient))

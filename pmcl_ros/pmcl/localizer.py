@@ -32,8 +32,8 @@ from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
-FOLLOWED = 'followed'  # the mode of what `Localizer.follow` makes
-# image px: what may be left out of the mesh of what is followed, which seems as much too near
+FOLLOWED = 'followed'  # the mode of the estimates of `Localizer.follow`
+# image px: tolerance of the simplified mesh of a followed object; it biases the depth as much
 _FINEST = 0.05
 
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
@@ -44,7 +44,7 @@ class Localizer:
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
     profile: of the contour; by default the learned one.
-    creases: that count too; by default the model's where `profile` is left out, else none.
+    creases: by default the model's where `profile` is left out, else none.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
@@ -108,9 +108,9 @@ class Localizer:
 
     def log_likelihoods(self, edges: EdgeVolume, poses: NDArray[np.float64]
                         ) -> NDArray[np.float64]:
-        """(n,) of poses (n, 4, 4), nat: their evidence by contours and creases.
+        """(n,) [nat] of poses (n, 4, 4), by contours and creases.
 
-        It is scaled as for a posterior about the best of them. Raises as `localize` does.
+        Scaled as for a posterior about the best of them. Raises as `localize` does.
         """
         self._renderer.use()
         evidence = self._evidence(edges)
@@ -122,7 +122,7 @@ class Localizer:
 
     def _evidence(self, edges: EdgeVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
-                                  self._profile, self._creases)
+                                          self._profile, self._creases)
 
     def _search(self, edges: EdgeVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
@@ -150,10 +150,10 @@ class Localizer:
 
     def follow(self, edges: EdgeVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
-        """The object's pose in one capture, by its contour, near where a prior expects it.
+        """The object's pose in one capture near a prior, which is a part of the posterior.
 
-        prior: in the space that the symmetry leaves. It is a part of the posterior. The rest as in
-        `localize`; the object is lost where no contour of it is in view.
+        prior: in the tangent space without the axis of symmetry. The rest as in `localize`; the
+        object is lost where no contour of it is in view.
         """
         self._renderer.use()
         self._region.check_depths(edges.depths)
@@ -197,9 +197,9 @@ class Localizer:
 
     def refine(self, edges: EdgeVolume, pose: NDArray[np.float64], rng: np.random.Generator,
                shown: Shown) -> PoseEstimate:
-        """The object's pose near one (4, 4), where a part of its contour does not count.
+        """The object's pose near one (4, 4), with a part of its contour hidden.
 
-        shown: (m,) how much each point of a contour counts, 0 to 1. What does not is out of view.
+        shown: (m,) weight of each point of a contour, 0 to 1; 0 counts as out of view.
         The rest as in `localize`.
         """
         self._renderer.use()
@@ -212,11 +212,11 @@ class Localizer:
             search = evidence.posterior(exact, contour)
             mode = search.refine(pose)
             points = exact.points(mode.pose)
-            rest = LinearizedContour.from_contour(mode.pose, weighted(points, 1 - shown(points)),
-                                     evidence.edges, evidence.profile)
+            rest = LinearizedContour.from_contour(
+                mode.pose, weighted(points, 1 - shown(points)), evidence.edges, evidence.profile)
 
             def partly(poses: NDArray[np.float64]) -> NDArray[np.float64]:
-                # What does not count slides along, to first order, and is taken off again.
+                # Subtract the evidence of the hidden part, to first order.
                 off = self._model.symmetry.local(poses, mode.pose)
                 return search.exact(poses) - rest.evidence(off)
 

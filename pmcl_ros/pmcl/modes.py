@@ -1,4 +1,4 @@
-"""When two poses are the same, and the suppression of duplicates."""
+"""Modes: limits for the same pose, suppression of duplicates, ambiguous poses."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,8 +37,8 @@ def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np
 
     With an axis of symmetry: the object upside down, and both of these with the tilt of the axis
     towards the camera turned into one away from it. From afar their outlines are alike or nearly.
-    Without: half turns about the mesh's axes, and about the line of sight. What a discrete
-    symmetry makes of the pose, or of another rival, is none.
+    Without: half turns about the mesh's axes, and about the line of sight. Equivalents
+    by a discrete symmetry, of the pose or of another of these, are left out.
     """
     middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
     rotation = pose[:3, :3]

@@ -1,4 +1,4 @@
-"""Importance weights, in log space."""
+"""Particles: importance weights in log space, resampling, initial poses, perturbation."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,7 +26,7 @@ class Weights:
             raise LocalizationError('weights must be one row of numbers, got shape '
                                     f'{self.log.shape}')
         if not np.isfinite(clean.max()):
-            # No particle explains anything: all are as good as each other.
+            # No particle explains anything: all weigh the same.
             clean = np.zeros(len(clean))
         object.__setattr__(self, 'log', clean - clean.max())
 
@@ -39,10 +39,9 @@ class Weights:
     @classmethod
     def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float
                  ) -> tuple['Weights', float]:
-        """exp(beta score) with the beta that leaves about `effective` (0..1) of them effective.
+        """Weights exp(beta score), and beta: the largest that keeps the share `effective` (0..1).
 
-        And that beta, `largest` at most. Annealing: the nearer the particles are to each other in
-        score, the more the score decides.
+        Of the particles, by the effective size. beta is `largest` at most.
         """
         values = np.asarray(scores, np.float64)
         enough = effective * len(values)

@@ -20,10 +20,10 @@ Refine = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.f
 
 _REFINEMENTS = 10
 _CONVERGED = 0.02  # px: rms along the contour
-# Standard deviations of a mode's Gaussian, relative to the local model's: wider than the mode, as
-# the sampler wants it, and wide enough for a neighbouring hump.
+# Standard deviations of the initial Gaussian of a mode, relative to the local model: it must be
+# wider than the mode, and cover neighbouring maxima.
 _WIDEN = 2.5
-_OTHER = 8.0  # such standard deviations away a mode has no say
+_OTHER = 8.0  # standard deviations beyond which a mode is ignored
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Posterior:
-    """poses: (n, 4, 4) equally weighted. own: (n,) of which of the modes, which are best first.
+    """poses: (n, 4, 4) equally weighted. own: (n,) index of the mode of each; best mode first.
 
     values: (n,) log posterior, but for a constant.
     """
@@ -49,7 +49,7 @@ class Posterior:
 
 @dataclass(frozen=True)
 class ContourPosterior:
-    """What contour evidence says of poses, at the image's own resolution.
+    """Posterior of poses by contour evidence, at the resolution of the image.
 
     exact: evidence of poses, -inf outside the region of interest. local_model_at: the local model
     at a pose; with True also its uncertainty. linearize_at: the evidence near a pose. feasible:
@@ -70,7 +70,7 @@ class ContourPosterior:
         return Mode(best, self.local_model_at(best, True))
 
     def sample(self, modes: Sequence[Mode], rng: np.random.Generator, progress: Progress,
-                watch: Watch | None = None) -> Posterior:
+               watch: Watch | None = None) -> Posterior:
         """The posterior about modes, best first."""
         scale, symmetry = modes[0].local.scale, self.model.symmetry
         start_of = [

@@ -60,25 +60,25 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
                      count: int, moves: int, rng: np.random.Generator, progress: Progress,
                      records: Sequence[Record | None] = ()
                      ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Poses (n, 4, 4), equally weighted, their log posterior (n,), whose they are (n,).
+    """`count` equally weighted poses (n, 4, 4), their log posterior (n,), index of the mode (n,).
 
-    n is `count`.
+    Sequential Monte Carlo (Del Moral, Doucet, Jasra 2006): tempering from that mixture to the
+    first density, and from each density to the next. Each step keeps half of the particles
+    effective, and `moves` Metropolis moves follow it. The share of the particles about a mode
+    converges to its share of the posterior. A move is tested by the density that the tempering
+    comes from before the next one is evaluated: rejected moves cost less, and the distribution is
+    the same (delayed acceptance; Christen and Fox 2005).
 
-    densities: logarithms (n,) of poses (n, 4, 4), but for a constant; -inf where no pose can be.
-        The last is the posterior, those before are like it and cost less to ask.
+    densities: log densities (n,) of poses (n, 4, 4), up to a constant; -inf where infeasible. The
+        last is the posterior, those before approximate it at lower cost.
     start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares,
         by numbers that fill a Gaussian more evenly than random ones do (Halton 1960, scrambled).
-    Bridges from that mixture to the first density, and from each to the next, by powers of their
-    ratio, each so large that half of the particles stay effective, with `moves` Metropolis moves
-    after each (Del Moral, Doucet, Jasra 2006). So the share of the particles about a mode is its
-    share of the posterior. A move has to please the density that the bridge comes from, before
-    the one it leads to is asked: fewer of those that will be refused cost anything, and what is
-    sampled is the same (delayed acceptance; Christen and Fox 2005).
-    Ends early, with what it has, when `progress` says so.
-    records: for each density, what is told the particles and their values, first and after each
-        step towards it.
+    records: for each density, a callback for the particles and their values, first and after each
+        step.
+    Ends early, with the current particles, when `progress` returns False.
     """
-    own = np.arange(count) * len(start) // count  # in a row: every other number is not even
+    # In blocks: every other number of a Halton sequence is not even.
+    own = np.arange(count) * len(start) // count
     normal = _even(count, start[0].basis.shape[1], rng)
     poses = _displaced(start, np.stack([each.pose for each in start])[own], own, normal)
 

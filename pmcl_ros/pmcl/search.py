@@ -11,21 +11,21 @@ from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
 from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Refine
 from pmcl_ros.runtime.progress import Progress
 
-# Poses that are refined by coarse contours, by fine ones, again, at the end.
+# Numbers of poses refined by coarse contours, by fine ones, kept, and modes at the end.
 _LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3
-_CHALLENGED = 2  # of the best poses, whose rivals are tried
-# About each of the poses left others begin again: so many; the contour moves so far to each, a
-# direction of the pose's freedom [image px, rms]; no farther than this [m, rad].
+_CHALLENGED = 2  # best poses whose ambiguous poses are tried
+# Random restarts about each pose that is left: their number, the motion of the contour in each
+# direction of freedom [image px, rms], the largest deviation [m, rad].
 _AROUND, _ASIDE, _WIDEST = 12, 3.0, np.array([0.03, 0.03, 0.03, 0.4, 0.4, 0.4])
 
 
 @dataclass(frozen=True)
 class ContourSearch:
-    """Looks for the poses that contour evidence supports.
+    """Finds the modes of the posterior, and samples it.
 
-    rough: what poses (n, 4, 4) are worth where they are, by the coarse contours. coarse, fine,
-    finest: where they come to uphill, and (n,) the evidence there, -inf where they cannot be;
-    finest: at the image's own resolution. posterior: what is to be found.
+    rough: evaluates poses (n, 4, 4) by coarse contours, without refinement. coarse, fine, finest:
+    refine poses; return them and the evidence (n,), -inf where infeasible. finest: at the
+    resolution of the image.
     """
 
     rough: Refine
@@ -39,7 +39,7 @@ class ContourSearch:
         """The posterior, from proposals (k, 4, 4).
 
         progress: called with 0..1; once it returns False what was found so far is summed up.
-        watch: told the poses after each refinement, and every generation of particles.
+        watch: called with the poses after each refinement, and every generation of particles.
         """
         stages = _Stages(progress)
         found = start
@@ -66,7 +66,7 @@ class ContourSearch:
 
     def _refined(self, refine: Refine, poses: NDArray[np.float64], count: int, stage: Stage,
                  watch: Watch | None) -> NDArray[np.float64]:
-        """At most `count` different ones of where poses come to, best first."""
+        """Refined poses without duplicates, best first, `count` at most."""
         poses, values = refine(poses)
         if watch is not None:
             watch(Generation(stage, poses, values))
@@ -75,7 +75,7 @@ class ContourSearch:
 
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
-        """Poses, and others about each: so far off as the contour moves by a few pixels."""
+        """Poses and random ones about each, as far as the contour moves by a few pixels."""
         result = [poses]
         for pose in poses:
             local = self.posterior.local_model_at(pose, False)
@@ -89,12 +89,13 @@ class ContourSearch:
         """The different modes near poses (n, 4, 4), best first."""
         modes = sorted((self.posterior.refine(each) for each in self.finest(poses)[0]),
                        key=lambda mode: -mode.local.evidence)
-        return [modes[k] for k in suppress_duplicates(np.stack([mode.pose for mode in modes]),
-                                            self.posterior.model.symmetry, _MODES)]
+        kept = suppress_duplicates(np.stack([mode.pose for mode in modes]),
+                                   self.posterior.model.symmetry, _MODES)
+        return [modes[k] for k in kept]
 
 
 class _Stages:
-    """Tells the progress of each stage as a part of the whole; asked no more once stopped."""
+    """Reports the progress of each stage as a part of the whole, until it is stopped."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress

@@ -13,7 +13,7 @@ _Size = Annotated[float, Field(gt=0, le=10)]
 
 
 class PmclSettings(Settings):
-    """DepthLikelihoodVolume -> PoseEstimate."""
+    """Evidence -> PoseEstimate."""
 
     mode: Mode = Field(
         'default', description='default: contour evidence, proposals over the whole region, '

@@ -1,4 +1,4 @@
-"""How well the weakest part of an object's contour is supported: what tells it from another."""
+"""Evidence along the weakest part of a contour: it tells the object from others."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -13,14 +13,11 @@ class ExactSynchronizer:
     ignored.
 
     topics: the parts of a complete capture. depth: number of incomplete captures that are kept.
-    dropped: called with a text for each capture that is given up. main: the topic whose
-    subscription counts its own losses: where that part is missing, `dropped` also gets the count
-    0, as the loss is counted already.
+    dropped: called with a text for each capture that is given up.
     """
 
-    def __init__(self, topics: Sequence[str], depth: int, dropped: Callable[..., None],
-                 main: str = '') -> None:
-        self._main = main
+    def __init__(self, topics: Sequence[str], depth: int, dropped: Callable[[str], None]
+                 ) -> None:
         self._topics, self._depth, self._dropped = tuple(topics), depth, dropped
         self._captures: dict[int, dict[str, Any]] = {}  # as they began
         self._given_up: dict[int, set[str]] = {}  # what of them had not come
@@ -49,8 +46,4 @@ class ExactSynchronizer:
             self._given_up[stamp] = set(missing)
             for old in list(self._given_up)[:-_REMEMBERED]:
                 del self._given_up[old]
-            problem = f'capture {stamp}: no {" or ".join(missing)} came with it'
-            if self._main in missing:
-                self._dropped(problem, 0)
-            else:
-                self._dropped(problem)
+            self._dropped(f'capture {stamp}: no {" or ".join(missing)} came with it')

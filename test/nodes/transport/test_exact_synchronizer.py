@@ -59,14 +59,6 @@ def test_stamps_may_go_back_as_in_a_bag_played_again():
             assert matching.add('c', stamp, 'c') == ('a', 'b', 'c')
 
 
-def test_what_the_subscription_of_the_main_topic_counts_is_told_with_a_count_of_0():
-    told = []
-    matching = ExactSynchronizer(['a', 'b'], 1, lambda *given: told.append(given), main='a')
-    for topic, stamp in (('b', 1), ('a', 2), ('a', 3)):
-        assert matching.add(topic, stamp, None) is None
-    assert told == [('capture 1: no a came with it', 0), ('capture 2: no b came with it',)]
-
-
 def test_what_still_comes_of_a_capture_that_was_given_up_is_left_alone():
     matching, told = make(depth=1)
     for topic, stamp in (('a', 1), ('a', 2), ('b', 1), ('c', 1), ('b', 2)):
