@@ -17,6 +17,7 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.settings import explain
 
+LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600
 LARGEST_TEXT = 4_000_000  # bytes; the camera's JSON has some ten thousand
 
 _MAGIC = '89 4C 46 {:02X} 0D 0A 1A 0A'
@@ -25,7 +26,6 @@ _HEAD = struct.Struct('>8sII')  # magic, version, length
 _REFERENCE_SIZE = 80
 _MOST_SECTIONS = 10_000
 _BLOCK = 1 << 20
-LARGEST_RAW = 100_000_000  # bytes; an F01 picture has 16,137,600: more than this is no picture
 _PARTS = ('metadata', 'privateMetadata')
 _REFERENCES = ('imageRef', *(f'{part}Ref' for part in _PARTS))
 _OUTSIDE = 'pmcl_ros.outside_master'  # keeps entries beside 'master', as 'debug'

@@ -11,8 +11,8 @@ from pmcl_ros.runtime.errors import LightFieldError
 _SATURATING = 0.95  # of the sensor's range: values above gradually count as lower bounds
 _IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _NORM = 6  # Minkowski's; 1 would be the grey world, infinity the brightest pixel
-_SATURATED, _DARK = 0.9, 0.005
-_LEAST = 100  # pixels
+_SATURATED, _DARK = 0.9, 0.005  # limits of the pixels that a white balance is estimated from
+_LEAST = 100  # of these pixels
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """A camera behind a gateway: an HTTP client that survives lost connections."""
 
-import logging
 import re
 import threading
 import time
@@ -27,7 +26,6 @@ from pmcl_ros.runtime.settings import explain
 _DRIFT = 100e-6  # two quartzes, at worst
 _LARGEST_ANSWER = 1 << 20  # bytes of JSON
 _TIME = re.compile('[0-9]{19}')
-_log = logging.getLogger(__name__)
 _Value = TypeVar('_Value')
 
 

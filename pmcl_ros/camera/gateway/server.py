@@ -23,14 +23,16 @@ from pmcl_ros.camera.gateway.service import BusyError, CachedFile, CapturedPictu
 from pmcl_ros.camera.gateway.settings import TIME_HEADER
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 
+MAX_CONNECTIONS = 32
+
 _RANGE = re.compile(r'bytes=(?:([0-9]{1,15})-([0-9]{1,15})?|-([0-9]{1,15}))')
 _LONGEST_BODY = 4096  # bytes; no request needs any
 _SILENCE = 30.0  # seconds without a byte, either way
 _BLOCK = 1 << 18
 _KEY = re.compile(r'[\x21-\x7e]{1,128}')
 _TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
+
 _log = logging.getLogger(__name__)
-MAX_CONNECTIONS = 32
 
 
 class UnsatisfiableError(ValueError):

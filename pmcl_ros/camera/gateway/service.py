@@ -16,6 +16,7 @@ from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.runtime.errors import CameraError
 
 _REMEMBERED = 100  # captures whose keys are recognised when they are repeated
+
 _log = logging.getLogger(__name__)
 
 

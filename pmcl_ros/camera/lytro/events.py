@@ -22,12 +22,12 @@ PICTURE_DELETED = 'PictureDeleted'
 
 _LONGEST = 4096  # bytes of an event; the camera's have less than 80
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 5.0  # seconds before the next try, doubled each time
-
-_log = logging.getLogger(__name__)
 _EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
 _SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
 _OLDEST_NS = 60_000_000_000  # a shot without a picture after this time gets none
 _PATIENCE = 5.0  # seconds for an announced picture to be in the list
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,5 @@
 """The command connection: requests, replies and downloads that survive lost connections."""
 
-import logging
 import socket
 import threading
 import time
@@ -22,11 +21,12 @@ from pmcl_ros.camera.lytro.protocol import (
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 from pmcl_ros.runtime.progress import BytesProgress
 
-_SLOWEST = 10_000  # bytes per second: a reply that comes slower than this has stalled
 LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600; larger files are refused
-T = TypeVar('T')
-_log = logging.getLogger(__name__)
+
+_SLOWEST = 10_000  # bytes per second: slower replies have stalled
 _ANOTHER_CLIENT = 'does another client use the camera?'
+
+T = TypeVar('T')
 
 
 def dial(host: str, port: int, timeout: float) -> socket.socket:

@@ -11,12 +11,12 @@ from pmcl_ros.runtime.errors import ProtocolError
 
 MAGIC = 0xFAAA55AF
 HEADER_LENGTH = 28
+HARDWARE_INFO_LENGTH = 644
+RECORD_LENGTH = 128
 CHUNK = 0x200000  # bytes: the largest piece that the camera hands out at once
 
 _HEADER = struct.Struct('<IIIHB13s')
 _NO_PAYLOAD, _RESPONSE = 1, 2  # bits of the flags
-HARDWARE_INFO_LENGTH = 644
-RECORD_LENGTH = 128
 _HARDWARE = struct.Struct('<256s128s128s128sI')
 _RECORD = struct.Struct('<8s8sii16xif48s28si')
 _KEY_LENGTH = 24

@@ -19,10 +19,12 @@ from pmcl_ros.camera.lytro.protocol import PictureRecord, encode_files
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 
+FILES_PER_FOLDER = 9999  # the number in a name has four digits
+
 _BLACK, _WHITE = 168, 4095  # counts
 _CALIBRATION = 'C:\\T1CALIB\\'
-FILES_PER_FOLDER = 9999  # files; the number in a name has four digits
 _DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
+
 _log = logging.getLogger(__name__)
 
 

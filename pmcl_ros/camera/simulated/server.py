@@ -20,13 +20,17 @@ from pmcl_ros.camera.lytro.protocol import HEADER_LENGTH, Header
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.runtime.errors import CameraError, ProtocolError
 
+READY = 'camera at '  # printed by the process before its address
+
 _USUAL = Address()
 _TICK = 0.1  # seconds between heartbeats when nothing else is said
 _LARGEST_PAYLOAD = 2**20  # bytes of a request; those of clients have less than 100
 _MOST_CONNECTIONS = 64
-_TOGETHER = 4096  # bytes of a payload that leave in one segment with the header: some clients
+# Bytes of a payload that are sent in one segment with the header: some clients expect a small
+# reply in one piece.
+_TOGETHER = 4096
+
 _log = logging.getLogger(__name__)
-READY = 'camera at '  # printed by the process before its address
 
 
 @contextmanager
@@ -51,9 +55,6 @@ def announced(address: Address, serial: str) -> Iterator[None]:
         raise CameraError(f'cannot announce {name} by mDNS: {error!r}') from None
     finally:
         network.close()
-
-
-# expect a small reply in one piece
 
 
 class CameraServer:
