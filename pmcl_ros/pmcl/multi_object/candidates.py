@@ -10,9 +10,10 @@ from pmcl_ros.pmcl.modes import SAME_CANDIDATE
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
+    Solid,
+    contact,
     resolve_penetration,
 )
-from pmcl_ros.pmcl.multi_object.solid import Solid, contact
 from pmcl_ros.pmcl.multi_object.visibility import visible_evidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.support import contour_support

@@ -12,9 +12,8 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.penetration import deepest_penetration
+from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_search import SceneSearch
-from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError

@@ -17,9 +17,9 @@ from pmcl_ros.pmcl.multi_object.candidates import Candidates, Member, support_be
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
+    Solid,
     resolve_penetration,
 )
-from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges, visible_evidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints

@@ -12,10 +12,10 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
+    Solid,
     deepest_penetration,
     resolve_penetration,
 )
-from pmcl_ros.pmcl.multi_object.solid import Solid
 
 BALL = Solid.from_model(model_of(trimesh.creation.icosphere(4, 0.03)))
 BOX = Solid.from_model(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))

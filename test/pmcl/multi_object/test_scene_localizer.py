@@ -7,9 +7,8 @@ import pytest
 from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.evaluation.errors import pose_error
-from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, deepest_penetration
+from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Solid, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
-from pmcl_ros.pmcl.multi_object.solid import Solid
 from pmcl_ros.runtime.errors import LocalizationError
 
 FRONT, BEHIND = standing(-0.012, 0.005, 0.38, 0.3), standing(0.02, 0.0, 0.46, 0.3)

@@ -6,7 +6,7 @@ import trimesh
 from pmcl_scenes import model_of, pose_of
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.pmcl.multi_object.solid import Solid, contact
+from pmcl_ros.pmcl.multi_object.penetration import Solid, contact
 
 NEAR = 0.0006  # m: points on the surface are about that far apart
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.pmcl.multi_object.penetration import deepest_penetration
-from pmcl_ros.pmcl.multi_object.solid import Solid
+from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
