@@ -78,6 +78,16 @@ def test_pages_that_the_code_names_exist():
     assert not {each for each in named if not (ROOT / each[1]).is_file()}
 
 
+def test_modules_and_rooms_that_the_documents_name_exist():
+    pages = [ROOT / 'README.md', *(ROOT / 'docs').rglob('*.md')]
+    named = {(page, name) for page in pages if page.parent.name != 'results'
+             for name in re.findall(r'`((?:\w+/)*(?:\w+\.py|\w+/))`', page.read_text())}
+    assert len(named) > 20
+    assert not {(page.name, name) for page, name in named if not any(
+        (folder / name).exists() for folder in (ROOT, ROOT / 'pmcl_ros',
+                                                *(ROOT / 'pmcl_ros').iterdir()))}
+
+
 def test_every_command_is_described():
     text = (ROOT / 'docs/reference/commands.md').read_text()
     entries = [str(each) for each in yaml.safe_load((ROOT / 'test/interface.yaml').read_text())]
