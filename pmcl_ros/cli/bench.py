@@ -1,36 +1,19 @@
 """`pmcl bench`: times the stages, against their plain forms run beside them."""
 
 import json
-from collections.abc import Callable
 from dataclasses import asdict
+from importlib import import_module
 
 import click
 
 from pmcl_ros.dlv.settings import BackEnd
-from pmcl_ros.evaluation.bench import (
-    Bench,
-    ChainBench,
-    DriverBench,
-    GraphBench,
-    PmclBench,
-    TransportBench,
-    bench_chain,
-    bench_decode,
-    bench_dlv,
-    bench_driver,
-    bench_graph,
-    bench_pmcl,
-    bench_transport,
-)
 
-_Result = Bench | ChainBench | DriverBench | GraphBench | PmclBench | TransportBench
-_BENCHES: dict[str, Callable[[], _Result]] = {
-    'chain': bench_chain, 'decode': bench_decode, 'dlv': bench_dlv, 'driver': bench_driver,
-    'graph': bench_graph, 'pmcl': bench_pmcl, 'transport': bench_transport}
+_MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'driver',
+            'graph': 'ros_programs', 'pmcl': 'pmcl', 'transport': 'ros_programs'}
 
 
 @click.command()
-@click.argument('name', type=click.Choice(sorted(_BENCHES)))
+@click.argument('name', type=click.Choice(sorted(_MODULES)))
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 @click.option('--back-end', type=click.Choice(['auto', 'numba', 'gl']), default='numba',
               show_default=True, help='What makes the volume; of dlv alone.')
@@ -44,7 +27,9 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     pmcl: poses drawn and scored, on both back ends, and a whole localisation.
     transport: sends 200 volumes to another process (needs ROS), beside the copies that this takes.
     """
-    result = bench_dlv(wanted=back_end) if name == 'dlv' else _BENCHES[name]()
+    module = import_module(f'pmcl_ros.evaluation.bench.{_MODULES[name]}')
+    options = {'wanted': back_end} if name == 'dlv' else {}
+    result = getattr(module, f'bench_{name}')(**options)
     if as_json:
         click.echo(json.dumps(asdict(result)))
         return

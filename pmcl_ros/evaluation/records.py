@@ -8,6 +8,7 @@ import os
 import platform
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -95,7 +96,7 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
     return {
         'pmcl_ros': __version__,
         'python': platform.python_version(),
-        'libraries': {each: importlib.metadata.version(each) for each in _LIBRARIES},
+        'libraries': libraries(),
         'machine': {'system': platform.platform(), 'processor': _processor(),
                     'cores': os.cpu_count()},
         'processes': processes,
@@ -114,6 +115,15 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
             'sha256': _digests(each)} for number, each in enumerate(plan.captures)],
         'other_objects': [each.name for each in plan.others],
     }
+
+
+def libraries() -> dict[str, str]:
+    """The versions of the libraries that compute; 'unknown' for packages of the system."""
+    found = dict.fromkeys(_LIBRARIES, 'unknown')
+    for each in _LIBRARIES:
+        with suppress(importlib.metadata.PackageNotFoundError):
+            found[each] = importlib.metadata.version(each)
+    return found
 
 
 def write_settings(path: Path, values: dict[str, Any]) -> None:

@@ -1,14 +1,11 @@
 """Localises one object and keeps every intermediate result, for the report."""
 
-import platform
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
 import numpy as np
 
-import pmcl_ros
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.captures import Truth
@@ -23,8 +20,6 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.progress import StageProgress
-
-_LIBRARIES = ('numpy', 'scipy', 'opencv-python-headless', 'numba', 'moderngl', 'trimesh')
 
 
 @dataclass(frozen=True)
@@ -89,14 +84,3 @@ def _stages(begin: float, history: list[Generation], end: float) -> dict[str, fl
         seconds[each.stage] = seconds.get(each.stage, 0.0) + each.time - begin
         begin = each.time
     return seconds | {'estimate': end - begin}
-
-
-def versions() -> dict[str, str]:
-    """The versions of the package, Python and the libraries that compute."""
-    found = {'pmcl_ros': pmcl_ros.__version__, 'Python': platform.python_version()}
-    for name in _LIBRARIES:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = 'not installed'
-    return found

@@ -1,6 +1,7 @@
 """The report of a localisation as one HTML page that loads nothing from outside."""
 
 import base64
+import platform
 from datetime import datetime, timezone
 from itertools import groupby
 from typing import NamedTuple
@@ -11,10 +12,12 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from pmcl_ros import __version__
 from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.evaluation.records import libraries
 from pmcl_ros.evaluation.report import drawings
-from pmcl_ros.evaluation.report.localization import Localization, versions
+from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.history import Stage
@@ -59,7 +62,7 @@ def page(run: Localization) -> str:
               if (each := drawings.stage_map(run, stage, _STAGES[stage])) is not None],
         modes=_modes(run), search=_search(run),
         settings={'Search': _rows(run.settings), 'Volume': _rows(run.volume_settings)},
-        versions=versions())
+        versions={'pmcl_ros': __version__, 'Python': platform.python_version(), **libraries()})
 
 
 def image(picture: NDArray[np.uint8], alternative: str) -> Markup:

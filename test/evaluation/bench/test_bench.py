@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.evaluation.bench import Bench, bench_decode, bench_dlv
-from pmcl_ros.evaluation.bench.timing import best_ms
+from pmcl_ros.evaluation.bench.decode import bench_decode
+from pmcl_ros.evaluation.bench.dlv import bench_dlv
+from pmcl_ros.evaluation.bench.timing import Bench, best_ms
 
 
 def test_the_least_time_counts():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from pmcl_ros.evaluation.bench import bench_chain
+from pmcl_ros.evaluation.bench.chain import bench_chain
 from pmcl_ros.runtime.errors import SettingsError
 
 

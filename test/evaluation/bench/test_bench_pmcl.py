@@ -3,8 +3,8 @@
 import numpy as np
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.bench import PmclBench
 from pmcl_ros.evaluation.bench import pmcl as bench
+from pmcl_ros.evaluation.bench.pmcl import PmclBench
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer

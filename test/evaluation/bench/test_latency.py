@@ -1,6 +1,6 @@
 """From shutter to pose through the whole graph in one process, against the same without ROS."""
 
-from pmcl_ros.evaluation.bench import bench_graph
+from pmcl_ros.evaluation.bench.ros_programs import bench_graph
 
 
 def test_the_graph_costs_little_more_than_the_same_without_ros():
