@@ -1,1 +1,1 @@
-"""The numbers that the package learns from simulated scenes, and how."""
+"""Learns the numbers of the contour evidence from generated scenes."""

@@ -1,4 +1,4 @@
-"""How far contours lie from where the model says, learned from poses found and true."""
+"""Learns the displacement of contours from the model, by comparing found and true poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,14 +16,14 @@ from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.runtime.errors import LocalizationError
 
-LEVEL = 0.9  # of the credible region that is to hold the truth as often
-_FIRST = 0.25  # px: where the search for the errors' sizes begins
-_LEAST, _MOST = 0.1, 10.0  # times the most likely errors
+LEVEL = 0.9  # nominal coverage to calibrate to
+_FIRST = 0.25  # px: initial size of both errors
+_LEAST, _MOST = 0.1, 10.0  # bounds of the scale, times the most likely errors
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """Of the true pose from the one found, and what it may come from.
+    """Deviation of a true pose from the one found, and the covariances that explain it.
 
     deviation: (d,) in the tangent space at the pose found [m, rad]. noise: (d, d) covariance of
     the posterior without the model's error. common, local: (d, d) by model errors of 1 px.
@@ -63,11 +63,11 @@ class Deviation:
 
 
 def fitted_error(given: Sequence[Deviation]) -> ModelError:
-    """The errors whose ratio is the most likely, as large as the truths' levels ask for.
+    """The model error of the most likely ratio, scaled to the nominal coverage.
 
-    Errors have longer tails than the Gaussians that they are taken for. So both are scaled alike
-    until regions of the level `LEVEL` hold as many of the truths.
-    Raises LocalizationError where that is impossible.
+    Errors have longer tails than Gaussians. So the common and the local error are scaled by one
+    factor until regions of the level `LEVEL` hold that share of the truths.
+    Raises LocalizationError where no factor does.
     """
     def unlikely(logarithms: NDArray[np.float64]) -> float:
         common, local = np.exp(logarithms)
@@ -79,7 +79,8 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
         return float(total)
 
     if not given:
-        raise LocalizationError('0 poses do not tell how far contours lie off')
+        raise LocalizationError('0 poses bound no displacement of contours; learn from more '
+                                'scenes')
     common, local = np.exp(minimize(unlikely, np.log([_FIRST, _FIRST]), method='Nelder-Mead').x)
 
     def excess(scale: float) -> float:
@@ -87,7 +88,7 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
         return float(np.quantile(levels, LEVEL)) - LEVEL
 
     if excess(_LEAST) < 0 or excess(_MOST) > 0:
-        raise LocalizationError(f'{len(given)} poses do not tell how far contours lie off; '
+        raise LocalizationError(f'{len(given)} poses do not bound the displacement of contours; '
                                 'learn from more scenes')
     scale = brentq(excess, _LEAST, _MOST)
     return ModelError(scale * common, scale * local, ModelError.learned().length)

@@ -1,4 +1,4 @@
-"""What an edge profile across a contour tells, learned from scenes with known poses."""
+"""Learns the profile of edge energy across contours from scenes with known poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
@@ -22,12 +22,12 @@ from pmcl_ros.runtime.errors import LocalizationError
 
 OFFSETS = np.array([-5, -3, -1.5, 0, 1.5, 3, 5], np.float32)
 KNOTS = np.array([0, 0.15, 0.3, 0.5, 0.8, 1.2, 1.7, 2.5], np.float32)
-SHIFTS = np.arange(-3, 3.01, 0.5)  # px: of a contour from where it is, along its normals
+SHIFTS = np.arange(-3, 3.01, 0.5)  # px: displacements of a contour along its normals
 _RIDGE = 3e-3  # of the squared coefficients, relative to the mean loss of a point
 # Of creases: the largest likelihood on scenes left out, among 0.003 to 1 by factors of three.
 _CREASE_RIDGE = 0.01
-_NEAR = np.array([0.003, 0.003, 0.02]), 0.07  # m, rad: of poses that nearly fit
-_POSES = 12  # wrong ones for a scene: half of them near the true one
+_NEAR = np.array([0.003, 0.003, 0.02]), 0.07  # m, rad: standard deviations of near misses
+_POSES = 12  # wrong poses for a scene, half of them near misses
 _POINTS = 150  # of a contour, at most
 
 
@@ -43,7 +43,7 @@ class Example:
 
     @property
     def scene(self) -> Scene:
-        """What a renderer scores poses of the object in."""
+        """The object and the part of the image in which a renderer scores its poses."""
         near, far = self.region.grown(self.model.radius)
         window = self.region.window(self.edges.pinhole, self.model.radius)
         return Scene(self.model, self.edges.pinhole, window, near, far)
@@ -51,10 +51,10 @@ class Example:
 
 @dataclass(frozen=True)
 class Samples:
-    """Profiles across contours: energies (n, j), whether the object ends there (n,), weights (n,).
+    """Energies (n, j) across points, whether a contour is there (n,), weights (n,).
 
     Of each scene contours that are there and contours that are not weigh alike, in all one.
-    shifted: (m, k, j) of points that are there, moved along their normals by SHIFTS (k,);
+    shifted: (m, k, j) energies of contour points, displaced along their normals by SHIFTS (k,);
     shares: (m,) their weights, in all one for a scene.
     """
 
@@ -129,11 +129,11 @@ def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
 
 
 def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
-    """The profile whose evidence is the log odds that the object ends there.
+    """The profile whose evidence is the log odds that a contour is there.
 
-    Tables are linear between knots, their squares held down. Two likelihoods count alike: that of
-    a contour's being there or not (logistic regression), and that of its being where it is, among
-    places up to 3 px aside (conditional logit): the former alone says that it is near.
+    Tables are linear between knots, with a ridge penalty. The loss is the mean of two: logistic
+    regression of a contour being there or not, and a conditional logit of its place among those
+    up to 3 px aside. The first alone does not localise it.
     """
     design = np.concatenate([_hats(given.energies), np.ones((len(given.energies), 1))], axis=1)
     shifted, here = _hats(given.shifted), int(np.abs(SHIFTS).argmin())
@@ -164,6 +164,6 @@ def crease_profile(given: Sequence[Samples]) -> ContourProfile:
 
 
 def _hats(energies: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(..., j * knots) weights by which the tables are read at energies (..., j)."""
+    """(..., j * knots) interpolation weights of the tables at energies (..., j)."""
     each = np.stack([np.interp(energies, KNOTS, row) for row in np.eye(len(KNOTS))], axis=-1)
     return each.reshape(*energies.shape[:-1], energies.shape[-1] * len(KNOTS))

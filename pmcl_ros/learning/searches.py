@@ -1,4 +1,4 @@
-"""Objects looked for where they are and where they are not: what the search makes of both."""
+"""Searches for objects in scenes with and without them: support and evidence of both."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
-_OTHERS = 1  # objects looked for in a scene that are in others
+_OTHERS = 1  # objects of other scenes that each scene is searched for
 
 
 @dataclass(frozen=True)
 class Search:
-    """there: whether the object is in the scene. support, evidence: of the pose found
-    (`PoseEstimate`).
+    """One search. there: whether the object is in the scene.
 
-    deviation: of that pose, where it is the object's; else None.
+    support, evidence: of the pose found (`PoseEstimate`). deviation: of that pose from the truth;
+    None where the pose is wrong.
     """
 
     there: bool
@@ -36,9 +36,9 @@ class Search:
 
 def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
              ) -> Iterator[Search]:
-    """Look in each scene for its own object, there or not, and for those of the scenes before.
+    """Search each scene for its own object, and for the object of the scene before.
 
-    The edge volumes must reach as far as any of the objects does.
+    The depths of the edge volumes must hold all of these objects.
     """
     before: list[ObjectModel] = []
     for each in examples:
@@ -57,9 +57,9 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
 
 @dataclass(frozen=True)
 class Supports:
-    """Of the best pose found for objects: there (n,), elsewhere (m,).
+    """Support of the best pose: of objects in the scene (n,) and of objects elsewhere (m,).
 
-    evidence: (k,) of the poses found of those that are there.
+    evidence: (k,) of the right poses.
     """
 
     there: NDArray[np.float64]
@@ -68,30 +68,31 @@ class Supports:
 
     @classmethod
     def of(cls, found: Sequence[Search]) -> 'Supports':
-        """Raises LocalizationError when no object was looked for that is not there."""
+        """Of all searches. Raises LocalizationError when each object was in its scene."""
         there = np.array([each.there for each in found], bool)
         support = np.array([each.support for each in found])
         if there.all():
-            raise LocalizationError('it takes two scenes to look for an object that is not there')
+            raise LocalizationError('0 searches for an object that is not in its scene; learn '
+                                    'from two scenes at least')
         evidence = np.array([each.evidence for each in found if each.deviation is not None])
         return cls(support[there], support[~there], evidence)
 
     def threshold(self, false_alarms: float) -> float:
-        """The least support that only this share of the objects that are elsewhere has."""
+        """The support that only this share of the objects elsewhere exceeds."""
         return float(np.quantile(self.elsewhere, 1 - false_alarms))
 
     def least_evidence(self, missed: float) -> float:
-        """What only this share of the objects found has less than."""
+        """The evidence below which only this share of the right poses lies."""
         return float(np.quantile(self.evidence, missed))
 
     def missed(self, least: float) -> float:
-        """Share of the objects there whose support is less."""
+        """Share of the objects in the scene with less support."""
         return float((self.there < least).mean())
 
 
 def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
           ) -> PoseEstimate:
-    """What the search makes of a model in an example's edge volume."""
+    """The pose that the search finds for a model in an example's edge volume."""
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
                             renderer='numba')
     with Localizer(model, settings, profile) as localizer:

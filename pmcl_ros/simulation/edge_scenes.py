@@ -1,10 +1,10 @@
-"""Random edge volumes in which an object's contour is seen, without any light field.
+"""Draws random edge volumes that show an object's contour, without any light field.
 
-Cheap enough to ask hundreds of times whether a posterior is as sure as it should be: contours with
-gaps, displaced as `ModelError` says, walls behind them, clutter at all depths, and noise that is
-correlated between pixels and labels; all in units of the contrast around, as an edge volume is.
-Strengths, widths and their scatter are such that the energies across contours are distributed as
-those of rendered scenes (`simulation/scenes`; docs/concepts/evidence.md).
+They are cheap: the coverage of credible regions needs hundreds of them. A scene has a contour with
+gaps, displaced by `ModelError`, a wall behind it, clutter at all depths, and noise that is
+correlated between pixels and labels, in units of the contrast around, as in an edge volume.
+Strengths and widths are chosen so that energies across contours are distributed as in rendered
+scenes (`simulation/scenes`; docs/concepts/evidence.md).
 """
 
 from dataclasses import dataclass
@@ -31,8 +31,8 @@ _ZOOM = 3  # samples of the contour per pixel
 _LABELS = 12
 _SIDE = 0.1  # m, of the region of interest
 _WIDTH = 1.2  # px: standard deviation of an edge's energy across it
-_INWARDS = 0.15  # px: where the energy of a contour is centred, as the profile was learned
-_GAPS = (10.0, 35.0)  # px: how fast the strength of a contour changes along it
+_INWARDS = 0.15  # px: offset of the energy's centre from the contour, as in rendered scenes
+_GAPS = (10.0, 35.0)  # px: correlation lengths of the strength along a contour
 _CONTOUR, _OF_SCENE, _OF_PLACE = 1.0, 0.6, 1.0  # its strength, and the scatter of its logarithm
 _WALL, _INSIDE = 0.35, (2.5, 8.0)  # an inner wall: strength relative to that, how far inside [px]
 _BACKGROUND, _GRAIN = 0.12, 1.3  # energy of noise, and its correlation length [px]
@@ -43,9 +43,9 @@ _NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbour
 
 @dataclass(frozen=True)
 class EdgeScene:
-    """A random edge volume, and what is in it.
+    """A random edge volume and its truth.
 
-    pose: (4, 4), object to camera [m]. roi_center, roi_size: where it is looked for [m].
+    pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
     """
 
     model: ObjectModel
@@ -157,7 +157,7 @@ def _contour(rng: np.random.Generator, depth: NDArray[np.float64], depths: NDArr
     nx, ny = nx / size, ny / size
     energy = strength * np.exp(-0.5 * ((outwards + _INWARDS - displaced) / _WIDTH) ** 2)
     tensor = _edges(energy, nx, ny, label, 3.0)
-    # What is seen inside follows the contour, but neither at one distance nor as strong as it.
+    # The inner wall follows the contour at a varying distance, and is weaker.
     depth_of_wall = np.exp(rng.uniform(*np.log(_INSIDE)) + 0.3 * _field(rng, _GAPS[1])[at])
     part = _WALL * np.exp(0.6 * _field(rng, _GAPS[0])[at])
     energy = part * strength * np.exp(-0.5 * ((outwards + depth_of_wall) / _WIDTH) ** 2)
@@ -165,14 +165,14 @@ def _contour(rng: np.random.Generator, depth: NDArray[np.float64], depths: NDArr
 
 
 def _strength(rng: np.random.Generator) -> NDArray[np.float64]:
-    """(height, width) of a contour there: faint in places, and in some scenes."""
+    """(height, width) strength of a contour: it varies along it and from scene to scene."""
     short, long = (_field(rng, length) for length in _GAPS)
     scatter = _OF_PLACE * (short + long) / 2 ** 0.5
     return np.asarray(_CONTOUR * np.exp(_OF_SCENE * rng.normal() + scatter))
 
 
 def _normalised(tensor: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Divided by its mean over a neighbourhood plus its median, as `dlv.edges` does."""
+    """The tensor over its mean in a neighbourhood plus its median, as in `evidence.edges`."""
     energy = tensor[..., 0] + tensor[..., 1]
     around = cv2.GaussianBlur(energy, (0, 0), _NEIGHBOURHOOD) + np.median(energy)
     return (tensor / around[..., None]).astype(np.float32)
@@ -180,7 +180,8 @@ def _normalised(tensor: NDArray[np.float64]) -> NDArray[np.float32]:
 
 def _displacements(rng: np.random.Generator, inside: NDArray[np.bool_], error: ModelError
                    ) -> NDArray[np.float64]:
-    """(height, width) a draw of `error` along a silhouette's border, elsewhere that nearest."""
+    """(height, width) a draw of `error` along a silhouette's border; elsewhere the nearest one's.
+    """
     smooth = gaussian_filter(inside.astype(float), 2.0)
     gradient = np.stack(np.gradient(smooth), axis=-1)
     y, x = np.nonzero(inside != binary_erosion(inside))
@@ -189,7 +190,7 @@ def _displacements(rng: np.random.Generator, inside: NDArray[np.bool_], error: M
     places = np.stack([y, x], axis=-1).astype(float)
     spread = error.covariance(cdist(places, places), normals @ normals.T > FACING)
     drawn = np.zeros(inside.shape)
-    # A covariance cut by sides is not quite one: its negative eigenvalues are left out.
+    # A covariance cut by sides may be indefinite: negative eigenvalues are left out.
     values, vectors = np.linalg.eigh(spread)
     drawn[y, x] = vectors @ (np.sqrt(np.maximum(values, 0)) * rng.normal(size=len(values)))
     known = np.zeros(inside.shape, bool)

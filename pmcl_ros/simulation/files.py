@@ -27,7 +27,8 @@ _STEP = 2.0 ** -10  # of a view's values: far below their noise, and half the by
 def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: int) -> None:
     """Write views.npz, model.obj, truth.json, centre.png, depth.npz into a folder.
 
-    model.obj and truth.json are of the first target; the other ones' are in numbered subfolders.
+    model.obj and truth.json are of the first target; those of other targets lie in numbered
+    subfolders.
     A target with discrete symmetries has a model.yaml too.
     Views are kept with 11 bits of precision, far below their noise.
     """
@@ -63,16 +64,16 @@ def _truth(target: Target) -> dict[str, Any]:
 
 
 def write_sequence(folder: Path, sequence: Sequence,
-                   told: Callable[[int], None] = lambda _: None) -> None:
+                   report: Callable[[int], None] = lambda _: None) -> None:
     """Write bag/, model.obj, truth.json, parameters.yaml into a folder.
 
-    The bag is what `subaperture_node` would publish, and camera_pose: the optical frame in
-    `FIXED_FRAME`. The parameters are those with which `dlv_node` and `pmcl_node` follow the object
-    in it; they name the mesh where it lies now. told: how many frames are written. Raises BagError
-    when there is a bag already.
+    The bag holds the topics of `subaperture_node`, and camera_pose: the optical frame in
+    `FIXED_FRAME`. With the parameters `dlv_node` and `pmcl_node` track the object in the bag; they
+    name the mesh by its absolute path. report: called with the number of frames written.
+    Raises BagError when there is a bag already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    record(folder / 'bag', _messages(sequence, told))
+    record(folder / 'bag', _messages(sequence, report))
     mesh = trimesh.Trimesh(sequence.model.vertices, sequence.model.faces, process=False)
     mesh.export(folder / 'model.obj', digits=7)
     axis = sequence.model.axis
@@ -104,11 +105,11 @@ def _parameters(folder: Path, sequence: Sequence) -> dict[str, dict[str, object]
             'track_camera': 'topic', 'track_frame': FIXED_FRAME}}
 
 
-def _messages(sequence: Sequence, told: Callable[[int], None]) -> Iterator[Recorded]:
+def _messages(sequence: Sequence, report: Callable[[int], None]) -> Iterator[Recorded]:
     for number, frame in enumerate(sequence):
         light_field = frame.light_field
         views = np.round(light_field.views / np.float32(_STEP)) * np.float32(_STEP)
         where = Header(light_field.header.stamp_ns, FIXED_FRAME)
         yield pose_message('/camera_pose', where, frame.camera)
         yield from light_field_messages(replace(light_field, views=views))
-        told(number + 1)
+        report(number + 1)

@@ -1,4 +1,4 @@
-"""Textured layers, drawn view by view: planes by homographies, solids by z-buffers."""
+"""Draws textured layers into views: planes by homographies, meshes by z-buffers."""
 
 from dataclasses import dataclass
 
@@ -16,16 +16,16 @@ from pmcl_ros.simulation.scenes.textures import SIZE, Texture
 Picture = NDArray[np.float32]
 
 _ZOOM = 2  # samples of a solid's outline per pixel
-_TEXEL = 0.7  # px: of a layer's texture, so that no finer pattern than the pixels' is left
+_TEXEL = 0.7  # px: size of a texel in the image; finer patterns would alias
 
 
 @dataclass(frozen=True)
 class Plane:
-    """A textured rectangle, or a plane without end.
+    """A textured rectangle, or an infinite plane.
 
-    pose: (4, 4), its middle, x and y along its sides, to the fixed frame [m].
+    pose: (4, 4), plane to fixed frame [m]; x and y run along its sides from its centre.
     picture: (rows, columns, 4) float32, colour times opacity, then opacity; `texel` metres each.
-    endless: it goes on periodically.
+    endless: whether the picture repeats without end.
     """
 
     pose: NDArray[np.float64]
@@ -34,9 +34,13 @@ class Plane:
     endless: bool
 
     @classmethod
-    def of(cls, pose: NDArray[np.float64], texture: Texture, side: float, footprint: float,
-           size: tuple[float, float] | None = None, opacity: float = 1.0) -> 'Plane':
-        """side: of one texture [m]. footprint: of a pixel on it [m]. size: None: endless."""
+    def from_texture(cls, pose: NDArray[np.float64], texture: Texture, side: float,
+                     footprint: float, size: tuple[float, float] | None = None,
+                     opacity: float = 1.0) -> 'Plane':
+        """A plane of a periodic texture.
+
+        side: of one period [m]. footprint: of a pixel on the plane [m]. size: [m]; None: endless.
+        """
         count = int(np.clip(side / (_TEXEL * footprint), 16, SIZE))
         tile = cv2.resize(texture, (count, count), interpolation=cv2.INTER_AREA)
         texel = side / count
@@ -47,7 +51,7 @@ class Plane:
         return cls(pose, np.ascontiguousarray(picture, np.float32), texel, size is None)
 
     def drawn(self, camera: Pinhole, view_from_fixed: NDArray[np.float64]) -> Picture:
-        """(height, width, 4) as a view sees it; view_from_fixed: (4, 4)."""
+        """(height, width, 4) the plane in a view; view_from_fixed: (4, 4)."""
         rows, columns = self.picture.shape[:2]
         # From texels to metres on the plane, on to the view, on to pixels.
         metres = np.array([[self.texel, 0, -self.texel * (columns - 1) / 2],
@@ -64,9 +68,9 @@ class Plane:
 class Solid:
     """A textured mesh about z.
 
-    texture: around the axis (columns) and along it (rows), `side` metres of it along.
-    opacity: of what is far from its outline. rim: of the outline itself, fading over `width` [m].
-    light: (3,) where the light comes from, in the fixed frame.
+    texture: around the axis (columns) and along it (rows), `side` metres a period.
+    opacity: far from the outline. rim: opacity at the outline, fading over `width` [m].
+    light: (3,) direction towards the light, in the fixed frame.
     """
 
     model: ObjectModel
@@ -79,7 +83,7 @@ class Solid:
 
     def drawn(self, grid: ViewGrid, pose: NDArray[np.float64], light: NDArray[np.float64]
               ) -> tuple[Picture, Window]:
-        """(views, height, width, 4) of all views, row by row, and which part of them that is.
+        """(views, height, width, 4) the solid in all views, row by row, and its window in them.
 
         pose: (4, 4), object to camera. light: (3,) in the camera's frame.
         """
@@ -125,13 +129,13 @@ class Solid:
 
 
 def view_shifts(grid: ViewGrid) -> NDArray[np.float64]:
-    """(views, 3) where each view's pinhole is, row by row, in the camera's frame [m]."""
+    """(views, 3) positions of the views' pinholes, row by row, in the camera's frame [m]."""
     places = grid.baseline * grid.positions.reshape(-1, 2)
     return np.concatenate([places, np.zeros((len(places), 1))], axis=1)
 
 
 def laid_over(below: Picture, layer: Picture) -> Picture:
-    """(..., 3) a layer (..., 4) over a picture (..., 3)."""
+    """(..., 3) a layer (..., 4) composed over a picture (..., 3)."""
     return np.asarray(below * (1 - layer[..., 3:]) + layer[..., :3], np.float32)
 
 
@@ -142,7 +146,7 @@ def _moved(pose: NDArray[np.float64], shift: NDArray[np.float64]) -> NDArray[np.
 
 
 def _window(pinhole: Pinhole, poses: NDArray[np.float64], radius: float) -> Window:
-    """The part of the image that holds a solid in all of its poses; a pixel at least."""
+    """The part of the image that holds a solid at all poses; at least one pixel."""
     bounds = sphere_bounds(pinhole, poses[:, :3, 3], radius)
     left, top = np.clip(np.floor(bounds[:, :2].min(axis=0)), 0,
                         [pinhole.width - 1, pinhole.height - 1]).astype(int)

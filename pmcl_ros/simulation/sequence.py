@@ -21,23 +21,23 @@ from pmcl_ros.simulation.scenes.textures import random_texture
 from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
 
 Kind = Literal['opaque', 'translucent', 'film']
-_WAVES = 3  # sines that an axis' motion is the sum of
-_FINE = 4000  # places where the speed of a path is looked at
-_LONG = 200.0  # rad of the slowest wave's phase that are looked at
-_SPAN = 6  # of an F01's view steps: from side to side of the inner 7x7 views
+_WAVES = 3  # sines that the motion along an axis is the sum of
+_FINE = 4000  # samples of a path at which its speed is computed
+_LONG = 200.0  # rad: time over which the speed is computed
+_SPAN = 6  # view steps of an F01 from side to side of its inner 7x7 views
 _REACH = np.array([0.045, 0.035, 0.03])  # m: of the object's motion
 _TURN = 0.25  # rad
 _CAMERA_REACH, _CAMERA_TURN = np.array([0.02, 0.02, 0.02]), 0.03
 _LARGEST = 0.11  # m: diameter of the object; larger ones are made smaller
 _KINDS = ('stemmed', 'bottle', 'free')  # jars and bowls look much the same upside down
-_FROM_SIDE = 0.7  # rad: the object's axis is at least so far from the line of sight at rest
-_RIM = 0.003  # m: how far inwards the rim of a translucent object fades
+_FROM_SIDE = 0.7  # rad: least angle between the object's axis and the line of sight at rest
+_RIM = 0.003  # m: width of the rim of a translucent object
 _MARGIN = 0.02  # m: of the region of interest around the object's path
 _BEGIN = 1_700_000_000_000_000_000  # ns
 
 
 class SequenceSettings(Settings):
-    """Of `Sequence`."""
+    """Parameters of `Sequence`."""
 
     kinds: tuple[Kind, ...] = Field(
         ('opaque', 'translucent', 'film'), min_length=1,
@@ -82,8 +82,8 @@ def wander(rng: np.random.Generator, frames: int, reach: NDArray[np.float64], tu
            speed: float) -> NDArray[np.float64]:
     """(frames, 4, 4) poses near the identity: sums of sines along and about x, y, z.
 
-    reach: (3,) how far the origin goes at most [m]. turn: by how much about each axis [rad].
-    speed: the origin's largest step from frame to frame [m]; 0: at rest.
+    reach: (3,) largest displacement of the origin [m]. turn: largest rotation about each axis
+    [rad]. speed: largest step of the origin from frame to frame [m]; 0: at rest.
     """
     rates = rng.uniform(0.6, 1.7, (6, _WAVES))
     phases = rng.uniform(0, 2 * np.pi, (6, _WAVES))
@@ -105,8 +105,8 @@ def wander(rng: np.random.Generator, frames: int, reach: NDArray[np.float64], tu
 class Frame:
     """One frame and its truth.
 
-    pose: (4, 4), object to camera [m]. camera: (4, 4), camera to the fixed frame. occluded: all is
-    hidden.
+    pose: (4, 4), object to camera [m]. camera: (4, 4), camera to the fixed frame. occluded: a card
+    hides everything.
     """
 
     light_field: LightField
@@ -116,11 +116,11 @@ class Frame:
 
 
 class Sequence:
-    """A sequence of its seed: any of its frames can be drawn at any time, always alike.
+    """A random sequence of a seed. Frames can be drawn in any order, always with the same digits.
 
     model: of the object. cameras: (frames, 4, 4), camera to fixed frame. poses: (frames, 4, 4),
-    object to camera. roi_center, roi_size: a box that holds the object's origin in all of them.
-    hidden: frames in which a card hides all. kind: of `SequenceSettings.kinds`.
+    object to camera. roi_center, roi_size: a box that holds the object's origin in all frames [m].
+    hidden: frames in which a card hides everything. kind: of `SequenceSettings.kinds`.
     """
 
     def __init__(self, seed: int, settings: SequenceSettings | None = None) -> None:
@@ -153,7 +153,7 @@ class Sequence:
         return (self.frame(number) for number in range(len(self)))
 
     def header(self, number: int) -> Header:
-        """Of a frame."""
+        """Stamp and frame id of a frame."""
         return Header(_BEGIN + round(1e9 * number / self.settings.rate))
 
     def frame(self, number: int) -> Frame:
@@ -169,7 +169,7 @@ class Sequence:
                      self.cameras[number], hidden)
 
     def _lay(self, rng: np.random.Generator) -> None:
-        """Lay out what is seen: a wall, cards before it, the object, a film, the hiding card."""
+        """Draw the layers: a wall, cards before it, the object, a film, the occluding card."""
         of = self.settings
         pixel = of.field / of.size  # of a plane one metre away [m]
 
@@ -177,8 +177,8 @@ class Sequence:
                   opacity: float = 1.0, kinds: tuple[str, ...] = ()) -> Plane:
             place = np.append(rng.uniform(-0.5, 0.5, 2) * depth * of.field, depth)
             turn = Rotation.from_rotvec(np.append(rng.normal(0, tilt, 2), rng.uniform(0, 7)))
-            return Plane.of(pose_of(turn, place), random_texture(rng, kinds), side, pixel * depth,
-                            size, opacity)
+            return Plane.from_texture(pose_of(turn, place), random_texture(rng, kinds), side,
+                                      pixel * depth, size, opacity)
 
         far = of.distance + 0.2
         planes = [plane(rng.uniform(far + 0.2, far + 0.7), None, rng.uniform(0.3, 0.8), 0.3)]
@@ -189,7 +189,7 @@ class Sequence:
         self._behind = planes
         clear = self.kind == 'translucent'
         texture = random_texture(rng)
-        if clear:  # its outline shows what is dark, or bright, elsewhere in a room
+        if clear:  # its rim shows dark or bright parts of the room
             texture = np.clip(0.2 * texture + rng.choice([0.0, 0.8]), 0, 1, dtype=np.float32)
         self._solid = Solid(self.model, texture, float(rng.uniform(0.1, 0.2)),
                             float(rng.uniform(0.35, 0.6)) if clear else 1.0,
@@ -202,7 +202,7 @@ class Sequence:
                            kinds=('clouds', 'lettering', 'checks'))
 
     def _light(self, number: int, hidden: bool) -> NDArray[np.float32]:
-        """(rows, columns, height, width, 3) the light of all views of a frame."""
+        """(rows, columns, height, width, 3) noise-free light of all views of a frame."""
         grid = self._sensor.grid
         fixed_to_camera = np.linalg.inv(self.cameras[number])
         seen, window = self._solid.drawn(grid, self.poses[number],
@@ -227,7 +227,7 @@ class Sequence:
 
 
 def _sensor(rng: np.random.Generator, of: SequenceSettings) -> Sensor:
-    """An F01's, of so many views that span as much."""
+    """An F01 with fewer views that span the same aperture."""
     sensor = random_sensor(rng, SceneSettings(views=of.views, size=of.size, field=of.field,
                                               noise=of.noise))
     spacing = _SPAN / (of.views - 1)
@@ -243,6 +243,6 @@ def _vessel(rng: np.random.Generator) -> ObjectModel:
 
 
 def _attitude(rng: np.random.Generator) -> Rotation:
-    """Any, but seen from the side: along its axis every vessel is a few circles."""
+    """Any attitude seen from the side: along its axis every vessel looks the same."""
     lean, turn, spin = rng.uniform([_FROM_SIDE, 0, 0], [np.pi - _FROM_SIDE, 7, 7])
     return Rotation.from_euler('zyz', [turn, lean, spin])

@@ -83,7 +83,7 @@ def test_hidden_frames_show_nothing_of_the_object(sequence):
 def test_a_plane_is_seen_where_its_corners_are(view):
     pose = pose_of(Rotation.from_rotvec([0.3, -0.2, 0.5]), np.array([0.01, -0.02, 0.6]))
     size = (0.08, 0.06)
-    plane = Plane.of(pose, np.ones((768, 768, 3), np.float32), 0.1, 0.0005, size)
+    plane = Plane.from_texture(pose, np.ones((768, 768, 3), np.float32), 0.1, 0.0005, size)
     fixed = np.eye(4)
     fixed[:3, 3] = -view_shifts(GRID)[view]
     drawn = plane.drawn(CAMERA, fixed)[..., 3]
