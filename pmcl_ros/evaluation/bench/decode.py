@@ -38,7 +38,7 @@ def bench_decode(repeats: int = 9) -> Bench:
                         centre_px=(1641.8, 1637.8)))
     light = _light(calibration.lattice)
     data = pack12(_counts(light))
-    metadata = CameraMetadata.parse(_text())
+    metadata = CameraMetadata.parse(camera_text(_SIDE))
 
     def decode() -> None:
         decoder.decode(RawFrame(Header(), unpack12(data, _SIDE, _SIDE), metadata))
@@ -83,15 +83,16 @@ def _counts(light: NDArray[np.float32]) -> NDArray[np.uint16]:
     return np.clip(np.rint(values), 0, 4095).astype(np.uint16)
 
 
-def _text() -> str:
-    """The JSON of the made-up camera."""
-    levels = dict.fromkeys(('r', 'gr', 'gb', 'b'), _BLACK)
+def camera_text(side: int) -> str:
+    """The JSON of a made-up camera of side x side pixels."""
+    colours = ('r', 'gr', 'gb', 'b')
+    levels = {'black': dict.fromkeys(colours, _BLACK), 'white': dict.fromkeys(colours, _WHITE)}
     return json.dumps({'image': {
-        'width': _SIDE, 'height': _SIDE,
-        'rawDetails': {'pixelFormat': {'black': levels, 'white': dict.fromkeys(levels, _WHITE)},
+        'width': side, 'height': side,
+        'rawDetails': {'pixelFormat': levels,
                        'mosaic': {'tile': 'r,gr:gb,b', 'upperLeftPixel': 'b'}},
         'color': {'ccmRgbToSrgbArray': [1, 0, 0, 0, 1, 0, 0, 0, 1], 'gamma': 0.41666,
-                  'whiteBalanceGain': dict.fromkeys(levels, 1.0)}}})
+                  'whiteBalanceGain': dict.fromkeys(colours, 1.0)}}})
 
 
 def plain_decode(data: bytes, black: float, white: float, light: NDArray[np.float32],

@@ -1,6 +1,5 @@
 """Takes many captures from the simulated camera, over a link that drops at random."""
 
-import json
 import os
 import tempfile
 import time
@@ -12,6 +11,7 @@ import numpy as np
 from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.server import served
+from pmcl_ros.evaluation.bench.decode import camera_text
 from pmcl_ros.runtime.errors import CameraError
 
 _SOURCES = 3  # captures that are served in turn
@@ -102,19 +102,8 @@ def _write_captures(folder: Path, side: int, seed: int) -> list[bytes]:
     raws = [rng.bytes(side * side * 3 // 2) for _ in range(_SOURCES)]
     for number, raw in enumerate(raws):
         (folder / f'{number}.RAW').write_bytes(raw)
-        (folder / f'{number}.TXT').write_text(_metadata(side))
+        (folder / f'{number}.TXT').write_text(camera_text(side))
     return raws
-
-
-def _metadata(side: int) -> str:
-    levels = {name: dict.fromkeys(('r', 'gr', 'gb', 'b'), value)
-              for name, value in (('black', 168), ('white', 4095))}
-    return json.dumps({'image': {
-        'width': side, 'height': side,
-        'rawDetails': {'pixelFormat': levels,
-                       'mosaic': {'tile': 'r,gr:gb,b', 'upperLeftPixel': 'b'}},
-        'color': {'ccmRgbToSrgbArray': np.eye(3).ravel().tolist(), 'gamma': 0.41666,
-                  'whiteBalanceGain': dict.fromkeys(('r', 'gr', 'gb', 'b'), 1.0)}}})
 
 
 def _usage(pid: int) -> tuple[float, int]:

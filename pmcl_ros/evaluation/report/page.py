@@ -25,11 +25,10 @@ from pmcl_ros.runtime.settings import Settings, default_of
 
 _UNKNOWN = 'unknown'
 _STAGES = {
-    'views': 'views, from the picture', 'evidence': 'edge volume',
-    'estimate': 'summary of the posterior',
+    'views': 'views, from the picture', 'estimate': 'summary of the posterior',
     'proposals': 'proposals', 'coarse': 'refined, by coarse contours',
     'fine': 'the best, by fine contours', 'ambiguous': 'with ambiguous poses',
-    'scattered': 'begun again around them', 'modes': 'modes, refined',
+    'scattered': 'restarted around them', 'modes': 'modes, refined',
     'approximate': 'posterior, approximated', 'posterior': 'posterior',
     'filter': 'particle filter'}
 _MAPPED: tuple[Stage, ...] = ('proposals', 'coarse', 'posterior', 'filter')
