@@ -69,7 +69,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool, out: Path | None) 
 
 def _learn_thresholds(profile: ContourProfile, looked: Sequence[Search]) -> LearnedContour:
     """Print the least support, the least evidence and the model's error."""
-    supports = Supports.of(looked)
+    supports = Supports.from_searches(looked)
     least = supports.threshold(_FALSE_ALARMS)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
     click.echo('support of objects that are elsewhere: '

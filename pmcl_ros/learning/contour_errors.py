@@ -35,9 +35,9 @@ class Deviation:
     local: NDArray[np.float64]
 
     @classmethod
-    def of(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
-           renderer: Renderer) -> 'Deviation':
-        """estimate: of the example's object, which is there, by `profile`."""
+    def from_estimate(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
+                      renderer: Renderer) -> 'Deviation':
+        """estimate: a right pose of the example's object, found with `profile`."""
         pose, symmetry = estimate.pose, example.model.symmetry
         with renderer.contour_score(example.scene, example.edges, profile) as score:
             points = score.points(pose)

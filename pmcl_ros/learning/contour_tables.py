@@ -1,6 +1,6 @@
 """Learns the profile of edge energy across contours from scenes with known poses."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 import numpy as np
@@ -67,35 +67,27 @@ class Samples:
 
     @classmethod
     def joined(cls, parts: 'Sequence[Samples]') -> 'Samples':
-        """Of several scenes."""
+        """The samples of several scenes. Raises LocalizationError when there are none."""
+        if not parts:
+            raise LocalizationError('0 of the scenes show what is to be learned; learn from more '
+                                    'scenes, or with creases from scenes of blocks')
         return cls(*(np.concatenate([getattr(each, name.name) for each in parts])
                      for name in fields(cls)))
 
-
     def mirrored(self) -> 'Samples':
-        """These and their mirror images, each by half: of what has no inside."""
+        """These samples and their mirror images, at half the weight: for lines without a side."""
         return Samples(np.concatenate([self.energies, self.energies[:, ::-1]]),
                        np.tile(self.there, 2), np.tile(self.weights, 2) / 2,
                        np.concatenate([self.shifted, self.shifted[:, ::-1, ::-1]]),
                        np.tile(self.shares, 2) / 2)
 
 
-def samples(examples: Iterable[Example], renderer: Renderer, rng: np.random.Generator) -> Samples:
-    """Profiles at the true poses, and at wrong ones: random in the region, and near misses.
-
-    Raises LocalizationError where no example shows a contour.
-    """
-    found = [each for example in examples for each in profiles(example, renderer, rng)]
-    if not found:
-        raise LocalizationError('no scene to learn from shows a contour')
-    return Samples.joined(found)
-
-
 def profiles(each: Example, renderer: Renderer, rng: np.random.Generator,
              of_creases: bool = False) -> list[Samples]:
-    """As `samples` of one scene; empty where no contour of its object is in the image.
+    """Samples of one scene, at the true pose and at wrong ones (random, and near misses).
 
-    of_creases: profiles across those instead, mirrored too; empty where none is seen.
+    Empty where the image shows no contour of the object. of_creases: samples across its creases
+    instead, and their mirror images; empty where no crease is visible.
     """
     if not each.there:
         return []

@@ -47,7 +47,7 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
         if each.there:
             error = pose_error(estimate.pose, each.pose, each.model.symmetry)
             if error.right:
-                deviation = Deviation.of(each, estimate, profile, NumbaRenderer())
+                deviation = Deviation.from_estimate(each, estimate, profile, NumbaRenderer())
         yield Search(each.there, estimate.support, estimate.evidence, deviation)
         for other in before:
             estimate = found(each, other, profile, seed)
@@ -67,7 +67,7 @@ class Supports:
     evidence: NDArray[np.float64]
 
     @classmethod
-    def of(cls, found: Sequence[Search]) -> 'Supports':
+    def from_searches(cls, found: Sequence[Search]) -> 'Supports':
         """Of all searches. Raises LocalizationError when each object was in its scene."""
         there = np.array([each.there for each in found], bool)
         support = np.array([each.support for each in found])

@@ -20,7 +20,6 @@ from pmcl_ros.learning.contour_tables import (
     crease_profile,
     fitted,
     profiles,
-    samples,
 )
 from pmcl_ros.learning.searches import Supports, searches
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -51,8 +50,9 @@ def example(seed):
 
 def test_what_is_learned_prefers_true_poses():
     rng = np.random.default_rng(0)
-    profile = fitted(samples([example(k) for k in range(3)], NumbaRenderer(), rng))
-    unseen = samples([example(9)], NumbaRenderer(), rng)
+    given = [profiles(example(k), NumbaRenderer(), rng)[0] for k in range(3)]
+    profile = fitted(Samples.joined(given))
+    unseen = profiles(example(9), NumbaRenderer(), rng)[0]
     said = profile.evidence(unseen.energies)
     assert said[unseen.there].mean() > 0 > said[~unseen.there].mean()
     assert unseen.weights.sum() == pytest.approx(1)
@@ -80,14 +80,14 @@ def test_what_is_learned_is_largest_where_the_contour_is():
 
 
 def test_objects_that_are_elsewhere_have_less_support():
-    found = Supports.of(list(searches([example(k) for k in range(2)],
+    found = Supports.from_searches(list(searches([example(k) for k in range(2)],
                                       ContourProfile.learned(), 0)))
     assert (len(found.there), len(found.elsewhere)) == (2, 1)  # the first has none before it
     assert np.median(found.there) > np.median(found.elsewhere)
     assert len(found.evidence) == 2
     assert (found.evidence > ContourProfile.learned().least).all()
     with pytest.raises(LocalizationError):
-        Supports.of([])
+        Supports.from_searches([])
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():
@@ -138,3 +138,8 @@ def test_what_creases_say_has_no_side():
     said = profile.evidence(unseen.energies)
     assert said[unseen.there].mean() > 0 > said[~unseen.there].mean()
     assert profiles(example(0), renderer, rng, of_creases=True) == []  # a surface of revolution
+
+
+def test_nothing_is_learned_from_no_scene():
+    with pytest.raises(LocalizationError, match='0 of the scenes show'):
+        Samples.joined([])
