@@ -1,11 +1,14 @@
 """The classes of ROS messages: ROS's own, or rosbags' of the same fields where ROS is missing."""
 
 from array import array
+from importlib import import_module
 from math import prod
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from pmcl_ros.runtime.errors import BagError
 
 try:
     from builtin_interfaces.msg import Time
@@ -74,7 +77,17 @@ __all__ = [
     'Transform',
     'TransformStamped',
     'Vector3',
+    'message_class',
 ]
+
+
+def message_class(name: str) -> type:
+    """The class of `PACKAGE/msg/KIND`; BagError when it is not installed."""
+    package, _, kind = name.split('/')
+    try:
+        return getattr(import_module(f'{package}.msg'), kind)
+    except (ImportError, AttributeError):
+        raise BagError(f'message type {name} is not installed') from None
 
 
 class Buffer:

@@ -16,7 +16,7 @@ from rosbags.interfaces import Qos
 
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded
-from pmcl_ros.nodes.runtime.message_types import message_type
+from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import Interrupted, pause, ros
 from pmcl_ros.nodes.topics import BIG, PRESETS, TOPICS, Quality, TopicEntry
@@ -38,7 +38,7 @@ class Recorder:
         self._node, self._writer, self._progress = node, writer, progress
         self._messages = self._bytes = 0
         for each in topics:
-            node.create_subscription(message_type(each.type), each.name,
+            node.create_subscription(message_class(each.type), each.name,
                                      partial(self._received, each), _profile(each.quality),
                                      raw=True)
 

@@ -14,8 +14,7 @@ import yaml
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from pmcl_ros.nodes.runtime.live import is_live
-from pmcl_ros.nodes.runtime.parameters import ros_type
+from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
 from pmcl_ros.nodes.table import ALL, GRASPS, SWEEP, Entry
 from pmcl_ros.nodes.topics import SERVICES, TOPICS
 from pmcl_ros.runtime.settings import default_of

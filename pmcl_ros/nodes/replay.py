@@ -12,7 +12,7 @@ from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Qos
 
 from pmcl_ros.messages.bags import Recorded, Topic, read, topics
-from pmcl_ros.nodes.runtime.message_types import message_type
+from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.nodes.topics import PRESETS
@@ -90,7 +90,7 @@ class _Line:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         profile = _profile(topic.qos)
-        self._publisher = node.create_publisher(message_type(topic.type), topic.name.lstrip('/'),
+        self._publisher = node.create_publisher(message_class(topic.type), topic.name.lstrip('/'),
                                                 profile)
         self._room = profile.depth if profile.history == HistoryPolicy.KEEP_LAST else sys.maxsize
         self._kept = 0  # not known to have arrived

@@ -16,7 +16,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.header import Part, header_from, part_from
 from pmcl_ros.messages.raw_frame import counts_from, metadata_from, raw_frame_from
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
-from pmcl_ros.nodes.runtime.live import live_parameters
+from pmcl_ros.nodes.runtime.parameters import live_parameters
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.transport.values import subscribe_value

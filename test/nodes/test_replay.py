@@ -18,9 +18,9 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bag_captures import light_field_messages
 from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.types import message_class
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED
-from pmcl_ros.nodes.runtime.message_types import message_type
 
 REPLAY = 'pmcl_ros.nodes.replay'
 ALL = QoSProfile(depth=100)  # of a subscriber that misses nothing, however late it takes it
@@ -160,7 +160,7 @@ def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
         tmp_path, user, small_light_field, small_volume, small_edges, stage, topics):
     bag = tmp_path / 'bag'
     bags.record(bag, captures(stage, small_light_field, small_volume, small_edges))
-    types = {each.name: message_type(each.type) for each in bags.topics(bag)}
+    types = {each.name: message_class(each.type) for each in bags.topics(bag)}
     came = {topic: [] for topic in (stage, *topics)}
     for topic, messages in came.items():
         user.node.create_subscription(types[f'/{topic}'], topic, messages.append, ALL)
