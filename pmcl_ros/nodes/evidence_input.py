@@ -71,7 +71,8 @@ class EvidenceInput:
     def _look(self) -> None:
         """Subscribe to dlv or end that, as publishers come and go."""
         published = self._published()
-        alone = not published and self._node.count_publishers('dlv') > 0
+        alone = not published and self._node.count_publishers(
+            self._node.resolve_topic_name('dlv')) > 0
         # Topics of one publisher are found at different times: one look is no proof.
         if alone and self._alone and self._volumes is None:
             self._volumes, self._since = ExitStack(), time.monotonic()
@@ -82,8 +83,9 @@ class EvidenceInput:
         self._alone = alone
         if self._held is None:
             return
-        waited = time.monotonic() - self._held[0]
-        if waited > (_PATIENCE if published else _DISCOVERY):
+        patience, since = ((_PATIENCE, self._held[0]) if published
+                           else (_DISCOVERY, self._since))
+        if time.monotonic() - since > patience:
             self._deliver_alone('its dlv/edges do not come' if published
                                 else 'nobody publishes dlv/edges')
 

@@ -124,13 +124,13 @@ class PmclNode(StageNode):
         self.health.frames_in += 1
         for stamp in self._missing.arrived(evidence.header.stamp_ns):
             self.health.count('captures without a volume')  # dropped before this node
-            self.get_logger().warning(f'no volume came of capture {stamp}: the nodes before this '
+            self.get_logger().warning(f'no evidence came of capture {stamp}: the nodes before this '
                                       'one say why, unless one of them was killed')
         self._search(evidence)
 
     def _again(self) -> str:
         if self._last is None:
-            raise LocalizationError('no volume has come since the node was activated or reset')
+            raise LocalizationError('no evidence has come since the node was activated or reset')
         self._search(self._last)
         return f'searching in capture {self._last.header.stamp_ns} again'
 
@@ -144,7 +144,7 @@ class PmclNode(StageNode):
         self._forget()
         self._input.forget()
         self._worker.resume()
-        return f'the next volume is searched as the first, with seed {self._settings.seed}'
+        return f'the next capture is searched as the first, with seed {self._settings.seed}'
 
     def _search(self, evidence: Evidence) -> None:
         self._last = evidence

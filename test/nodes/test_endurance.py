@@ -85,7 +85,7 @@ def test_a_node_that_is_killed_comes_back_and_poses_with_it(tmp_path, user, para
                               for name in NODES), 'diagnostics')
     assert stamps(poses) == sorted(set(stamps(poses)))  # each once, none late
     # The next node notices what a dead one swallowed.
-    assert 'no volume came of capture' in chain.log
+    assert 'no evidence came of capture' in chain.log
 
 
 def test_respawn_needs_processes(tmp_path):

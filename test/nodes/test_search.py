@@ -104,7 +104,7 @@ def test_localize_searches_again_and_reset_forgets(search, user):
 
     answer = call('localize')
     assert not answer.success
-    assert 'no volume has come' in answer.message
+    assert 'no evidence has come' in answer.message
     publish(5)
     user.wait(lambda: results() >= 1, 'a result')
     answer = call('localize')
