@@ -23,9 +23,9 @@ _DISCOVERY = 4.0
 class EvidenceInput:
     """Subscribes to the evidence of captures, for `start` of a node.
 
-    In the mode faithful that is `dlv`. Else it is `dlv/edges`, and `dlv` only while somebody
-    publishes that and nobody `dlv/edges`: what is read of a volume alone is less exact. A volume
-    that came before its publisher was found waits for its edges for some seconds.
+    In the mode faithful that is `dlv`, else `dlv/edges`. While `dlv` is published and `dlv/edges`
+    is not, `dlv` replaces it: a likelihood alone is less exact. DDS may find the publishers one
+    after the other: the first volumes wait some seconds for their edges.
     callback: gets the evidence of each capture, once.
     """
 
@@ -44,16 +44,20 @@ class EvidenceInput:
         node.every(_LOOK, self._look)
 
     def forget(self) -> None:
-        """Wait for no capture any more."""
+        """Drop the volume that waits for its edges."""
         self._held: tuple[float, DepthLikelihoodVolume] | None = None  # since when without edges
+        self._edges_ns: int | None = None  # stamp of the last edges
 
     def _on_edges(self, edges: EdgeVolume) -> None:
         held, self._held = self._held, None
         if held is not None and held[1].header.stamp_ns != edges.header.stamp_ns:
             self._give_up(held[1])
+        self._edges_ns = edges.header.stamp_ns
         self._callback(edges)
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
+        if volume.header.stamp_ns == self._edges_ns:  # of a capture that is searched already
+            return
         if self._held is not None:
             self._give_up(self._held[1])
         self._held = time.monotonic(), volume
