@@ -30,7 +30,7 @@ _NONE = np.empty((0, 0, 0), np.float32)
 
 @dataclass(frozen=True)
 class CostInputs:
-    """The pictures, the pixels, and how each pair of views is sampled and counts.
+    """Inputs of the costs: planes, pixels, samples and weights of each pair of views.
 
     planes: of `matching_planes`, of the part of the views that is needed; the centre's, then those
         of each pair.

@@ -1,4 +1,4 @@
-"""LabelSegments of labels over which a view's samples are quadratics in the label."""
+"""Segments of labels over which the samples of a view are quadratics in the label."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""The pixels of the centre view for which a volume is made."""
+"""The pixels of the centre view for which evidence and volume are made."""
 
 from dataclasses import dataclass
 

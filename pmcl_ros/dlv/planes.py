@@ -1,4 +1,4 @@
-"""What is compared: gamma-encoded colours and luminance gradients, with a border around."""
+"""Planes to match: gamma-encoded colours and luminance gradients, with a border around."""
 
 from functools import lru_cache
 

@@ -1,11 +1,11 @@
 """Two layers along a ray, one seen through the other, fitted to all views together.
 
 Two superimposed pictures that move by s + h and s - h px per view step obey one differential
-equation of second order: refocused at s, what the views hold of second degree in their place is
-h^2 times the second derivatives of what they hold in common (Shizawa and Mase 1990; Aach, Mota,
-Stuke et al. 2006; on epipolar slices Wanner and Goldluecke 2013). Neither picture need be known.
-Least squares over the window, over the colours and over all views at once finds s and h far below
-the separation at which a cost has two minima (docs/concepts/volume.md).
+equation of second order: refocused at s, the second-degree part of the views, as functions of
+their place, is h^2 times the second derivatives of their mean (Shizawa and Mase 1990; Aach, Mota,
+Stuke et al. 2006; on epipolar slices Wanner and Goldluecke 2013). The pictures need not be known.
+Least squares over the window, the colours and all views finds s and h far below the separation at
+which a cost has two minima (docs/concepts/volume.md).
 """
 
 from dataclasses import dataclass
@@ -41,8 +41,8 @@ class Superposition:
 
     near, far: their inverse depths [1/m].
     share: of the contrast (squared) that the nearer one gives; 0.5 where both give the same.
-    evidence: by how much the log likelihood of two layers exceeds that of one [nats], less what
-        their two more parameters cost (Schwarz' criterion); NaN where views miss the ray.
+    evidence: log likelihood ratio of two layers to one [nat], minus the penalty of two more
+        parameters (Schwarz' criterion); NaN where views miss the ray.
     """
 
     near: NDArray[np.float32]
@@ -51,7 +51,7 @@ class Superposition:
     evidence: NDArray[np.float32]
 
     def split(self, layers: Layers) -> Layers:
-        """`layers` with each ray's only surface made two where the evidence says so.
+        """`layers` with a single surface split in two where the evidence is positive.
 
         layers: of two surfaces or more a ray. Likelihood and sharpness are divided by the shares;
         the larger share is the first.

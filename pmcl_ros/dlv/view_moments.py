@@ -1,7 +1,7 @@
-"""Local polynomials through the views: how each pixel changes with the place of view.
+"""Local polynomials through the views: the change of each pixel with the place of the view.
 
-Refocused at a depth, a surface there looks the same in all views; one at d px per view step beside
-it moves by d times the view's place, so its derivatives along places are powers of d times those
+Refocused at a depth, a surface there looks the same in all views. A surface d px per view step off
+moves by d times the place of the view: its derivatives along places are powers of d times those
 along the picture. The polynomials are of second degree, least squares through all views.
 """
 

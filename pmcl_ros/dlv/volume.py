@@ -1,4 +1,4 @@
-"""The third of the four values: how likely light on a pixel came from each depth."""
+"""DepthLikelihoodVolume: the likelihood of each depth at each pixel (paper, section IV)."""
 
 import logging
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""The fourth of the four values: where the object is, and how sure that is."""
+"""PoseEstimate: the pose of an object in one capture, its covariance, particles and modes."""
 
 import math
 from dataclasses import dataclass
@@ -13,10 +13,10 @@ from pmcl_ros.geometry.header import Header
 
 @dataclass(frozen=True)
 class PoseMode:
-    """One of the poses that the data support.
+    """A mode of the posterior.
 
     pose: (4, 4), object to camera, metres. weight: its share of the posterior, 0 to 1. score: of
-    the pose, in the units of the mode's score.
+    the pose, in the unit of the search mode.
     """
 
     pose: NDArray[np.float64]
@@ -32,16 +32,16 @@ class PoseEstimate:
     covariance: (6, 6) float64, x, y, z [m^2], then rotations about the fixed axes of the camera's
         frame [rad^2]; a free axis of symmetry has variance pi^2 / 3.
     particles: (n, 4, 4) the last population. log_weights: (n,) normalised.
-    score: of the pose, in the units of the mode's score.
+    score: of the pose: evidence [nat] in the mode default, mean likelihood in the mode faithful.
     lost: the data support no pose.
-    modes: what the search compared at its end, the weightiest first; the estimate is of the first.
-        A rival that was tried and found not to be supported has weight 0, or is left out where an
-        object is followed. Empty where the mode compares none.
-    support: of the weakest part of the contour, evidence: of all of it, mean [nat / px]
-        (`support.py`); NaN where the mode looks for no contour.
-    evaluations: poses that were drawn and scored to find it.
-    incomplete: a part of the contour is missing, by the support, but the whole is rather there.
-    in_view: share of the mesh's vertices in the image's field.
+    modes: of the posterior, by weight, largest first; the estimate is of the first. A mode without
+        support has weight 0, or is left out while an object is tracked. Empty in the mode
+        faithful.
+    support: mean evidence along the weakest part of the contour (`support.py`), evidence: along
+        all of it [nat / px]; NaN in the mode faithful.
+    evaluations: number of poses that were rendered and scored.
+    incomplete: the support is too small, but the evidence of the whole contour is sufficient.
+    in_view: share of the mesh's vertices in the image.
     """
 
     header: Header

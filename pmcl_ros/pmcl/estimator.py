@@ -1,4 +1,4 @@
-"""What a search found, summed up: Posterior -> PoseEstimate."""
+"""Posterior -> PoseEstimate: the result of a search."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

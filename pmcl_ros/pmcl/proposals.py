@@ -1,9 +1,9 @@
-"""Where to look first: every orientation, depth and place in the region, on a coarse contour.
+"""Proposals: an exhaustive search over orientation, depth and place on coarse contours.
 
-Uniform particles practically never fall into the narrow basin of the pose (1e-5 of the region).
-But seen along its own line of sight an object keeps its outline wherever in the image it is, up to
-size: so a template of each orientation is rendered once, scaled to each depth, and slid over maps
-of the contour evidence by plain additions.
+Uniform particles rarely fall into the basin of the pose (1e-5 of the region). Relative to its own
+line of sight an object has the same outline anywhere in the image, up to scale. So a template of
+each orientation is rendered once, scaled to each depth, and correlated with maps of the contour
+evidence.
 """
 
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _CELL = 4  # image px: the step of places
 _BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
-# Of the energy outside a contour, against that on it: about as the learned profile has it.
+# Weight of the energy outside a contour relative to that on it: about that of the profile.
 _OUTSIDE = 0.5
-# Cells: of so many in a square the best place is kept of each template, lest all of them are taken
-# for the strongest edges of the surroundings.
+# Side of a square of cells in which only the best place of each template is kept: else the
+# strongest edges of the surroundings take all of them.
 _SQUARE = 8
-_TRIED = 12  # poses that are looked at for each that is kept: those alike are but one
+_TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
@@ -68,7 +68,7 @@ class Proposals:
 
     def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The best `count` poses (n, 4, 4) and their scores (n,), no two alike, best first.
+        """The best `count` poses (n, 4, 4) and their scores (n,), without duplicates, best first.
 
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
@@ -87,7 +87,7 @@ class Proposals:
         side, turn = np.divmod(template, len(self._turns))
         poses = _poses(pinhole, pixels, depths, self._templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
-        kept = _distinct(poses, count, self._symmetry)
+        kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
 
     def _at_depth(self, edges: EdgeVolume, depth: float, offsets: NDArray[np.float32],
@@ -211,11 +211,11 @@ def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.flo
     return poses
 
 
-def _distinct(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:
-    """Which poses (best first) to keep so that no two show the object alike, `count` at most."""
+def _suppress_duplicates(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:
+    """Non-maximum suppression: indices of poses to keep, best first, `count` at most."""
     free = np.ones(len(poses), bool)
     kept: list[int] = []
-    # Symmetries may move the origin so far: what is farther off is not alike.
+    # The origin of equivalent poses is at most so far off.
     reach = SAME_PROPOSAL[0] + 1.01 * np.linalg.norm(symmetry.discrete[:, :3, 3], axis=1).max()
     tree = cKDTree(poses[:, :3, 3])
     while len(kept) < count and free.any():

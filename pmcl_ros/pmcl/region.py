@@ -80,7 +80,7 @@ class Region:
                 'region')
 
     def out_of_view(self, pinhole: Pinhole) -> LocalizationError:
-        """The error to raise when nothing of the object can be seen wherever in the box it is."""
+        """The error for a box in which the object cannot be seen anywhere."""
         return LocalizationError(
             f'the region of interest at {self.center} m of size {self.size} m is outside the '
             f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '

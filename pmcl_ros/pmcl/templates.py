@@ -1,4 +1,4 @@
-"""Outlines of an object, as it is seen from every side."""
+"""Templates: outlines of an object seen from all sides."""
 
 from dataclasses import dataclass
 
@@ -39,7 +39,7 @@ class Templates:
 
     @classmethod
     def from_views(cls, renderer: Renderer, model: ObjectModel, depth: float) -> 'Templates':
-        """Those of a model from every side, drawn at `depth` [m] or where all of it is in view.
+        """Render a model from all sides, at `depth` [m] or farther, so that all of it is in view.
 
         Raises ObjectModelError where it cannot be seen from any.
         """
