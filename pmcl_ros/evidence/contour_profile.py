@@ -62,7 +62,7 @@ class ContourProfile:
         return cls.from_numbers(numbers, numbers.least_evidence)
 
     @classmethod
-    def of_creases(cls) -> 'ContourProfile':
+    def learned_creases(cls) -> 'ContourProfile':
         """The log odds of a sharp edge of the mesh inside the outline; the same on both sides."""
         return cls.from_numbers(learned_creases())
 

@@ -30,7 +30,8 @@ def test_the_files_are_what_the_search_uses():
 def test_creases_have_no_side():
     tables = np.array(learned_creases().tables)
     np.testing.assert_array_equal(tables, tables[::-1])
-    np.testing.assert_array_equal(ContourProfile.of_creases().tables, tables.astype(np.float32))
+    np.testing.assert_array_equal(ContourProfile.learned_creases().tables,
+                                  tables.astype(np.float32))
 
 
 def test_what_is_saved_is_read_to_the_last_digit(tmp_path):

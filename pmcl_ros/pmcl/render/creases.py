@@ -65,7 +65,7 @@ class Creases:
             return None
         return cls(np.asarray(mesh.vertices[mesh.face_adjacency_edges[sharp]], np.float64),
                    np.asarray(mesh.face_normals[mesh.face_adjacency[sharp]], np.float64),
-                   model.closed, profile or ContourProfile.of_creases())
+                   model.closed, profile or ContourProfile.learned_creases())
 
 
 class Lines(NamedTuple):
