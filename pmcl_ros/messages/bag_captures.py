@@ -60,7 +60,7 @@ def record_capture(picture: Path | str, bag: Path | str, header: Header | None =
 
 
 def capture_messages(frame: RawFrame) -> list[Recorded]:
-    """What `lytro_driver` would publish for a raw frame, in its order."""
+    """The messages that `lytro_driver` publishes for a raw frame, in its order."""
     metadata, image = raw_frame_to_messages(frame)
     return [_recorded('/metadata', metadata, frame.header, LATCHED),
             _recorded('/image_raw', image, frame.header)]
@@ -94,7 +94,7 @@ def record_light_field(light_field: LightField, bag: Path | str) -> None:
 
 
 def light_field_messages(light_field: LightField) -> list[Recorded]:
-    """What `subaperture_node` would publish for a light field, in its order."""
+    """The messages that `subaperture_node` publishes for a light field, in its order."""
     header = light_field.header
     info, pupil, views = light_field_to_messages(light_field)
     return [_recorded('/center/camera_info', pinhole_to_message(header, light_field.grid.pinhole),

@@ -119,7 +119,7 @@ class Topic(NamedTuple):
 
 
 def topics(bag: Path | str) -> list[Topic]:
-    """What a bag holds."""
+    """The topics of a bag."""
     with _open(bag) as reader:
         return [Topic(each.topic, each.msgtype, _qos(each), each.msgcount)
                 for each in reader.connections]

@@ -1,4 +1,4 @@
-"""What a node says of itself."""
+"""DiagnosticArray: the health of a node."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Header as HeaderMessage

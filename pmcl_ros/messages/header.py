@@ -1,4 +1,4 @@
-"""Headers and stamps, and what several messages of a capture promise."""
+"""Header and Time; checks that the messages of a capture belong together."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -27,7 +27,7 @@ def header_from(message: HeaderMessage) -> Header:
 
 
 def part_from(check: Callable[[Any], object]) -> Callable[[Any], Part]:
-    """What reads a message with a header that `check`, its reader, does not refuse."""
+    """A reader of messages with a header, which raises what `check` raises for a message."""
     def read(message: Any) -> Part:
         check(message)
         return Part(header_from(message.header), message)

@@ -1,4 +1,4 @@
-"""Objects and their region as markers."""
+"""MarkerArray: objects and their region."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What pmcl_node's search reads of each capture: `dlv/edges`, or `dlv`."""
+"""The input of pmcl_node: the evidence of each capture, from `dlv/edges` or `dlv`."""
 
 import time
 from collections.abc import Callable

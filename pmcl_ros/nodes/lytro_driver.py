@@ -1,4 +1,4 @@
-"""camera -> RawFrame: takes pictures and publishes them, each once."""
+"""Camera -> RawFrame: takes pictures and publishes each of them once."""
 
 import sys
 import time

@@ -1,4 +1,4 @@
-"""Outlines on the centre views that captures came with."""
+"""Overlays: the outline of the found object on the centre view of its capture."""
 
 from collections.abc import Callable
 from typing import TypeVar

@@ -68,7 +68,7 @@ def _profile(quality: Quality) -> QoSProfile:
 
 
 def _offered(quality: Quality) -> Qos:
-    """What the publisher offers, for the player to offer it again."""
+    """The quality of service of a publisher, which the player offers again."""
     return (bags.LATCHED if quality.latched else bags.VOLATILE)._replace(depth=quality.depth)
 
 

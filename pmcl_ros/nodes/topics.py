@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Quality(NamedTuple):
-    """What a topic's publisher offers; each is a profile in `base.py`. All are reliable."""
+    """A publisher's quality of service, one of the profiles of `base.py`. All are reliable."""
 
     depth: int
     latched: bool = False

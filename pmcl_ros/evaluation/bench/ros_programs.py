@@ -101,7 +101,7 @@ def bench_graph(captures: int = 20) -> GraphBench:
 
 def _run(program: str, arguments: list[str], environment: Mapping[str, str],
          problem: str) -> dict[str, Any]:
-    """What a program of this folder prints; BenchError with `problem` when it fails.
+    """The JSON that a program of this folder prints; BenchError with `problem` when it fails.
 
     It is a program because this module is imported without ROS, and because Fast DDS reads its
     profile when a process starts.

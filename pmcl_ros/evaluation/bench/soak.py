@@ -55,7 +55,7 @@ _QUICK: dict[str, dict[str, Any]] = {'dlv_node': {'labels': 16, 'edge_labels': 8
 
 @dataclass
 class Soak:
-    """What came of it.
+    """The result of a soak test.
 
     captures: published, by their stamps. poses: that came. twice: stamps that came again. strange:
     of no capture. lost: captures in which the object was not found. dropped, errors: as the nodes

@@ -1,4 +1,4 @@
-"""How a volume travels between two processes: its topic, against the copies that this needs.
+"""Time of a volume from one process to another: by its topic, and by copies of its data alone.
 
 Prints one JSON object; `pmcl bench transport` runs it.
 """

@@ -1,1 +1,1 @@
-"""What every node is made of: lifecycle, parameters, health, threads, pose sources."""
+"""The parts of every node: lifecycle, parameters, health, threads, pose sources."""

@@ -44,9 +44,9 @@ MANY = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
 class StageNode(LifecycleNode):
     """A lifecycle node with a name, settings, a `set_up` (configure) and a `start` (activate).
 
-    Both acquire through the helpers below, or push what undoes it onto `configured` or `active`:
-    all is released in reverse order when the node leaves that state, by whichever way. A PmclError
-    means that the user can mend it: one line is logged, the transition fails, the node stays.
+    Both acquire resources by the helpers below, or push their release onto `configured` or
+    `active`: all is released in reverse order when the node leaves that state. A PmclError is one
+    that the user can mend: one line is logged, the transition fails, and the node stays.
 
     bus: shared by the nodes of the graph that live in this process.
     """

@@ -1,4 +1,4 @@
-"""For whom the values of a ROS parameter file are."""
+"""Checks ROS parameter files: node names and parameter names must exist."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -21,7 +21,7 @@ _SPEED_INTERVAL = 0.05  # s: the speed on /tf is measured over this time before 
 
 
 class PoseNames(NamedTuple):
-    """What a node calls its source of poses.
+    """The names that a node gives its source of poses.
 
     source, frame, tolerance: the names of its parameters for the source, the fixed frame and the
     longest time to a capture; topic: of the PoseStamped messages.

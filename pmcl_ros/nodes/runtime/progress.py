@@ -1,4 +1,4 @@
-"""How far a program is, on standard error: a line now and then, for people and for logs."""
+"""Progress of a program on standard error: at most a line a second."""
 
 import sys
 import time
@@ -15,11 +15,11 @@ class Progress:
         self._next = time.monotonic()
 
     def report(self, text: Callable[[], str]) -> None:
-        """A line, when the last is long enough ago."""
+        """Print a line, if the last one is long enough ago."""
         if time.monotonic() >= self._next:
             self.print(text())
             self._next = time.monotonic() + _EVERY
 
     def print(self, text: str) -> None:
-        """A line."""
+        """Print a line."""
         sys.stderr.write(f'{self._program}: {text}\n')

@@ -1,4 +1,4 @@
-"""What runs nodes: ROS for as long as a program needs it, and a thread for each node.
+"""Runs nodes: starts and ends ROS, and gives each node a thread.
 
 rclpy's own signal handlers take ROS away while callbacks are at work, and crash where several
 executors run. Here signals are noted and asked for instead: nodes finish what they do, and are

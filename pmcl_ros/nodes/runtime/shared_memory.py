@@ -1,4 +1,4 @@
-"""What is wrong with the Fast DDS profile that the environment names: Fast DDS hardly says."""
+"""Checks the Fast DDS profile of the environment and the room in /dev/shm."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ _LEAST = 1_000_000  # bytes: a segment of 0.5 MB, ports and their locks
 
 
 def problem(profile: str, memory: str = _MEMORY) -> str:
-    """What keeps a profile (its path) from being used, and what to do; '' if nothing does.
+    """Why a profile (its path) cannot be used, and what to do; '' if it can.
 
     memory: where shared memory lies.
     """
@@ -33,7 +33,7 @@ def problem(profile: str, memory: str = _MEMORY) -> str:
 
 
 def no_room(memory: str = _MEMORY) -> str:
-    """What there is too little shared memory for without a profile; '' if there is enough."""
+    """Why shared memory is too small without a profile; '' if there is enough."""
     free = shutil.disk_usage(memory).free if Path(memory).is_dir() else 0
     if free >= _LEAST:
         return ''

@@ -82,7 +82,7 @@ class Supervisor:
 
     node: to log and to publish /diagnostics with. start: starts the node of a name. activate:
     takes it to active, or raises PmclError.
-    What a node held when it ended is lost, and only this one knows that it was: it says so.
+    It reports the loss of the captures that a node held when it ended.
     """
 
     def __init__(self, node: Node, running: dict[str, Running],

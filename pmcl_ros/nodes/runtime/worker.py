@@ -1,4 +1,4 @@
-"""One thread that makes, uses and closes a thing that no other thread may touch."""
+"""A thread that owns an object which no other thread may touch, such as a GL context."""
 
 import threading
 from collections.abc import Callable
@@ -8,20 +8,20 @@ from typing import Generic, Protocol, TypeVar
 
 
 class Closeable(Protocol):
-    """What can be closed."""
+    """An object with a `close` method."""
 
     def close(self) -> None:
         """Release all."""
 
 
 T = TypeVar('T', bound=Closeable)
-Job = partial[None]  # called with the thing
+Job = partial[None]  # called with the object
 
 
 class Worker(Generic[T]):
-    """Runs jobs on the thing that `make` returns; one job may wait, a newer one takes its place.
+    """Runs jobs on the object that `make` returns; one job may wait, and a newer one replaces it.
 
-    A job should end early when `stopping` is true. Raises what `make` raises.
+    A job should end early when `stopping` is true. Raises the errors of `make`.
     """
 
     def __init__(self, make: Callable[[], T]) -> None:

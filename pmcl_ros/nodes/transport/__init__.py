@@ -1,1 +1,1 @@
-"""How values travel between nodes, and how losses are counted."""
+"""Transport of values between nodes, and loss accounting."""
