@@ -1,5 +1,6 @@
 """Simulated cameras for the tests: small pictures, real sockets."""
 
+import asyncio
 import contextlib
 import socket
 import threading
@@ -34,12 +35,33 @@ def write_captures(folder, text, count=3, side=SIDE):
 
 
 @contextmanager
+def in_thread(server):
+    """The address of a camera server that runs in a thread of this process."""
+    loop = asyncio.new_event_loop()
+    task = loop.create_task(server.run())
+
+    def serve():
+        with contextlib.suppress(asyncio.CancelledError):
+            loop.run_until_complete(task)
+        loop.run_until_complete(loop.shutdown_default_executor())
+        loop.close()
+
+    thread = threading.Thread(target=serve, name='simulated camera', daemon=True)
+    thread.start()
+    try:
+        yield server.address
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join()
+
+
+@contextmanager
 def serving(folder, *faults, empty=False, delay=0.02, at=None):
     """The address of a camera in a thread of this process, any or `at`."""
     camera = SimulatedCamera(Card.from_folder(folder, empty=empty), faults=Faults.parse(faults),
                              delay=delay)
     ports = (at.port, at.callback_port) if at else (0, 0)
-    with CameraServer(camera, '127.0.0.1', *ports).in_thread() as address:
+    with in_thread(CameraServer(camera, '127.0.0.1', *ports)) as address:
         yield address
 
 

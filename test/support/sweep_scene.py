@@ -6,6 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import nominal_positions
+from pmcl_ros.lightfield.readers.sweep_folder import NAME, SweepFolder
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 
 PINHOLE = Pinhole(160, 120, 200.0, 202.0, 80.5, 58.0)
@@ -81,3 +82,20 @@ def raster(rows, columns, step, jitter=0.0, degrees=0.0, seed=0, base=None):
             off, turn = 0 * off, 0 * turn
         poses.append(base @ pose_at(*((x, y, 0) + jitter * off * [1, 1, 0.1]), degrees * turn))
     return poses
+
+
+def write_sweep(folder, frames, settings):
+    """Write pictures and sweep.yaml, the inverse of `read_sweep`; all frames share one lens."""
+    folder.mkdir(parents=True, exist_ok=True)
+    lens, entries = frames[0].lens, []
+    for each in frames:
+        name = f'{each.name}.png'
+        assert cv2.imwrite(str(folder / name), np.ascontiguousarray(each.image[..., ::-1]))
+        orientation = Rotation.from_matrix(each.pose[:3, :3]).as_quat(canonical=True).tolist()
+        entries.append({'file': name, 'position': each.position.tolist(),
+                        'orientation': orientation})
+    pinhole = lens.pinhole
+    camera = {'fx': pinhole.fx, 'fy': pinhole.fy, 'cx': pinhole.cx, 'cy': pinhole.cy,
+              'model': lens.model, 'distortion': lens.distortion}
+    SweepFolder.make(settings.model_dump() | {'camera': camera, 'frames': entries},
+                     NAME).save(folder / NAME)

@@ -7,7 +7,6 @@ import socket
 import struct
 import subprocess
 import sys
-import threading
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -90,26 +89,6 @@ class CameraServer:
             await asyncio.gather(*self._tasks, return_exceptions=True)
             for listening in (*self._commands, self._events):
                 listening.close()
-
-    @contextlib.contextmanager
-    def in_thread(self) -> Iterator[Address]:
-        """Serve in a thread of this process."""
-        loop = asyncio.new_event_loop()
-        task = loop.create_task(self.run())
-
-        def serve() -> None:
-            with contextlib.suppress(asyncio.CancelledError):
-                loop.run_until_complete(task)
-            loop.run_until_complete(loop.shutdown_default_executor())
-            loop.close()
-
-        thread = threading.Thread(target=serve, name='simulated camera', daemon=True)
-        thread.start()
-        try:
-            yield self.address
-        finally:
-            loop.call_soon_threadsafe(task.cancel)
-            thread.join()
 
     async def _accept(self, listening: socket.socket,
                       serve: Callable[[socket.socket], Awaitable[None]]) -> None:

@@ -1,13 +1,10 @@
 """A folder of pictures of one moved camera, with a YAML file of camera and poses."""
 
 import logging
-from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -78,24 +75,3 @@ def _frame(folder: Path, entry: FrameEntry, camera: CameraEntry) -> SweepFrame:
     return SweepFrame(entry.file, 0, np.ascontiguousarray(picture),
                       Lens(pinhole, camera.distortion, camera.model),
                       pose_of(entry.position, entry.orientation, entry.file))
-
-
-def write_sweep(folder: Path, frames: Sequence[SweepFrame], settings: SweepSettings) -> None:
-    """Write pictures and sweep.yaml, the inverse of `read_sweep`. All frames share one lens.
-
-    Raises LightFieldError when a picture cannot be written.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    lens, entries = frames[0].lens, []
-    for each in frames:
-        name = f'{each.name}.png'
-        if not cv2.imwrite(str(folder / name), np.ascontiguousarray(each.image[..., ::-1])):
-            raise LightFieldError(f'cannot write {folder / name}')
-        orientation = Rotation.from_matrix(each.pose[:3, :3]).as_quat(canonical=True).tolist()
-        entries.append({'file': name, 'position': each.position.tolist(),
-                        'orientation': orientation})
-    pinhole = lens.pinhole
-    camera = {'fx': pinhole.fx, 'fy': pinhole.fy, 'cx': pinhole.cx, 'cy': pinhole.cy,
-              'model': lens.model, 'distortion': lens.distortion}
-    SweepFolder.make(settings.model_dump() | {'camera': camera, 'frames': entries},
-                     NAME).save(folder / NAME)

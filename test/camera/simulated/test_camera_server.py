@@ -6,7 +6,7 @@ import struct
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from simulated_cameras import QUICK, SIDE, serving, write_captures
+from simulated_cameras import QUICK, SIDE, in_thread, serving, write_captures
 
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
@@ -80,7 +80,7 @@ def test_the_second_port_takes_commands_too(tmp_path, camera_text):
         second = free.getsockname()[1]
     server = CameraServer(SimulatedCamera(Card.from_folder(tmp_path)), port=0, callback_port=0,
                           second_port=second)
-    with server.in_thread() as address:
+    with in_thread(server) as address:
         other = address.model_copy(update={'port': second})
         with LytroClient(address, QUICK) as one, LytroClient(other, QUICK) as two:
             assert one.records() == two.records()

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from sweep_scene import PINHOLE, frame, raster
+from sweep_scene import PINHOLE, frame, raster, write_sweep
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
-from pmcl_ros.lightfield.readers.sweep_folder import write_sweep
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
