@@ -6,12 +6,10 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.scene import Scene, Solid
+from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.scenes.textures import SIZE
 from pmcl_ros.simulation.scenes.trace import BRANCHES, trace
-from pmcl_ros.simulation.scenes.triangles import Triangles
 
 WHITE = np.ones((SIZE, SIZE, 3), np.float32)
 
@@ -36,13 +34,6 @@ def plain_scene(solids=(), sheets=(), light=1.0, sensor=None, targets=(), owners
     return Scene('plain', tuple(solids), tuple(sheets), room, np.eye(3),
                  sensor or plain_sensor(), tuple(targets),
                  tuple(owners if owners is not None else [len(targets)] * len(solids)))
-
-
-def mesh_object(mesh, medium):
-    """A closed mesh [m] of one medium."""
-    solid = Solid(Triangles(np.asarray(mesh.triangles, float), 0, 1), (medium,), np.eye(4))
-    return SceneObject('mesh', (solid,), np.asarray(mesh.vertices, float),
-                       np.asarray(mesh.faces, np.int64), None)
 
 
 @compiled()

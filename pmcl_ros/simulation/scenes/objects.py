@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -11,6 +12,7 @@ from pmcl_ros.simulation.scenes.poses import Pose, pose_of
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import random_texture
+from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
 
 
@@ -30,6 +32,13 @@ class SceneObject:
     axis: NDArray[np.float64] | None
     upright: bool = False
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+
+    @classmethod
+    def from_mesh(cls, mesh: trimesh.Trimesh, medium: Medium, name: str = 'mesh') -> 'SceneObject':
+        """A closed mesh [m] filled with one medium; its own symmetry is not searched for."""
+        surface = Triangles(np.asarray(mesh.triangles, float), 0, 1)
+        return cls(name, (Solid(surface, (medium,), np.eye(4)),),
+                   np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
 
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
         """Its solids with the object at a pose (4, 4), object to camera."""

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import pytest
 import trimesh
-from plain_scenes import WHITE, mesh_object, plain_scene, plain_sensor, pose_at
+from plain_scenes import WHITE, plain_scene, plain_sensor, pose_at
 from scipy.ndimage import binary_dilation, binary_erosion
 from scipy.spatial.transform import Rotation
 
@@ -14,7 +14,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
-from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
+from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import first_surfaces, render
@@ -58,7 +58,7 @@ def test_silhouettes_are_those_of_the_outer_mesh(seed):
     capture = render(replace(scene, sensor=sensor), rng, 1)
     drawn = silhouette(sensor.grid.pinhole, capture.model(), pose)
     mesh = trimesh.Trimesh(thing.vertices, thing.faces, process=False)
-    solid = mesh_object(mesh, Clear(1.5)).placed(pose)
+    solid = SceneObject.from_mesh(mesh, Clear(1.5)).placed(pose)
     seen = capture.labels == 0
     world = World.from_scene(plain_scene(solid))
     _, depth = first_surfaces(world, sensor.grid.pinhole, np.zeros(1, int))
@@ -143,7 +143,7 @@ def test_a_mesh_of_glass_bends_what_an_opaque_one_hides():
     pose = pose_of(Rotation.from_euler('xyz', [0.4, 0.5, 0.1]), np.array([0, 0, 0.5]))
     views = {}
     for name, medium in (('air', Clear()), ('glass', Clear(1.5)), ('opaque', Opaque(0 * WHITE))):
-        thing = mesh_object(mesh, medium)
+        thing = SceneObject.from_mesh(mesh, medium)
         scene = plain_scene(thing.placed(pose), [sheet], light=0.5,
                             targets=[_target(thing, pose)], owners=[0])
         capture = render(scene, np.random.default_rng(0), 1)
