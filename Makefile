@@ -9,16 +9,20 @@ TEST := .venv/.installed-test
 DOCS := .venv/.installed-docs
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test lint venv docs eval bench soak clean
+.PHONY: demo test test-quick lint venv docs eval bench soak clean
 
 demo: $(RUN)
 	@$(BIN)/pmcl warm-up
 	@$(BIN)/python -m pmcl_ros.cli.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
-	@tools/system.sh test
 	@$(BIN)/pmcl warm-up --all
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+
+# What needs no ROS graph, no long search and no study: the rest is in docs/developing.md.
+test-quick: $(TEST)
+	@$(BIN)/pmcl warm-up
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 lint: $(TEST)
 	$(BIN)/ruff check .

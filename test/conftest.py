@@ -6,6 +6,7 @@ import os
 import signal
 import socket
 
+import hypothesis
 import pytest
 
 from pmcl_ros.runtime.gl import GlContext
@@ -37,9 +38,22 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
 
+# A busy machine takes long now and then; the same examples are drawn each time.
+hypothesis.settings.register_profile('pmcl_ros', deadline=None, derandomize=True,
+                                     suppress_health_check=[hypothesis.HealthCheck.too_slow])
+hypothesis.settings.load_profile('pmcl_ros')
+
+
+# Rooms and files whose tests start processes, search images at length or trace rays.
+SLOW = {'nodes', 'evaluation', 'simulation', 'learning', 'cli'}
+
+
 def pytest_collection_modifyitems(items):
     """The nodes' tests first: they wait much, and no worker shall be left alone with them."""
     items.sort(key=lambda item: 'nodes' not in item.path.parts)
+    for item in items:
+        if not SLOW.isdisjoint(item.path.parts) or item.path.name in SLOW:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope='session')

@@ -128,7 +128,7 @@ class Sequence:
         of = self.settings
         rng = np.random.default_rng([23, seed])
         self.kind = of.kinds[seed % len(of.kinds)]
-        self._sensor = _sensor(rng, of)
+        self.sensor = _sensor(rng, of)
         self.model = _vessel(rng)
         rest = pose_of(_attitude(rng), np.array([0, 0, of.distance]))
         moves = wander(rng, of.frames, _REACH, _TURN, of.object_speed)
@@ -144,7 +144,7 @@ class Sequence:
         first = (of.frames - of.occluded) // 2
         self.hidden = range(first, first + of.occluded)
         self._lay(rng)
-        self._gain = exposure(self._light(0, False)[self._sensor.grid.centre], self._sensor.level)
+        self._gain = exposure(self._light(0, False)[self.sensor.grid.centre], self.sensor.level)
 
     def __len__(self) -> int:
         return self.settings.frames
@@ -158,7 +158,7 @@ class Sequence:
 
     def frame(self, number: int) -> Frame:
         """Draw a frame."""
-        sensor, rng = self._sensor, np.random.default_rng([29, self.seed, number])
+        sensor, rng = self.sensor, np.random.default_rng([29, self.seed, number])
         hidden = number in self.hidden
         light = self._light(number, hidden)
         views = np.zeros_like(light)
@@ -203,7 +203,7 @@ class Sequence:
 
     def _light(self, number: int, hidden: bool) -> NDArray[np.float32]:
         """(rows, columns, height, width, 3) noise-free light of all views of a frame."""
-        grid = self._sensor.grid
+        grid = self.sensor.grid
         fixed_to_camera = np.linalg.inv(self.cameras[number])
         seen, window = self._solid.drawn(grid, self.poses[number],
                                          fixed_to_camera[:3, :3] @ self._solid.light)

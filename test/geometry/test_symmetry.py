@@ -209,7 +209,7 @@ def test_a_symmetry_is_no_rival(name, seed):
 def test_no_orientation_is_proposed_twice(name, share):
     model = MODELS[name]
     region = Region((0, 0, 0.4), (0.1, 0.1, 0.16))
-    plain, found = (Proposals(NumbaRenderer(), each, region)._templates.rotations for each in
+    plain, found = (Proposals(NumbaRenderer(), each, region).templates.rotations for each in
                     (replace(model, discrete=np.eye(4)[None]), model))
     assert len(found) < share * len(plain)
     # Every side is still seen, as near to a template as without the symmetry, or nearly.

@@ -233,9 +233,8 @@ def test_the_node_leaves_while_a_picture_is_awaited(card, tmp_path, user, transi
         user.wait(client.service_is_ready, 'the service')
         user.meet('lytro_driver')
         with socket.create_connection((address.host, address.callback_port), 60) as callbacks:
-            time.sleep(0.5)  # connected is not yet accepted
+            heard = callbacks.recv(4096)  # a heartbeat: the camera knows this connection
             answer = client.call_async(Trigger.Request())
-            heard = b''
             while b'ShutterPressed' not in heard:
                 user.wait(lambda: True, 'the request to be sent')
                 heard += callbacks.recv(4096)

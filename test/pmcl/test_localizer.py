@@ -20,6 +20,7 @@ from pmcl_scenes import (
     model_of,
     random_poses,
 )
+from waiting import eventually
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.errors import pose_error
@@ -270,9 +271,9 @@ def test_what_a_search_holds_is_given_back(cup_volume):
         for _ in range(10):
             search(localizer)
         assert memory() - before < 6 * textures
-    threads = threading.active_count()
+    threads = set(threading.enumerate())
     for _ in range(3):
         with Localizer(CUP, SMALL) as localizer:
             search(localizer)
-    assert threading.active_count() == threads
+    eventually(lambda: set(threading.enumerate()) <= threads)
     assert memory() - before < 6 * textures

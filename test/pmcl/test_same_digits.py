@@ -14,11 +14,11 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 numba.set_num_threads(min(int(sys.argv[1]), numba.config.NUMBA_NUM_THREADS))
-renderer, model, region = NumbaRenderer(), bench._vessel(), Region(bench._PLACE, (0.16,) * 3)
-scene = Scene(model, bench._CAMERA, region.window(bench._CAMERA, model.radius),
+renderer, model, region = NumbaRenderer(), bench.vessel(), Region(bench.PLACE, (0.16,) * 3)
+scene = Scene(model, bench.CAMERA, region.window(bench.CAMERA, model.radius),
               *region.grown(model.radius))
-poses = bench._poses(20)
-edges = bench._edges(renderer, scene, poses[0])
+poses = bench.poses_beside(20)
+edges = bench.edges_at(renderer, scene, poses[0])
 noise = np.random.default_rng(0).random((328, 328, 24), np.float32)
 volume = DepthLikelihoodVolume(edges.header, noise, edges.depths, edges.pinhole)
 results = [renderer.depths(scene, poses)]

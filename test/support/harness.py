@@ -90,9 +90,13 @@ class User:
         deadline = time.monotonic() + timeout
         while not (value := condition()):
             assert time.monotonic() < deadline, f'waited {timeout} s for {what}'
-            for each in (self._executor, *self.others):
-                each.spin_once(timeout_sec=0.02)
+            self.spin()
         return value
+
+    def spin(self):
+        """Handle what has come."""
+        for each in (self._executor, *self.others):
+            each.spin_once(timeout_sec=0.02)
 
     def meet(self, *nodes):
         """Return once each of `nodes` knows every publisher, subscription and client made so far.

@@ -29,7 +29,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 CAMERA = Pinhole(328, 328, 945, 945, 163.5, 163.5)
 _POSES = 100
 _PAPER = 50_000  # evaluations: 100 particles, 500 iterations
-_PLACE = (0.0, 0.0, 0.55)
+PLACE = (0.0, 0.0, 0.55)
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def bench_pmcl(repeats: int = 5) -> PmclBench:
     Raises RenderError where there is no OpenGL: the plain form needs one.
     """
     model = vessel()
-    region = Region(_PLACE, (0.16, 0.16, 0.16))
+    region = Region(PLACE, (0.16, 0.16, 0.16))
     near, far = region.grown(model.radius)
     depths = depth_labels(near, far, 75)
     likelihood = np.random.default_rng(0).random((328, 328, 75), np.float32)
@@ -74,7 +74,7 @@ def bench_pmcl(repeats: int = 5) -> PmclBench:
     half = Scene(model, CAMERA, scene.window.coarser(2), near, far)
     cpu, gpu = NumbaRenderer(), GlRenderer()
     covered = int((cpu.depths(scene, poses) > 0).sum() / _POSES)
-    edges = _edges(cpu, scene, poses[0])
+    edges = edges_at(cpu, scene, poses[0])
     us: dict[str, float] = {}
     try:
         for name, renderer in (('numba', cpu), ('gl', gpu)):
@@ -159,11 +159,11 @@ def poses_beside(count: int) -> NDArray[np.float64]:
     upright = Rotation.from_euler('x', 100, degrees=True)
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, :3] = (Rotation.from_rotvec(rng.normal(0, 0.1, (count, 3))) * upright).as_matrix()
-    poses[:, :3, 3] = _PLACE + rng.normal(0, 0.004, (count, 3))
+    poses[:, :3, 3] = PLACE + rng.normal(0, 0.004, (count, 3))
     return poses
 
 
-def _edges(renderer: Renderer, scene: Scene, pose: NDArray[np.float64]) -> EdgeVolume:
+def edges_at(renderer: Renderer, scene: Scene, pose: NDArray[np.float64]) -> EdgeVolume:
     """24 labels in which the silhouette of a pose is the only edge, at its own depth."""
     depths = depth_labels(scene.near, scene.far, 24)
     whole = Scene(scene.model, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), scene.near,

@@ -5,6 +5,7 @@ exceptions in transitions vanish without a line, destroyed publishers stay regis
 subscriptions, timers and services run in every state.
 """
 
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -28,6 +29,7 @@ from pmcl_ros.nodes.runtime.parameters import Parameters
 from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.losses import SequenceGaps
+from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 
@@ -61,6 +63,7 @@ class StageNode(LifecycleNode):
         self.health = Health()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
+        self._next_report = 0.0  # s, of the monotonic clock: of the compiling of kernels
         self._diagnostics_lock = Lock()  # held while the publisher is used or made
         self._guard_transitions()
 
@@ -209,23 +212,42 @@ class StageNode(LifecycleNode):
     def _configure(self) -> None:
         settings = self._described.read()
         self.get_logger().info(f'configured with {settings!r}')
-        self.set_up(settings)
+        self.health = Health(back_end=self.health.back_end, message='configuring')
+        with self._diagnostics_publisher(), kernels.reporting(self._report_compiling):
+            self.publish_diagnostics()
+            self.set_up(settings)
 
     def _activate(self, state: LifecycleState) -> None:
         super().on_activate(state)
         self.active.callback(super().on_deactivate, state)
         self.health = Health(back_end=self.health.back_end)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
-        self.active.callback(self._end_diagnostics)
+        self.active.enter_context(self._diagnostics_publisher())
         self.every(1.0, self.publish_diagnostics)
         self.start()
         warn_of_unknown(self)
 
-    def _end_diagnostics(self) -> None:
-        with self._diagnostics_lock:
-            publisher, self._diagnostics = self._diagnostics, None
-        if publisher is not None:
-            self.destroy_publisher(publisher)
+    def _report_compiling(self, kernel: str) -> None:
+        """Log and publish, at most once a second, how many kernels are compiled."""
+        if (now := time.monotonic()) < self._next_report:
+            return
+        self._next_report = now + 1.0
+        count, total = kernels.progress()
+        text = f'compiling kernels: {count} of {total}, {kernel}'
+        self.get_logger().info(text)
+        self.health.message = f'configuring; {text}'
+        self.publish_diagnostics()
+
+    @contextmanager
+    def _diagnostics_publisher(self) -> Iterator[None]:
+        """Keep a publisher of /diagnostics as long as the context lasts."""
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
+        try:
+            yield
+        finally:
+            with self._diagnostics_lock:
+                publisher, self._diagnostics = self._diagnostics, None
+            if publisher is not None:
+                self.destroy_publisher(publisher)
 
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
         try:

@@ -20,6 +20,7 @@ from simulated_cameras import (
     serving,
     write_captures,
 )
+from waiting import eventually
 
 from pmcl_ros.camera.client import CameraClient, Picture
 from pmcl_ros.camera.files import read_picture
@@ -167,27 +168,26 @@ def test_the_camera_is_kept_awake(captures, caplog):
     caplog.set_level(logging.DEBUG, 'pmcl_ros.camera.simulated.server')
     settings = QUICK.model_copy(update={'keep_alive': 0.1})
     with client_of(captures[0], settings=settings):
-        deadline = time.monotonic() + 5
-        while caplog.text.count('C606') < 3 and time.monotonic() < deadline:
-            time.sleep(0.02)
-    assert caplog.text.count('C606') >= 3  # nobody asked for the battery
+        eventually(lambda: caplog.text.count('C606') >= 3)  # nobody asked for the battery
 
 
 def test_closing_leaves_no_thread_and_no_descriptor(captures):
+    def threads():
+        """But for those of asyncio, which the simulated camera keeps."""
+        return {each for each in threading.enumerate() if not each.name.startswith('asyncio')}
+
     with serving(captures[0]) as address:
+        before, descriptors = threads(), len(os.listdir('/proc/self/fd'))
         with LytroClient(address, QUICK) as client:
             client.capture()
-        threads, descriptors = threading.active_count(), len(os.listdir('/proc/self/fd'))
         for _ in range(5):
             with LytroClient(address, QUICK) as client:
                 client.battery()
             with pytest.raises(LinkError, match='is closed'):
                 client.battery()
-        deadline = time.monotonic() + 5  # the server's side ends a tick later
-        while len(os.listdir('/proc/self/fd')) > descriptors and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert len(os.listdir('/proc/self/fd')) <= descriptors
-        assert threading.active_count() <= threads
+        # The server's side ends a tick later.
+        eventually(lambda: threads() <= before)
+        eventually(lambda: len(os.listdir('/proc/self/fd')) <= descriptors)
 
 
 def test_who_waits_for_a_picture_is_told_when_the_client_is_closed(captures):
@@ -202,9 +202,8 @@ def test_who_waits_for_a_picture_is_told_when_the_client_is_closed(captures):
 
         thread = threading.Thread(target=wait, daemon=True)
         with socket.create_connection((address.host, address.callback_port), 60) as callbacks:
-            time.sleep(0.5)  # connected is not yet accepted: the camera tells whom it knows
+            heard = callbacks.recv(4096)  # a heartbeat: the camera knows this connection
             thread.start()
-            heard = b''
             while b'ShutterPressed' not in heard:
                 heard += callbacks.recv(4096)
         client.close()

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from simulated_cameras import SIDE, serving, write_captures
+from waiting import eventually
 
 EMPTY = '00' * 13
 
@@ -206,10 +207,7 @@ def test_unlock_and_monitor(client):
     text = client.command(0xC6, 2, length=0xFFFFF)
     assert b'hello' in text
     assert client.command(0xC6, 2, length=0xFFFFF) == b''  # read once
-    deadline = time.monotonic() + 5
-    while len(client.records()) == before and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert len(client.records()) == before + 1
+    eventually(lambda: len(client.records()) == before + 1)
 
 
 def test_the_clock_is_set(client):
@@ -274,8 +272,8 @@ def test_callbacks_of_a_picture(client, camera):
 
 
 def test_heartbeats_come_ten_times_a_second(camera):
-    with socket.create_connection((camera[0].host, camera[0].callback_port), 5) as listening:
-        began, data = time.monotonic(), b''
+    began, data = time.monotonic(), b''
+    with socket.create_connection((camera[0].host, camera[0].callback_port), 60) as listening:
         while data.count(b'\0') < 10:
             data += listening.recv(100)
         assert time.monotonic() - began > 0.8  # not faster; a loaded machine may be slower

@@ -1,9 +1,12 @@
 """What the base class promises to a node: logged failures, and everything released in order."""
 
+import re
 import threading
+from itertools import count
 
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from pydantic import Field
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -12,6 +15,7 @@ from rclpy.parameter import Parameter
 from std_msgs.msg import String
 
 from pmcl_ros.nodes.runtime.base import LATCHED, StageNode
+from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 
@@ -88,6 +92,34 @@ def test_life_without_mistakes(probe):
     assert probe.trigger_cleanup() == Result.SUCCESS
     assert probe.notes == ['open file', 'open context', 'close stream', 'close context',
                            'close file']
+
+
+def test_a_node_that_compiles_says_so_in_its_log_and_in_diagnostics(
+        probe, user, capfd, tmp_path, monkeypatch):
+    monkeypatch.setattr(kernels, 'cache_folder', lambda: tmp_path)  # nothing is there
+    messages = []
+    user.node.create_subscription(DiagnosticArray, '/diagnostics', messages.append, 10)
+
+    def compiling():
+        return [each.status[0] for each in messages if 'compiling' in each.status[0].message]
+
+    def set_up(_):
+        for number in count():  # a subscriber that is found late gets no earlier message
+            names = {'__name__': 'made_up'}
+            exec(f'def scaled(x): return {number} * x', names)
+            assert kernels.compiled()(names['scaled'])(2) == 2 * number
+            user.spin()
+            if compiling():
+                return
+
+    probe.set_up = set_up
+    assert probe.trigger_configure() == Result.SUCCESS
+    status = compiling()[0]
+    assert (status.name, status.level) == ('probe', DiagnosticStatus.OK)
+    found = re.fullmatch(r'configuring; compiling kernels: (\d+) of (\d+), made_up.scaled',
+                         status.message)
+    assert int(found[1]) < int(found[2])
+    assert status.message.removeprefix('configuring; ') in capfd.readouterr().err
 
 
 def test_parameters_are_read_again_at_each_configure(probe):
