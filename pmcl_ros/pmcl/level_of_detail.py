@@ -33,7 +33,7 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
     if wanted >= 0.7 * len(model.faces):
         return model
     own = trimesh.Trimesh(model.vertices, model.faces, process=False)
-    known = _Faces.from_mesh(own, model.diameter)
+    known = Faces.from_mesh(own, model.diameter)
     while wanted < 0.7 * len(model.faces):
         mesh = _collapsed(model, wanted)
         if len(mesh.faces) < 0.7 * len(model.faces) and _within(own, known, mesh, tolerance):
@@ -56,7 +56,7 @@ def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _within(own: trimesh.Trimesh, faces: '_Faces', mesh: trimesh.Trimesh, tolerance: float
+def _within(own: trimesh.Trimesh, faces: 'Faces', mesh: trimesh.Trimesh, tolerance: float
             ) -> bool:
     """Whether vertices and centres of faces of both are within `tolerance` [m] of the other.
 
@@ -66,7 +66,7 @@ def _within(own: trimesh.Trimesh, faces: '_Faces', mesh: trimesh.Trimesh, tolera
     there, here = _points(mesh), _points(own)
     if faces.distances(there[::few]).max() > tolerance or faces.distances(there).max() > tolerance:
         return False
-    others = _Faces.from_mesh(mesh, faces.diameter)
+    others = Faces.from_mesh(mesh, faces.diameter)
     few = max(1, len(here) // _FEW)
     return (others.distances(here[::few]).max() <= tolerance
             and others.distances(here).max() <= tolerance)
@@ -77,7 +77,7 @@ def _points(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class _Faces:
+class Faces:
     """Triangles (m, 3, 3) and a tree of their pieces' centres, `owner` (k,) their faces.
 
     diameter: of the model [m].
@@ -89,7 +89,8 @@ class _Faces:
     diameter: float
 
     @classmethod
-    def from_mesh(cls, mesh: trimesh.Trimesh, diameter: float) -> '_Faces':
+    def from_mesh(cls, mesh: trimesh.Trimesh, diameter: float) -> 'Faces':
+        """Of a mesh."""
         subdivide: Any = trimesh.remesh.subdivide_to_size
         vertices, faces, owner = subdivide(
             mesh.vertices, mesh.faces, diameter / _PIECES, max_iter=20, return_index=True)

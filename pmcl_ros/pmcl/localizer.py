@@ -34,7 +34,7 @@ from pmcl_ros.runtime.progress import Progress
 
 FOLLOWED = 'followed'  # the mode of the estimates of `Localizer.follow`
 # image px: tolerance of the simplified mesh of a followed object; it biases the depth as much
-_FINEST = 0.05
+FINEST_DETAIL = 0.05
 
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
@@ -157,7 +157,7 @@ class Localizer:
         """
         self._renderer.use()
         self._region.check_depths(edges.depths)
-        evidence = replace(self._evidence(edges), detail=_FINEST)
+        evidence = replace(self._evidence(edges), detail=FINEST_DETAIL)
         optimizers = evidence.optimizers(2)
         with evidence.score() as exact:
             search = evidence.posterior(exact, exact.points, exact.creases)
@@ -181,10 +181,10 @@ class Localizer:
         Raises as `localize` does.
         """
         self._renderer.use()
-        evidence = replace(self._evidence(edges), creases=None, detail=_FINEST)
+        evidence = replace(self._evidence(edges), creases=None, detail=FINEST_DETAIL)
         camera = edges.pinhole
         whole = scene(self._model, self._region, camera,
-                      Window(0, 0, (camera.width, camera.height)), _FINEST)
+                      Window(0, 0, (camera.width, camera.height)), FINEST_DETAIL)
         depths = [self._renderer.depths(whole, each[None])[0] for each in poses]
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]

@@ -64,7 +64,7 @@ class Proposals:
         self._symmetry = model.symmetry
         turns = _TURNS_OF_SIDES if model.axis is None else _TURNS
         self._turns = 2 * np.pi * np.arange(turns) / turns
-        self._templates = Templates.from_views(renderer, model, region.center[2])
+        self.templates = Templates.from_views(renderer, model, region.center[2])
 
     def propose(self, edges: EdgeVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -73,7 +73,7 @@ class Proposals:
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
         pinhole = edges.pinhole
-        offsets, directions = self._templates.turned(self._turns, pinhole)
+        offsets, directions = self.templates.turned(self._turns, pinhole)
         places = [self._at_depth(edges, depth, offsets, directions, _TRIED * count)
                   for depth in self._region.depths(_DEPTH_STEP)]
         seen = [each for each in places if each is not None]
@@ -85,7 +85,7 @@ class Proposals:
         depths = np.concatenate([np.full(len(each.scores), each.depth) for each in seen])[best]
         template = np.concatenate([each.templates for each in seen])[best]
         side, turn = np.divmod(template, len(self._turns))
-        poses = _poses(pinhole, pixels, depths, self._templates.rotations[side], self._turns[turn])
+        poses = _poses(pinhole, pixels, depths, self.templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
@@ -94,7 +94,7 @@ class Proposals:
                   directions: NDArray[np.uint8], count: int) -> _Places | None:
         """The best `count` places at a depth; None where the object is out of view in all."""
         pinhole = edges.pinhole
-        scale = self._templates.depth / depth
+        scale = self.templates.depth / depth
         cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
         reach = int(np.abs(cells).max()) + 1
         maps = _evidence_maps(edges, depth)
@@ -115,7 +115,7 @@ class Proposals:
         with LOCK:
             sums, place = _slide(maps, cells, directions, *where, _SQUARE)
         focal = np.sqrt(pinhole.fx * pinhole.fy)
-        lengths = np.repeat(self._templates.lengths, len(self._turns)) * focal * scale
+        lengths = np.repeat(self.templates.lengths, len(self._turns)) * focal * scale
         scores = (sums * (lengths[:, None] / _UNIT / POINTS)).ravel()
         best = np.argpartition(-scores, min(count, len(scores)) - 1)[:count]
         place = place.ravel()[best]

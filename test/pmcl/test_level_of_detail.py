@@ -10,8 +10,8 @@ from scipy.ndimage import distance_transform_edt
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
-from pmcl_ros.pmcl.level_of_detail import _Faces, simplified
-from pmcl_ros.pmcl.localizer import _FINEST
+from pmcl_ros.pmcl.level_of_detail import Faces, simplified
+from pmcl_ros.pmcl.localizer import FINEST_DETAIL
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -60,10 +60,10 @@ def test_silhouettes_move_by_less_than_a_third_of_a_pixel(name):
 def test_what_is_followed_is_drawn_neither_smaller_nor_larger(seed):
     """At 0.6 m an outline that is too small by 1e-4 of itself puts the object 0.06 mm nearer."""
     sequence = Sequence(seed)
-    camera = sequence._sensor.grid.pinhole
+    camera = sequence.sensor.grid.pinhole
     region = Region(sequence.roi_center, sequence.roi_size)
     small = scene(sequence.model, region, camera, region.window(camera, sequence.model.radius),
-                  _FINEST).model
+                  FINEST_DETAIL).model
     assert len(small.faces) < 0.5 * len(sequence.model.faces)
     fine = camera.resized(4 * camera.width, 4 * camera.height)
     window = Window(0, 0, (fine.width, fine.height))
@@ -97,7 +97,7 @@ def test_distances_to_faces_are_those_of_trimesh(seed):
     mesh.vertices += rng.normal(0, 0.01, mesh.vertices.shape)
     points = rng.normal(0, 0.05, (40, 3))
     expected = trimesh.proximity.closest_point_naive(mesh, points)[1]
-    found = _Faces.from_mesh(mesh, 0.1).distances(points)
+    found = Faces.from_mesh(mesh, 0.1).distances(points)
     assert (found >= expected - 1e-12).all()
     # What is far from all faces may be given to one that is nearly as near.
     close = expected < 0.005

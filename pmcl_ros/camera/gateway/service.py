@@ -132,7 +132,7 @@ class Service:
         self._client: CameraClient | None = None
         self._connecting, self._fetching = threading.Lock(), threading.Lock()
         self._lock = threading.Lock()  # of the attributes below
-        self.capturing = False
+        self._capturing = False
         self._captures: OrderedDict[str, Future[CapturedPicture]] = OrderedDict()
         self._known: dict[str, Picture] = {}
 
@@ -161,9 +161,9 @@ class Service:
             future = self._captures.get(key)
             mine = future is None
             if future is None:
-                if self.capturing:
+                if self._capturing:
                     raise BusyError('a picture is being taken; try again when it is')
-                self.capturing = True
+                self._capturing = True
                 future = self._captures[key] = Future()
                 while len(self._captures) > _REMEMBERED:
                     self._captures.popitem(last=False)
@@ -203,7 +203,7 @@ class Service:
         except BaseException as error:
             outcome = error
         with self._lock:
-            self.capturing = False  # first: a waiting client may request the next
+            self._capturing = False  # first: a waiting client may request the next
         if isinstance(outcome, CapturedPicture):
             future.set_result(outcome)
         else:
