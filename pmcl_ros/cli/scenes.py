@@ -1,4 +1,4 @@
-"""`pmcl scenes`: light fields of made-up scenes, with truth."""
+"""`pmcl scenes`: light fields of generated scenes, with truth."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ _SEQUENCE = SequenceSettings.model_fields
 
 @click.group()
 def scenes() -> None:
-    """Made-up scenes: glass, film, clutter, seen by a light-field camera."""
+    """Generated scenes: glass, film, clutter, seen by a light-field camera."""
 
 
 @scenes.command('render')
