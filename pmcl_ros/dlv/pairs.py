@@ -59,7 +59,7 @@ class StereoPairs:
 
     @property
     def light(self) -> NDArray[np.float64]:
-        """(pairs,) how much a pair's difference tells, next to one of two views of full light.
+        """(pairs,) information of a pair's difference, relative to two views of full light.
 
         A view of weight w was made 1 / w times as bright, and its photon noise with it: the
         variance of its difference from the centre view is (1 + 1 / w) / 2 times that of a view

@@ -111,6 +111,6 @@ class DepthLikelihoodVolume:
     def depth_map(self) -> NDArray[np.float32]:
         """(height, width) the most likely depth of each pixel [m], between the labels.
 
-        NaN where all labels are alike.
+        NaN where all labels are equally likely.
         """
         return self.layers(1, 0).depths[..., 0]

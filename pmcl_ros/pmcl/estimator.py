@@ -101,13 +101,13 @@ class Estimator:
                             mode=self.settings.mode)
 
     def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Of the poses that discrete symmetries make of one (4, 4), the one that stands for all.
+        """The canonical one of the equivalents of a pose (4, 4) by the discrete symmetries.
 
-        Of those with their origin in the region, if any have.
+        Among those with their origin in the region, if there are any.
         """
         symmetry = self.model.symmetry
         if len(symmetry.discrete) == 1:
             return pose
-        alike = symmetry.equivalents(pose)
-        inside = self.region.contains(alike[:, :3, 3])
-        return symmetry.canonical(alike[inside] if inside.any() else alike)
+        poses = symmetry.equivalents(pose)
+        inside = self.region.contains(poses[:, :3, 3])
+        return symmetry.canonical(poses[inside] if inside.any() else poses)

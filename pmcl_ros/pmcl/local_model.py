@@ -79,7 +79,7 @@ class LocalModel:
         slope = (outside - inside) / _STEP
         weight = points.lengths[:, None]
         bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
-        # An edge's peak bends as it is high: where the contour shows none it tells nothing.
+        # The curvature at an edge grows with its height: no edge, no information.
         shown = np.maximum(here, 0) + 1e-3
         shown *= length / max(float(points.lengths @ shown), 1e-9)
         curvature = max(float(bend), _LEAST_CURVATURE) * shown[:, None]
@@ -88,13 +88,13 @@ class LocalModel:
         moments = motion.T @ (weight * motion) + least
         each = weight * slope[:, None] * motion
         gradient = each.sum(axis=0)
-        told = weight * curvature * motion
-        information = motion.T @ told + _LEAST_CURVATURE * least
+        curved = weight * curvature * motion
+        information = motion.T @ curved + _LEAST_CURVATURE * least
         variability, off = information, np.zeros_like(information)
         if error is not None and length > 0:
             stretches = _stretches(points)
-            pixels, normals, each, told = (np.add.reduceat(values, stretches) for values in (
-                weight * points.pixels, weight * points.normals, each, told))
+            pixels, normals, each, curved = (np.add.reduceat(values, stretches) for values in (
+                weight * points.pixels, weight * points.normals, each, curved))
             pixels = pixels / np.add.reduceat(weight, stretches)
             normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
             distance = cdist(pixels, pixels)
@@ -105,7 +105,7 @@ class LocalModel:
             free = max(1 - len(gradient) * _REACH / length, _LEAST_FREE)
             variability = each.T @ (together @ each) / free + _LEAST_VARIANCE * moments
             # What the model gets wrong moves the contour; the pose follows as by least squares.
-            follow = np.linalg.solve(information, told.T)
+            follow = np.linalg.solve(information, curved.T)
             off = follow @ (error.covariance(distance, same_side) @ follow.T)
             # Points of one side are so by a limit, not smoothly: what that makes negative is none.
             values, vectors = np.linalg.eigh((off + off.T) / 2)

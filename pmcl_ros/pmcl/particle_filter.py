@@ -83,7 +83,7 @@ def particle_filter(score: Score, region: Region, settings: PmclSettings,
     Or when the iterations ended. Paper, section V: uniform start in the region over SO(3); the
     weight of a particle is its mean likelihood; importance resampling; zero-mean Gaussian
     perturbation in six degrees of freedom; repeated until the mean weight is above a threshold.
-    record: told the particles of each iteration.
+    record: called with the particles of each iteration.
     """
     poses = uniform_poses(region, settings.faithful_particles, rng)
     scores = score(poses)

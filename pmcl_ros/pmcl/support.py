@@ -1,4 +1,4 @@
-"""Evidence along the weakest part of a contour: it tells the object from others."""
+"""Evidence along the weakest part of a contour: it separates the object from others."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +13,13 @@ _PART = 0.2  # of a contour: its weakest part
 
 
 def contour_support(points: ContourPoints, seen: float) -> float:
-    """Mean evidence along the weakest fifth of a contour, less what is out of view [nat / px].
+    """Mean evidence along the weakest fifth of a contour, minus a penalty [nat / px].
 
-    points: of the contour in the image. seen: share of the object in view; each pixel out of view
-    takes away one nat, shared by those in view. Minus infinity where there is no contour.
+    points: of the contour in the image. seen: share of the object in view. Each pixel out of view
+    costs one nat, shared by those in view. Minus infinity where there is no contour.
 
-    Another object's contour can fit most of one better than a true one ever does, so that the mean
-    over all of it tells little; but it leaves stretches where there is nothing at all.
+    The contour of a wrong object can fit most of an outline better than the right one, so the mean
+    over all of it separates them badly. But a wrong contour leaves stretches without any edge.
     """
     if not len(points.lengths) or seen <= 0:
         return -np.inf

@@ -83,8 +83,8 @@ class Templates:
 def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
     """(n, 3, 3) rotations that show the object from every side, up to a turn in the image.
 
-    Of sides that are alike by a symmetry that keeps the origin in place, which is what the region
-    holds, one.
+    One of the sides that are equivalent by a symmetry that keeps the origin in place, as the
+    region holds the origin.
     """
     turns = model.symmetry.rotations_in_place
     if model.axis is not None:
@@ -105,7 +105,7 @@ def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
 
 
 def _first_sides(sides: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(n,) which of unit vectors (n, 3) are needed where rotations (m, 3, 3) make them alike.
+    """(n,) which of unit vectors (n, 3) are needed, up to the rotations (m, 3, 3).
 
     Those nearer to some direction than to what the rotations make of it (a Dirichlet domain), and
     as far beyond as the lattice is coarse.
