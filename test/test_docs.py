@@ -1,5 +1,6 @@
 """The documents: the site builds strictly, links hold, and every command is described."""
 
+import itertools
 import re
 import subprocess
 import sys
@@ -96,6 +97,40 @@ def test_every_command_is_described():
     leaves = {name for name in names if not any(each.startswith(f'{name} ') for each in names)}
     assert len(leaves) > 40
     assert not [name for name in leaves if not re.search(f'`{name}[` ]', text)]
+
+
+def calls(text):
+    """The words of each command in code of a Markdown text: `in a line`, or indented by four."""
+    inline = re.findall(r'`([^`]+)`', text)
+    blocks = re.findall(r'^    (?:.*\\\n)*.*$', text, re.M)
+    for code in [*inline, *blocks]:
+        words = code.split('   #')[0].replace('\\\n', ' ').split()
+        words = [each.removeprefix('.venv/bin/') for each in words]
+        if words and re.fullmatch(r'pmcl|make|pmcl_(bringup|record|replay|soak)', words[0]):
+            yield words
+
+
+PAGES = [ROOT / 'README.md', *(each for each in (ROOT / 'docs').rglob('*.md')
+                               if each.parent.name != 'results')]
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: page.stem)
+def test_commands_and_options_exist(page):
+    listed = {str(each).removeprefix('command ').removeprefix('executable ') for each in
+              yaml.safe_load((ROOT / 'test/interface.yaml').read_text())}
+    for program, *words in calls(page.read_text()):
+        own = words[:words.index('--ros-args')] if '--ros-args' in words else words
+        names = list(itertools.takewhile(re.compile('[a-z][a-z-]*$').match, own))
+        if program == 'make':
+            assert {f'make {name}' for name in names[:1]} <= listed, own
+            continue
+        commands = [program, *(f'{program} {each}' for each in itertools.accumulate(
+            names, '{} {}'.format))]
+        command = max((each for each in commands if each in listed), key=len)
+        assert command != 'pmcl' or not names, own
+        for option in own:
+            if re.match('--[a-z]|-[a-z]$', option) and option not in ('--help', '-o'):
+                assert {f'{command} {option}', f'{program} {option}'} & listed, own
 
 
 def test_the_readme_is_short():
