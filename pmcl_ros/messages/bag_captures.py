@@ -18,7 +18,7 @@ from pmcl_ros.messages.cdr import cdr_from, message_from, type_name
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
-from pmcl_ros.messages.pose import poses_to_messages
+from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.messages.raw_frame import (
     counts_from,
     metadata_from,
@@ -107,7 +107,7 @@ def light_field_messages(light_field: LightField) -> list[Recorded]:
 
 def pose_message(topic: str, header: Header, pose: NDArray[np.float64]) -> Recorded:
     """A PoseStamped of a pose (4, 4) in the header's frame."""
-    message = PoseStamped(header=header_to_message(header), pose=poses_to_messages(pose[None])[0])
+    message = PoseStamped(header=header_to_message(header), pose=pose_to_message(pose))
     return _recorded(topic, message, header)
 
 

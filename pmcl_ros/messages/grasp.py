@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from geometry_msgs.msg import Point, Pose, PoseArray, PoseStamped, Vector3
+from geometry_msgs.msg import Point, PoseArray, PoseStamped, Vector3
 from numpy.typing import NDArray
 from std_msgs.msg import ColorRGBA, Float32MultiArray, MultiArrayDimension, MultiArrayLayout
 from visualization_msgs.msg import Marker, MarkerArray
@@ -13,7 +13,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.grasps.ranking import Candidate
 from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.messages.header import header_to_message
-from pmcl_ros.messages.pose import poses_to_messages
+from pmcl_ros.messages.pose import pose_to_message
 
 # The columns of `grasps/details`.
 DETAILS = ('score', 'probability', 'width', 'opening')
@@ -47,9 +47,9 @@ def grasps_to_messages(header: Header, candidates: Sequence[Candidate], gripper:
                             stride=len(rows)),
         MultiArrayDimension(label=','.join(DETAILS), size=size, stride=size)])
     return GraspMessages(
-        PoseArray(header=head, poses=[_pose(each.pose @ gripper.parent_pose)
+        PoseArray(header=head, poses=[pose_to_message(each.pose @ gripper.parent_pose)
                                       for each in candidates]),
-        PoseArray(header=head, poses=[_pose(each.before(approach) @ gripper.parent_pose)
+        PoseArray(header=head, poses=[pose_to_message(each.before(approach) @ gripper.parent_pose)
                                       for each in candidates]),
         Float32MultiArray(layout=layout, data=[float(each) for each in rows]))
 
@@ -72,12 +72,12 @@ def grippers_to_markers(header: Header, candidates: Sequence[Candidate], gripper
                           a=1.0 if number == 0 else 0.25)
         markers.append(Marker(
             header=head, ns='grasps', id=number, type=Marker.LINE_LIST,
-            pose=_pose(each.pose), scale=Vector3(x=_LINE), color=color,
+            pose=pose_to_message(each.pose), scale=Vector3(x=_LINE), color=color,
             points=_points(_outline(gripper, each.grasp.opening))))
     if candidates:
         best = candidates[0]
         markers.append(Marker(
-            header=head, ns='approach', type=Marker.ARROW, pose=_pose(np.eye(4)),
+            header=head, ns='approach', type=Marker.ARROW, pose=pose_to_message(np.eye(4)),
             scale=Vector3(x=2 * _LINE, y=4 * _LINE), color=ColorRGBA(r=0.1, g=0.4, b=1.0, a=1.0),
             points=_points(np.stack([best.before(approach)[:3, 3], best.pose[:3, 3]]))))
     return MarkerArray(markers=markers)
@@ -88,10 +88,6 @@ def _outline(gripper: GripperSettings, opening: float) -> NDArray[np.float64]:
     first = np.arange(8)
     edges = [(a, a | bit) for bit in (1, 2, 4) for a in first if not a & bit]
     return gripper.corners(opening)[:, np.array(edges)].reshape(-1, 3)
-
-
-def _pose(pose: NDArray[np.float64]) -> Pose:
-    return poses_to_messages(pose[None])[0]
 
 
 def _points(points: NDArray[np.float64]) -> list[Point]:

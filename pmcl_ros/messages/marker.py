@@ -8,7 +8,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.messages.header import header_to_message
-from pmcl_ros.messages.pose import poses_to_messages
+from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -34,7 +34,7 @@ def place_markers(mesh: Marker, region: Marker, estimate: PoseEstimate) -> Marke
     """The region, and `mesh` at the estimated pose; no mesh where the object is lost."""
     mesh.header = region.header = header_to_message(estimate.header)
     mesh.action = Marker.DELETE if estimate.lost else Marker.ADD
-    mesh.pose = poses_to_messages(estimate.pose[None])[0]
+    mesh.pose = pose_to_message(estimate.pose)
     return MarkerArray(markers=[region, mesh])
 
 
@@ -50,7 +50,7 @@ def objects_to_markers(names: Sequence[str], meshes: Sequence[tuple[Path, float]
             r=0.1, g=0.6, b=1.0, a=0.6)
         markers.append(Marker(
             header=header_to_message(each.header), ns=name, id=k, type=Marker.MESH_RESOURCE,
-            action=Marker.ADD, pose=poses_to_messages(each.pose[None])[0], color=colour,
+            action=Marker.ADD, pose=pose_to_message(each.pose), color=colour,
             scale=Vector3(x=scale, y=scale, z=scale), text='lost' if each.lost else 'found',
             mesh_resource=path.absolute().as_uri()))
     return MarkerArray(markers=markers)

@@ -45,7 +45,7 @@ def estimate_to_messages(estimate: PoseEstimate) -> PoseMessages:
 
 def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStamped:
     """The pose as a transform for /tf: the frame `child` of the object in the camera's frame."""
-    pose = poses_to_messages(estimate.pose[None])[0]
+    pose = pose_to_message(estimate.pose)
     p = pose.position
     return TransformStamped(
         header=header_to_message(estimate.header), child_frame_id=child,
@@ -70,6 +70,11 @@ def pose_with_covariance_from(message: PoseWithCovarianceStamped,
 def particles_from(message: PoseArray) -> tuple[Header, NDArray[np.float64]]:
     """Header and poses (n, 4, 4)."""
     return header_from(message.header), poses_from(message.poses, 'particles')
+
+
+def pose_to_message(pose: NDArray[np.float64]) -> Pose:
+    """Of a pose (4, 4) [m]."""
+    return poses_to_messages(pose[None])[0]
 
 
 def poses_to_messages(matrices: NDArray[np.float64]) -> list[Pose]:

@@ -19,9 +19,8 @@ from pmcl_ros.geometry.se3 import inverse, rotate_covariance, transform
 from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
-from pmcl_ros.messages.grasp import pose_to_message
 from pmcl_ros.messages.header import header_from, header_to_message
-from pmcl_ros.messages.pose import particles_from, pose_from
+from pmcl_ros.messages.pose import particles_from, pose_from, pose_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'

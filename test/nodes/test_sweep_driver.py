@@ -23,11 +23,10 @@ from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.camera_info import pinhole_to_message
-from pmcl_ros.messages.grasp import pose_to_message
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from
-from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.pose import pose_from, pose_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import photographs, seen_from
