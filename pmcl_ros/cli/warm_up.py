@@ -44,6 +44,8 @@ def _decode() -> None:
 
 def _volume() -> None:
     build.warm_up('numba')
+    settings = DlvSettings(labels=9, views=3, back_end='numba')
+    build.build_volume(build.tiny_light_field(), settings).layers()
 
 
 def _layers() -> None:
