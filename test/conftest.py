@@ -5,10 +5,13 @@ import json
 import os
 import signal
 import socket
+from pathlib import Path
+from shutil import copytree
 
 import hypothesis
 import pytest
 
+import pmcl_ros
 from pmcl_ros.runtime.gl import GlContext
 
 
@@ -57,6 +60,16 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if not SLOW.isdisjoint(item.path.parts) or item.path.name in SLOW:
             item.add_marker(pytest.mark.slow)
+
+
+@pytest.fixture
+def package_tree(tmp_path):
+    """A folder to start Python in: the package, with a copy of its data that a test may change."""
+    root, tree = Path(pmcl_ros.__file__).parents[1], tmp_path / 'tree'
+    copytree(root / 'config', tree / 'config')
+    for each in ('pmcl_ros', 'models'):
+        (tree / each).symlink_to(root / each)
+    return tree
 
 
 @pytest.fixture(scope='session')

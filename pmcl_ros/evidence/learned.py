@@ -1,28 +1,36 @@
 """Numbers of the evidence that were learned from generated scenes: read once from data files.
 
 `config/learned/contour.yaml` and `creases.yaml` lie in the package's share folder or source tree.
+The package can be imported, and a node started, where one of them is missing or wrong: what needs
+the numbers raises SettingsError.
 """
 
 from functools import cache
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.resources import candidates
 from pmcl_ros.runtime.settings import Settings
 
 _FOLDER = 'package://pmcl_ros/config/learned'
 _Error = Annotated[float, Field(gt=0, le=100)]
+# Sizes that the renderers' scores are made for (`check_profile` of pmcl/render/contour.py).
+MOST_OFFSETS, MOST_KNOTS = 8, 9
+
+T = TypeVar('T', bound='LearnedProfile')
 
 
 class LearnedProfile(Settings):
     """The fields of a `ContourProfile` that are learned."""
 
     offsets: tuple[float, ...] = Field(
-        min_length=1, description='from the contour, ascending, outside positive [px]')
+        min_length=1, max_length=MOST_OFFSETS,
+        description='from the contour, ascending, outside positive [px]')
     knots: tuple[float, ...] = Field(
-        min_length=2, description='edge energies, ascending from 0 [1]')
+        min_length=2, max_length=MOST_KNOTS, description='edge energies, ascending from 0 [1]')
     tables: tuple[tuple[float, ...], ...] = Field(
         description='evidence at each offset (rows) and knot (columns) [nat / px]')
     bias: float = Field(description='evidence beside that of the tables [nat / px]')
@@ -58,11 +66,20 @@ class LearnedContour(LearnedProfile):
 
 @cache
 def learned_contour() -> LearnedContour:
-    """The numbers of `contour.yaml`; SettingsError names the file and the field that is wrong."""
-    return LearnedContour.load(resolve(f'{_FOLDER}/contour.yaml', 'learned contour'))
+    """The numbers of `contour.yaml`; SettingsError names the file, and the field that is wrong."""
+    return _load(LearnedContour, 'contour.yaml')
 
 
 @cache
 def learned_creases() -> LearnedProfile:
-    """The numbers of `creases.yaml`; SettingsError names the file and the field that is wrong."""
-    return LearnedProfile.load(resolve(f'{_FOLDER}/creases.yaml', 'learned creases'))
+    """The numbers of `creases.yaml`; SettingsError names the file, and the field that is wrong."""
+    return _load(LearnedProfile, 'creases.yaml')
+
+
+def _load(kind: type[T], name: str) -> T:
+    tried = candidates(f'{_FOLDER}/{name}')
+    for each in tried:
+        if each.exists():
+            return kind.load(each)
+    raise SettingsError(f'learned numbers: there is no {tried[0]}; reinstall the package, or '
+                        'learn them again with pmcl learn --out (docs/concepts/evidence.md)')

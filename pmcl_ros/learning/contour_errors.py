@@ -17,6 +17,7 @@ from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.runtime.errors import LocalizationError
 
 LEVEL = 0.9  # nominal coverage to calibrate to
+LENGTH = 40.0  # px: correlation length of local displacements; chosen, not fitted
 _FIRST = 0.25  # px: initial size of both errors
 _LEAST, _MOST = 0.1, 10.0  # bounds of the scale, times the most likely errors
 
@@ -26,7 +27,7 @@ class Deviation:
     """Deviation of a true pose from the one found, and the covariances that explain it.
 
     deviation: (d,) in the tangent space at the pose found [m, rad]. noise: (d, d) covariance of
-    the posterior without the model's error. common, local: (d, d) by model errors of 1 px.
+    the posterior without a model error. common, local: (d, d) by model errors of 1 px.
     """
 
     deviation: NDArray[np.float64]
@@ -37,17 +38,15 @@ class Deviation:
     @classmethod
     def from_estimate(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
                       renderer: Renderer) -> 'Deviation':
-        """estimate: a right pose of the example's object, found with `profile`."""
+        """estimate: a right pose of the example's object, found with `profile` and no error."""
         pose, symmetry = estimate.pose, example.model.symmetry
         with renderer.contour_score(example.scene, example.edges, profile) as score:
             points = score.points(pose)
-        learned = ModelError.learned()
-        of_model, common, local = (
+        common, local = (
             LocalModel.from_contour(pose, symmetry, points, example.edges, profile, error)
-            for error in (learned, ModelError(1, 0, learned.length),
-                          ModelError(0, 1, learned.length)))
+            for error in (ModelError(1, 0, LENGTH), ModelError(0, 1, LENGTH)))
         basis = common.basis
-        noise = basis.T @ estimate.covariance @ basis - of_model.model_error
+        noise = basis.T @ estimate.covariance @ basis
         truth = symmetry.nearest_equivalents(example.pose[None], pose)
         return cls(basis.T @ symmetry.local(truth, pose)[0], noise,
                    common.model_error, local.model_error)
@@ -91,4 +90,4 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
         raise LocalizationError(f'{len(given)} poses do not bound the displacement of contours; '
                                 'learn from more scenes')
     scale = brentq(excess, _LEAST, _MOST)
-    return ModelError(scale * common, scale * local, ModelError.learned().length)
+    return ModelError(scale * common, scale * local, LENGTH)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.learning.contour_errors import Deviation
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.learning.contour_errors import LENGTH, Deviation
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -17,6 +18,7 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
+_NO_ERROR = ModelError(0, 0, LENGTH)  # it is what the searches are to teach
 _OTHERS = 1  # objects of other scenes that each scene is searched for
 
 
@@ -92,8 +94,12 @@ class Supports:
 
 def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
           ) -> PoseEstimate:
-    """The pose that the search finds for a model in an example's edge volume."""
+    """The pose that the search finds for a model in an example's edge volume.
+
+    Its covariance is without a model error, and whether it is lost says nothing: the thresholds
+    and the error are learned from it, and the file that holds them is not read.
+    """
     settings = PmclSettings(roi_center=example.region.center, roi_size=example.region.size,
-                            renderer='numba')
-    with Localizer(model, settings, profile) as localizer:
+                            renderer='numba', least_support=0)
+    with Localizer(model, settings, profile, error=_NO_ERROR) as localizer:
         return localizer.localize(example.edges, np.random.default_rng(seed))

@@ -39,9 +39,10 @@ Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 class ContourEvidence:
     """Evidence of an object's poses by its contours and creases in one edge volume.
 
-    edges: the evidence of the picture. profile: log odds by its energies. creases: None to ignore
-    them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides being in the region.
-    detail: tolerance of the simplified mesh at the resolution of the image [image px].
+    edges: the evidence of the picture. profile: log odds by its energies. error: of the model.
+    creases: None to ignore them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides
+    being in the region. detail: tolerance of the simplified mesh at the resolution of the image
+    [image px].
     """
 
     renderer: Renderer
@@ -50,14 +51,15 @@ class ContourEvidence:
     region: Region
     edges: EdgeVolume
     profile: ContourProfile
+    error: ModelError
     creases: Creases | None
     constraint: Feasible | None = None
     detail: float = 0.0
 
     @classmethod
     def from_edges(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings, profile: ContourProfile, creases: Creases | None
-                   ) -> 'ContourEvidence':
+                   settings: PmclSettings, profile: ContourProfile, error: ModelError,
+                   creases: Creases | None) -> 'ContourEvidence':
         """The evidence in an edge volume.
 
         Profile and creases were learned on refocused edges: for edges made from a likelihood the
@@ -67,7 +69,7 @@ class ContourEvidence:
             _LOG.info('no edge volume was given: contours are looked for in the likelihood')
             profile, creases = ContourProfile.contrast(), None
         region = Region(settings.roi_center, settings.roi_size)
-        return cls(renderer, model, settings, region, edges, profile, creases)
+        return cls(renderer, model, settings, region, edges, profile, error, creases)
 
     @property
     def window(self) -> Window:
@@ -113,7 +115,7 @@ class ContourEvidence:
         def local_model_at(pose: NDArray[np.float64], sure: bool) -> LocalModel:
             return LocalModel.from_contour(
                 pose, self.model.symmetry, contour(pose), edges, profile,
-                ModelError.learned() if sure else None, creases(pose))
+                self.error if sure else None, creases(pose))
 
         def linearize_at(pose: NDArray[np.float64]) -> LinearizedContour:
             return LinearizedContour.from_contour(pose, contour(pose), edges, profile,

@@ -45,15 +45,17 @@ class Localizer:
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
     profile: of the contour; by default the learned one.
     creases: by default the model's where `profile` is left out, else none.
+    error: of the model; by default the learned one.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
     def __init__(self, model: ObjectModel, settings: PmclSettings,
                  profile: ContourProfile | None = None,
-                 creases: Creases | None = None) -> None:
+                 creases: Creases | None = None, error: ModelError | None = None) -> None:
         self._model = model
         self._settings = settings
         self._profile = profile or ContourProfile.learned()
+        self._error = error or ModelError.learned()
         self._creases = creases or (Creases.from_model(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._estimator = Estimator(model, self._region, settings)
@@ -122,7 +124,7 @@ class Localizer:
 
     def _evidence(self, edges: EdgeVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
-                                          self._profile, self._creases)
+                                          self._profile, self._error, self._creases)
 
     def _search(self, edges: EdgeVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
@@ -191,7 +193,7 @@ class Localizer:
         return [Observation(pose, seen, depth,
                             LocalModel.from_contour(
                                 pose, self._model.symmetry, seen, evidence.edges,
-                                evidence.profile, ModelError.learned()),
+                                evidence.profile, self._error),
                             share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 

@@ -23,12 +23,17 @@ def resolve(path: str, parameter: str) -> Path:
         if not found.exists():
             raise SettingsError(f'parameter {parameter!r}: there is no {found.absolute()}')
         return found
-    tried = [folder / path.removeprefix(_SCHEME) for folder in _folders()]
+    tried = candidates(path)
     for each in tried:
         if each.exists():
             return each
     raise SettingsError(f'parameter {parameter!r}: {path} is in none of '
                         f'{", ".join(str(each) for each in tried)}')
+
+
+def candidates(path: str) -> list[Path]:
+    """Where `package://pmcl_ros/...` may be, the first that exists counts (`resolve`)."""
+    return [folder / path.removeprefix(_SCHEME) for folder in _folders()]
 
 
 def _folders() -> list[Path]:

@@ -1,16 +1,22 @@
 """Learned numbers are read from data files; what is wrong in one is named."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.learned import (
+    MOST_KNOTS,
+    MOST_OFFSETS,
     LearnedContour,
     LearnedProfile,
     learned_contour,
     learned_creases,
 )
 from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.pmcl.render import contour
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -50,6 +56,8 @@ def test_what_is_saved_is_read_to_the_last_digit(tmp_path):
     ({'tables': [[0, 1], [2, 3], [4]]}, r'of 2 numbers \(knots\), they have 3 rows of \[1, 2\]'),
     ({'bias': float('nan')}, 'bias: Input should be a finite number'),
     ({'tables': [[0, 1], [2, 3], [4, float('inf')]]}, 'tables.2.1: Input should be a finite'),
+    ({'offsets': list(range(9))}, 'offsets: Tuple should have at most 8 items'),
+    ({'knots': list(range(10))}, 'knots: Tuple should have at most 9 items'),
     ({'bia': 1}, 'bia: Extra inputs'),
 ])
 def test_the_file_and_the_field_are_named(tmp_path, change, reason):
@@ -57,3 +65,17 @@ def test_the_file_and_the_field_are_named(tmp_path, change, reason):
     file.write_text(str(GOOD | change).replace('nan', '.nan').replace('inf', '.inf'))
     with pytest.raises(SettingsError, match=f'{file}: .*{reason}'):
         LearnedProfile.load(file)
+
+
+def test_what_is_read_is_no_larger_than_scores_are_made_for():
+    assert (MOST_OFFSETS, MOST_KNOTS) == (contour.MOST_OFFSETS, contour.MOST_KNOTS)
+
+
+def test_without_a_file_the_error_says_where_it_should_be(package_tree):
+    file = package_tree / 'config' / 'learned' / 'creases.yaml'
+    file.unlink()
+    done = subprocess.run([sys.executable, '-c', 'from pmcl_ros.evidence import learned\n'
+                           'learned.learned_contour()\nlearned.learned_creases()'],
+                          cwd=package_tree, capture_output=True, text=True, check=False)
+    assert (f'SettingsError: learned numbers: there is no {file}; reinstall the package, or learn '
+            'them again with pmcl learn') in done.stderr

@@ -1,3 +1,6 @@
+import subprocess
+import sys
+
 import cv2
 import numpy as np
 import pytest
@@ -88,6 +91,31 @@ def test_objects_that_are_elsewhere_have_less_support():
     assert (found.evidence > ContourProfile.learned().least).all()
     with pytest.raises(LocalizationError):
         Supports.from_searches([])
+
+
+def test_a_broken_file_can_be_learned_again(package_tree):
+    learned = package_tree / 'config' / 'learned' / 'contour.yaml'
+    learned.rename(package_tree / 'old.yaml')
+    learned.write_text('broken')
+    done = subprocess.run([sys.executable, '-c', """
+import numpy as np
+
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.learned import LearnedContour
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.learning.contour_tables import Example
+from pmcl_ros.learning.searches import searches
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.simulation.edge_scenes import random_edge_scene
+
+scenes = [random_edge_scene(np.random.default_rng(k), ModelError(0.1, 0.1, 40)) for k in range(2)]
+examples = [Example(each.edges, each.model, each.pose, Region(each.roi_center, each.roi_size))
+            for each in scenes]
+profile = ContourProfile.from_numbers(LearnedContour.load('old.yaml'))
+found = list(searches(examples, profile, 0))
+print(found[0].there, found[0].deviation.noise.shape, len(found))
+"""], cwd=package_tree, capture_output=True, text=True, check=False)
+    assert done.stdout == 'True (5, 5) 3\n', done.stderr
 
 
 def test_the_threshold_is_exceeded_as_often_as_asked():

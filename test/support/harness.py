@@ -29,9 +29,12 @@ REPEAT = 5.0  # s: then a node is asked for its state again
 
 
 class Process:
-    """A process of the package, its output in a file; ends with `status` or fails the test."""
+    """A process of the package, its output in a file; ends with `status` or fails the test.
 
-    def __init__(self, folder, module, *args, params=None, checked=True, status=0):
+    root: where it is started, and where its package is.
+    """
+
+    def __init__(self, folder, module, *args, params=None, checked=True, status=0, root=ROOT):
         self.name = module.rpartition('.')[2]
         self._status = status
         self._log = folder / f'{self.name}.log'
@@ -41,7 +44,7 @@ class Process:
             args = (*args, '--ros-args', '--params-file', path)
         with self._log.open('w') as log:
             self.popen = subprocess.Popen(
-                [sys.executable, '-m', module, *map(str, args)], cwd=ROOT, stdout=log,
+                [sys.executable, '-m', module, *map(str, args)], cwd=root, stdout=log,
                 stderr=subprocess.STDOUT,
                 env=os.environ | {'ROS_PYTHON_CHECK_FIELDS': str(int(checked))})
 

@@ -70,7 +70,10 @@ class Parameters:
                                                      -sys.float_info.max, sys.float_info.max)
         elif kind == Parameter.Type.INTEGER:
             descriptor.integer_range = _range(field, IntegerRange, int, -2**63, 2**63 - 1)
-        default = kind if default_of(field) is None else ros_value(field)
+        try:
+            default = kind if default_of(field) is None else ros_value(field)
+        except PmclError:  # its file is broken: `read` raises the error again, unless it is mended
+            default = kind
         try:
             self._node.declare_parameter(name, default, descriptor)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:

@@ -5,7 +5,7 @@ from typing import Literal
 import pytest
 import rclpy
 import yaml
-from harness import ROOT
+from harness import CONFIGURE, INACTIVE, ROOT, UNCONFIGURED, Process
 from pydantic import Field
 from rclpy.context import Context
 from rclpy.node import Node
@@ -125,3 +125,19 @@ def test_shipped_parameters_are_all_of_a_node_and_valid(make, entry):
 def test_shipped_parameters_are_of_no_other_node():
     shipped = yaml.safe_load((ROOT / 'config' / 'pmcl.yaml').read_text())
     assert list(shipped) == [f'/**/{entry.name}' for entry in ALL]
+
+
+def test_a_broken_default_is_an_error_of_configure_and_can_be_mended(
+        user, tmp_path, package_tree, parameters):
+    """The default of least_support is read from a file of learned numbers."""
+    file = package_tree / 'config' / 'learned' / 'contour.yaml'
+    good = file.read_text()
+    file.write_text(good.replace('least_support:', 'least:'))
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=parameters['pmcl_node'],
+                 root=package_tree) as node:
+        assert not user.change('pmcl_node', CONFIGURE)
+        assert f'cannot configure: {file}: least_support: Field required' in node.log
+        assert user.state('pmcl_node') == UNCONFIGURED
+        file.write_text(good)
+        assert user.change('pmcl_node', CONFIGURE)
+        assert user.state('pmcl_node') == INACTIVE
