@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.cli.learn import examples_of
 from pmcl_ros.evaluation.captures import find_captures
-from pmcl_ros.evaluation.errors import RIGHT_ANGLE, RIGHT_DISTANCE, pose_error
+from pmcl_ros.geometry.pose_error import RIGHT_ANGLE, RIGHT_DISTANCE, pose_error
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer

@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.drawing.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.captures import Truth
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evaluation.errors import Surface, is_right, pose_error
+from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Base, Variant
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.learning.contour_errors import LENGTH, Deviation
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate

@@ -123,7 +123,7 @@ class PmclNode(StageNode):
     def _on_evidence(self, evidence: Evidence) -> None:
         self.health.frames_in += 1
         for stamp in self._missing.arrived(evidence.header.stamp_ns):
-            self.health.count('captures without a volume')  # dropped before this node
+            self.health.count('captures without evidence')  # dropped before this node
             self.get_logger().warning(
                 f'no evidence came of capture {stamp}: the nodes before this one say why, unless '
                 'one of them was killed')

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.evaluation.captures import Truth
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.read import read_light_field

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pmcl_scenes import bracket, cup, model_of
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evaluation.errors import Surface
+from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 

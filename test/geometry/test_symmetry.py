@@ -13,7 +13,8 @@ from pmcl_scenes import CAMERA, bracket, depth_of, edges_seen, model_of, random_
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evaluation.errors import Surface, pose_error
+from pmcl_ros.evaluation.surface_errors import Surface
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.modes import ambiguous_poses

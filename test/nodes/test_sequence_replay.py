@@ -14,7 +14,7 @@ from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, PATIENCE, Process
 from rclpy.qos import QoSProfile
 
 from pmcl_ros.cli import main
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.messages.pose import pose_from
 

@@ -8,9 +8,9 @@ from harness import ACTIVATE, CONFIGURE, DEACTIVATE, Process
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.studies.tracking import edges_of
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.messages.bag_captures import pose_message
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.messages.volume import edges_to_message

@@ -23,9 +23,9 @@ from pmcl_scenes import (
 from waiting import eventually
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pipeline import make_localizer
 from pmcl_ros.pmcl.localizer import Localizer

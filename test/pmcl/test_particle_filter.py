@@ -5,8 +5,8 @@ import pytest
 from pmcl_scenes import cup, depth_of, model_of, random_poses, surface_seen
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer, particle_filter
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings

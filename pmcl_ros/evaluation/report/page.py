@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros import __version__
 from pmcl_ros.drawing.pictures import layers_picture
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.records import libraries
 from pmcl_ros.evaluation.report import drawings
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.history import Stage
 from pmcl_ros.runtime.settings import Settings, default_of
 

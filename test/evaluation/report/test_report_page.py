@@ -10,12 +10,12 @@ from browser import WIDTHS, browser, look
 from pmcl_scenes import bracket, model_of
 from runs import MODEL, field, run, settings, truth_of
 
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.report.drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
 from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.evidence.edges import build_edges
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
 
 

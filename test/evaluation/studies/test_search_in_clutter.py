@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.evaluation.studies.tracking import edges_of
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
-from pmcl_ros.evaluation.errors import pose_error
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Solid, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.runtime.errors import LocalizationError

@@ -8,8 +8,8 @@ from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evaluation.errors import pose_error
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.support import share_in_view

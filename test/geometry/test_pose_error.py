@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evaluation.errors import is_right, pose_error
+from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 
 AXIS = np.array([0, 0, 1.0])
