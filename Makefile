@@ -19,7 +19,7 @@ test: $(TEST) lint
 	@$(BIN)/pmcl warm-up --all
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-# What needs no ROS graph, no long search and no study: the rest is in docs/developing.md.
+# What needs no ROS graph, no long search and no study: SLOW in test/conftest.py lists the rest.
 test-quick: $(TEST)
 	@$(BIN)/pmcl warm-up
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
@@ -37,7 +37,7 @@ docs: $(DOCS)
 	$(BIN)/python -m pmcl_ros.nodes.reference --parameters > config/pmcl.yaml
 	$(BIN)/mkdocs build --strict
 
-# Errors over a folder of captures with truth, as README's table: make eval CAPTURES=DIR
+# Errors over a folder of captures with truth (docs/howto/evaluation.md): make eval CAPTURES=DIR
 eval: $(RUN)
 	$(BIN)/pmcl evaluate $(CAPTURES) --calibration config/cameras/demo.yaml --trials 5 --out out
 

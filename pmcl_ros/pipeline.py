@@ -1,11 +1,12 @@
-"""Source -> LightField -> evidence -> pose: the one way of the data.
+"""Source -> LightField -> evidence -> pose in one process, for commands and studies.
 
     with Pipeline.for_object(model, settings) as pipeline:
         run = pipeline.run(read_light_field, np.random.default_rng(settings.seed))
     print(run.estimate.describe())
 
 The evidence is an EdgeVolume, which the contour search reads, or in the mode faithful the
-DepthLikelihoodVolume, which the paper's particle filter reads.
+DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the same stages
+themselves; of this module they use `make_localizer`.
 """
 
 import time

@@ -1,4 +1,4 @@
-"""LightField -> EdgeVolume, DepthLikelihoodVolume: each is made where somebody listens to it."""
+"""LightField -> EdgeVolume, DepthLikelihoodVolume: only what has a subscriber is computed."""
 
 import sys
 from dataclasses import dataclass
@@ -81,8 +81,8 @@ class DlvNode(StageNode):
         """Listen."""
         # The small topics bring as many captures as their history holds before the big one's turn.
         self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
-        self._deferred = DeferredPublisher(self, self._outputs,
-                                           'views: dlv/edges and dlv have no subscriber')
+        self._deferred = DeferredPublisher(
+            self, self._outputs, 'no subscriber of dlv/edges, dlv, dlv/depth or dlv/layers')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',

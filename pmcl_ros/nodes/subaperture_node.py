@@ -43,7 +43,7 @@ class SubapertureNode(StageNode):
         self._metadata = None
         self._waiting: Part | None = None
         self._deferred = DeferredPublisher(self, self._outputs,
-                                           'an image: views and center have no subscriber')
+                                           'no subscriber of views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
         subscribe_value(self, Image, 'image_raw', part_from(counts_from),
                         self._on_image, BIG)
@@ -81,7 +81,8 @@ class SubapertureNode(StageNode):
             self._publish(image, self._metadata)
             return
         if self._waiting is not None:
-            self.dropped('an image: a newer one came before any metadata')
+            stamp = header_from(self._waiting.message.header).stamp_ns
+            self.dropped(f'capture {stamp}: a newer one came before any metadata')
         self._waiting = image
         self.health.warn('an image waits for metadata')
 

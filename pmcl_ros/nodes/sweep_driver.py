@@ -74,7 +74,7 @@ class SweepDriver(StageNode):
         self._lens: Lens | None = None
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._number = False, 0
-        self._deferred = DeferredPublisher(self, self._outputs, 'a sweep: views has no subscriber')
+        self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
         self._poses.start()
         self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
             depth=10, reliability=self._reliability))

@@ -111,6 +111,6 @@ SERVICES = {
     _DRIVER: (('~/capture', 'take a picture; answers when it has been published, or why not'),),
     _SWEEP: (('~/start', 'begin a sweep; one that is not finished is forgotten'),
              ('~/finish', 'publish what there is of it; again: publish it again')),
-    _PMCL: (('~/localize', 'search once more in the last volume'),
+    _PMCL: (('~/localize', 'search the last capture again'),
             ('~/reset', 'forget all that has come; the next search is as the first')),
 }

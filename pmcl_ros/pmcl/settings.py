@@ -16,8 +16,9 @@ class PmclSettings(Settings):
     """Evidence -> PoseEstimate."""
 
     mode: Mode = Field(
-        'default', description='default: contour evidence, proposals over the whole region, '
-        'annealed particles; faithful: the filter of the paper, on the mean likelihood')
+        'default', description='default: global search by contour evidence; faithful: the '
+        'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
+        'to true and view_weights to equal in dlv_node too')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),
@@ -39,8 +40,8 @@ class PmclSettings(Settings):
     least_support: float = Field(
         default_factory=lambda: learned_contour().least_support, ge=-5, le=5,
         description='default mode: mean evidence along the weakest fifth of the contour, less a '
-        'nat for each pixel out of view [nat / px], below which the object counts as '
-        'lost')
+        'nat for each pixel out of view, estimated by the share of vertices in view [nat / px]; '
+        'the object is lost below it')
     faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
     faithful_iterations: int = Field(
         500, ge=1, le=100_000, description='faithful mode: iterations at most')

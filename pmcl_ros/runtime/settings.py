@@ -1,7 +1,7 @@
 """Base of every stage's settings: frozen, validated, described once.
 
 A field's name, default, range, unit and description are read from here by the ROS parameter
-declarations, the YAML check, the command line's help and the README table.
+declarations, the YAML check, the command line's help and docs/reference.md.
 """
 
 import reprlib

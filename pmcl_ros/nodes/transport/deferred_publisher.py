@@ -27,7 +27,7 @@ class DeferredPublisher(Generic[T]):
 
     For `start` of a node. Buffers the newest capture until DDS discovers a subscriber, or until
     `patience` [s] after activation. The result is computed when the first subscriber is found.
-    unclaimed: the text to log for a capture without a subscriber.
+    unclaimed: why a capture without a subscriber is dropped, for the log.
     """
 
     def __init__(self, node: StageNode, outputs: Sequence[Output[T]], unclaimed: str,
@@ -35,17 +35,17 @@ class DeferredPublisher(Generic[T]):
         self._node, self._outputs, self._unclaimed = node, outputs, unclaimed
         self._end = time.monotonic() + patience
         self._pending: list[Output[T]] = []  # outputs without a subscriber so far
-        self._made, self._make = True, _nothing
+        self._made, self._make, self._capture = True, _nothing, ''
         node.active.callback(self._end_waiting)
         self._timer = node.every(_LOOK, self._publish_to_found)
 
-    def publish(self, make: Callable[[], T], capture: str = 'a capture') -> None:
+    def publish(self, make: Callable[[], T], capture: str) -> None:
         """Publish what `make` returns, which is called once at most.
 
-        capture: its name in the log.
+        capture: its name in the log, with its stamp.
         """
         if self._pending and not self._made:
-            self._node.dropped('a capture: a newer one came before anybody listened')
+            self._node.dropped(f'{self._capture}: a newer one came before a subscriber was found')
         self._made, self._make, self._pending = False, cache(make), list(self._outputs)
         self._capture = capture
         self._came = time.monotonic()
@@ -66,13 +66,14 @@ class DeferredPublisher(Generic[T]):
         if over:
             self._timer.cancel()
             if self._pending and not self._made:
-                self._node.dropped(self._unclaimed)
+                self._node.dropped(f'{self._capture}: {self._unclaimed}')
         if over or not self._pending:
             self._forget()
 
     def _end_waiting(self) -> None:
         if self._pending and not self._made:
-            self._node.dropped(f'{self._unclaimed}, and the node was deactivated')
+            self._node.dropped(f'{self._capture}: {self._unclaimed}, and the node was '
+                               'deactivated')
         self._forget()
 
     def _forget(self) -> None:

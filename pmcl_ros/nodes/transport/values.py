@@ -74,8 +74,8 @@ class ValuePublisher(Generic[T]):
             self._sent_ns = 0  # from here on it is they who count
         elif self._sent_ns:
             if listeners == 1:  # else another may have got it
-                self._node.dropped(f'capture {self._sent_ns}: who listens to {self._name} did not '
-                                   'get it before the next was published')
+                self._node.dropped(f'capture {self._sent_ns}: the subscriber of {self._name} did '
+                                   'not get it before the next was published')
             self._sent_ns, self._patience = next_ns, _AGAIN
         self._listeners = listeners
 

@@ -26,7 +26,7 @@ class Speaker(StageNode):
     def start(self):
         outputs = [Output(lambda name=name: name in self.listens, words.append)
                    for name, words in self.said.items()]
-        self.deferred = DeferredPublisher(self, outputs, 'a word: nobody listens', self.patience)
+        self.deferred = DeferredPublisher(self, outputs, 'nobody listens', self.patience)
 
     def say(self, word):
         def make():
@@ -34,7 +34,7 @@ class Speaker(StageNode):
             if word == 'bad':
                 raise PmclError('no such word')
             return word
-        self.deferred.publish(make)
+        self.deferred.publish(make, f'word {word}')
 
 
 @pytest.fixture
@@ -91,10 +91,11 @@ def test_who_is_found_later_gets_the_same(speaker, listen):
     assert speaker.health.frames_out == 1
 
 
-def test_the_newest_waits_and_the_other_is_told(speaker, listen):
+def test_the_newest_waits_and_the_other_is_dropped(speaker, listen, capfd):
     speaker.say('one')
     speaker.say('two')
     assert speaker.health.dropped == 1
+    assert 'dropped word one: a newer one came' in capfd.readouterr().err
     listen('loud')
     assert speaker.said['loud'] == ['two']
     assert speaker.made == ['two']
@@ -118,7 +119,7 @@ def test_what_waits_when_the_time_is_over_is_dropped(speaker, user, listen, capf
     speaker.trigger_activate()
     speaker.say('one')
     user.wait(lambda: speaker.health.dropped, 'the end')
-    assert 'dropped a word: nobody listens' in capfd.readouterr().err
+    assert 'dropped word one: nobody listens' in capfd.readouterr().err
     assert speaker.made == []
 
 

@@ -194,8 +194,8 @@ def test_what_nobody_got_is_told_by_the_publisher(tmp_path, user, start, stamped
     giver.dlv.publish(stamped(5))  # from here on it is those who listen that count
     assert giver.health.dropped == 2
     told = capfd.readouterr().err
-    assert [f'dropped capture {stamp}: who listens to dlv' in told for stamp in (1, 2, 3, 4)] == [
-        True, True, False, False]
+    assert [f'dropped capture {stamp}: the subscriber of dlv' in told
+            for stamp in (1, 2, 3, 4)] == [True, True, False, False]
 
 
 def test_somebody_else_gets_messages_and_the_taker_each_volume_once(user, pair, stamped):
