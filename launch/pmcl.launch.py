@@ -20,7 +20,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT
+from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 

@@ -146,14 +146,6 @@ def views_of_mosaic(mosaic: NDArray[np.uint16], rows: int, columns: int) -> NDAr
     return linear.reshape(rows, columns, height, width, 3)
 
 
-def mosaic_of_views(views: NDArray[np.float32]) -> NDArray[np.uint16]:
-    """The inverse of `views_of_mosaic`; values are rounded and clipped to the range of counts."""
-    rows, columns, height, width = views.shape[:4]
-    counts = np.clip(views * np.float32(VIEW_WHITE) + np.float32(0.5), 0, VIEW_MOST)
-    tiles = counts.astype('<u2').transpose(0, 2, 1, 3, 4)
-    return tiles.reshape(rows * height, columns * width, 3)
-
-
 def _linear(lines: NDArray[np.uint8] | NDArray[np.uint16], order: NDArray[np.int64], white: float
             ) -> NDArray[np.float32]:
     """Lines (n, m) in the given order, divided by `white`."""

@@ -183,7 +183,7 @@ def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untype
 def _blend(samples, upper, lower, part, line, colour, start, length):  # type: ignore[no-untyped-def]
     """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles.
 
-    Values are rounded to whole counts of `mosaic_of_views`.
+    Values are rounded to whole counts of a `views` message.
     """
     one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
     white, most = np.float32(VIEW_WHITE), np.float32(VIEW_MOST)

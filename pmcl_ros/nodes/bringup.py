@@ -10,6 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
+from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, NodeEntry
 from pmcl_ros.nodes.runtime.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.runtime.parameter_file import (
     check_parameter_file,
@@ -18,7 +19,6 @@ from pmcl_ros.nodes.runtime.parameter_file import (
 )
 from pmcl_ros.nodes.runtime.running import NodeThread, pause, ros
 from pmcl_ros.nodes.runtime.supervision import NodeProcess, Running, Supervisor
-from pmcl_ros.nodes.table import GRASPS, NODES, SWEEP, SWEPT, Entry
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.runtime.errors import PmclError
 
@@ -54,7 +54,7 @@ def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
                 check(name)
 
 
-def supervise(running: dict[str, Running], entries: dict[str, Entry], ros_args: Sequence[str],
+def supervise(running: dict[str, Running], entries: dict[str, NodeEntry], ros_args: Sequence[str],
               check: Callable[[str], None], timeout: float) -> None:
     """Stay until a signal comes; whatever ends meanwhile is started again."""
     node = Node('pmcl_supervisor')

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
+from pydantic import Field, model_validator
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -20,13 +21,11 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.nodes.evidence_input import EvidenceInput
-from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
-from pmcl_ros.nodes.overlays import Overlays
+from pmcl_ros.nodes.pmcl_outputs import ObjectFrame, ObjectList, Overlays, SeveralObjects
 from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
-from pmcl_ros.nodes.several_objects import ObjectList, SeveralObjects
 from pmcl_ros.nodes.transport.losses import MissingCaptures
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -34,12 +33,41 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('track_camera', 'camera_pose', 'track_frame', 'track_max_age')
 _ENDED = 'the node was reset or deactivated before it was searched'
+
+
+class PmclNodeSettings(TrackingSettings):
+    """Settings of the search, the tracking and the frames on /tf."""
+
+    broadcast_tf: bool = Field(
+        False, description="publish the frame of the object on /tf, as a child of the camera's, "
+        'for each pose; needs tf2_ros (full ROS)')
+    object_frame: str = Field('', description='name of that frame; empty: that of the object')
+    objects: tuple[str, ...] = Field(
+        ('',), description='paths of several objects that are looked for together, instead of '
+        'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'
+        'pose and objects/NAME/pose_with_covariance, and frame')
+
+    @property
+    def several(self) -> tuple[str, ...]:
+        """Paths of the objects of a joint search; empty: `object` is the only one."""
+        return tuple(each for each in self.objects if each)
+
+    @model_validator(mode='after')
+    def _objects_are_searched_anew(self) -> 'PmclNodeSettings':
+        if self.several and (self.tracking != 'none' or self.mode != 'default'):
+            raise ValueError(f'objects need tracking none and mode default, they are '
+                             f'{self.tracking} and {self.mode}')
+        if self.several and self.object_frame:
+            raise ValueError(f'objects have frames of their own names: object_frame '
+                             f'{self.object_frame!r} must be empty')
+        return self
 
 
 class PmclNode(StageNode):
@@ -64,7 +92,9 @@ class PmclNode(StageNode):
         self._several: SeveralObjects | None = None
         self._tracker: Tracker | None = None
         if settings.several:
-            self._several = SeveralObjects(self, settings, self._overlays, self._markers)
+            paths = [resolve(each, 'objects') for each in settings.several]
+            self._several = SeveralObjects(self, settings, paths, settings.broadcast_tf,
+                                           self._overlays, self._markers)
             self._work(self._several.localizer, ', '.join(self._several.names))
         else:
             self._set_up_one(settings)

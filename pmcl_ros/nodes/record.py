@@ -17,9 +17,9 @@ from rosbags.interfaces import Qos
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded
 from pmcl_ros.messages.types import message_class
+from pmcl_ros.nodes.graph import BIG, PRESETS, TOPICS, Quality, TopicEntry
 from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import Interrupted, pause, ros
-from pmcl_ros.nodes.topics import BIG, PRESETS, TOPICS, Quality, TopicEntry
 from pmcl_ros.runtime.errors import BagError, PmclError
 
 _REST = 5.0  # s: after a signal, for what waits to be written while more may be coming

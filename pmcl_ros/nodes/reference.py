@@ -14,9 +14,8 @@ import yaml
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
+from pmcl_ros.nodes.graph import ALL, GRASPS, SERVICES, SWEEP, TOPICS, NodeEntry
 from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
-from pmcl_ros.nodes.table import ALL, GRASPS, SWEEP, Entry
-from pmcl_ros.nodes.topics import SERVICES, TOPICS
 from pmcl_ros.runtime.settings import default_of
 
 _WIDTH = 99
@@ -112,7 +111,7 @@ def _services() -> Iterator[str]:
         yield from (_row(node, f'`{name}`', what) for name, what in services)
 
 
-def _parameters(entry: Entry) -> Iterator[str]:
+def _parameters(entry: NodeEntry) -> Iterator[str]:
     yield (f'\n### {entry.name}\n| name | type | default | range | unit | description | live |\n'
            '|---|---|---|---|---|---|---|\n')
     for name, field in entry.load().settings_class.model_fields.items():
@@ -125,7 +124,7 @@ def _row(*cells: str) -> str:
     return f'| {" | ".join(each.replace("|", chr(92) + "|") for each in cells)} |\n'
 
 
-def _section(entry: Entry) -> str:
+def _section(entry: NodeEntry) -> str:
     lines = ['']
     if entry.name in _ASKED_FOR:
         lines += [f'# Not started unless bring-up or launch get {_ASKED_FOR[entry.name]}']

@@ -13,9 +13,9 @@ from rosbags.interfaces import Qos
 
 from pmcl_ros.messages.bags import Recorded, Topic, read, topics
 from pmcl_ros.messages.types import message_class
+from pmcl_ros.nodes.graph import PRESETS
 from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import pause, ros
-from pmcl_ros.nodes.topics import PRESETS
 from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 from pmcl_ros.runtime.errors import BagError, PmclError
 

@@ -13,7 +13,6 @@ from pmcl_ros.lightfield.light_field import (
     LightField,
     ViewGrid,
     linear_views,
-    mosaic_of_views,
     nominal_positions,
     views_of_mosaic,
 )
@@ -96,10 +95,3 @@ def test_a_mosaic_has_each_view_in_its_place(size):
     for row, column in np.ndindex(rows, columns):
         tile = mosaic[row * height:(row + 1) * height, column * width:(column + 1) * width]
         np.testing.assert_array_equal(views[row, column], tile / np.float32(VIEW_WHITE))
-    np.testing.assert_array_equal(mosaic_of_views(views), mosaic)
-
-
-def test_what_counts_cannot_hold_is_clipped():
-    views = np.array([-0.1, 0.0, 1.0, 2.5, 1.0, 1.0], np.float32).reshape(1, 1, 1, 2, 3)
-    assert mosaic_of_views(views).ravel().tolist() == [0, 0, VIEW_WHITE, 65535, VIEW_WHITE,
-                                                       VIEW_WHITE]

@@ -10,7 +10,7 @@ import yaml
 
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded, read, record
-from pmcl_ros.nodes.topics import TOPICS
+from pmcl_ros.nodes.graph import TOPICS
 from pmcl_ros.runtime.errors import BagError
 
 reader = pytest.importorskip('mcap.reader')

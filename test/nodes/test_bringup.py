@@ -14,8 +14,8 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
+from pmcl_ros.nodes.graph import TOPICS
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
-from pmcl_ros.nodes.topics import TOPICS
 
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 BRINGUP = 'pmcl_ros.nodes.bringup'

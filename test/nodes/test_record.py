@@ -17,8 +17,8 @@ from std_srvs.srv import Trigger
 
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.nodes.graph import PRESETS
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
-from pmcl_ros.nodes.topics import PRESETS
 
 RECORD, REPLAY, BRINGUP = (f'pmcl_ros.nodes.{each}' for each in ('record', 'replay', 'bringup'))
 WINE_GLASS = ROOT / 'bags' / 'wine_glass'

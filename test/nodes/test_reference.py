@@ -9,9 +9,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
+from pmcl_ros.nodes.graph import ALL, PRESETS, SERVICES, TOPICS
 from pmcl_ros.nodes.reference import main
-from pmcl_ros.nodes.table import ALL
-from pmcl_ros.nodes.topics import PRESETS, SERVICES, TOPICS
 
 MADE = {'docs/reference.md': [], 'config/pmcl.yaml': ['--parameters']}
 

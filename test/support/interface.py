@@ -10,9 +10,8 @@ from pathlib import Path
 import click
 import yaml
 
+from pmcl_ros.nodes.graph import ALL, SERVICES, TOPICS
 from pmcl_ros.nodes.runtime.parameters import ros_type
-from pmcl_ros.nodes.table import ALL
-from pmcl_ros.nodes.topics import SERVICES, TOPICS
 
 ROOT = Path(__file__).parents[2]
 # Files that users write or read: name of the format, where its fields are declared.

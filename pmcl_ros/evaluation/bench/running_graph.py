@@ -23,9 +23,9 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
-from pmcl_ros.nodes.table import NODES
 from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first

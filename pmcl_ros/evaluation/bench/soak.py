@@ -33,8 +33,8 @@ from pmcl_ros.evaluation.bench.running_graph import (
 )
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
+from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
-from pmcl_ros.nodes.table import NODES
 from pmcl_ros.runtime.errors import PmclError
 
 _ROOT = Path(__file__).parents[3]

@@ -5,9 +5,10 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from std_msgs.msg import Header
 
-from pmcl_ros.messages.diagnostics import diagnostics_to_message
+from pmcl_ros.messages.header import time_to_message
 
 _WINDOW = 10.0  # s: in which results are counted for their rate
 
@@ -71,11 +72,13 @@ class Health:
         self.level, self.message = DiagnosticStatus.OK, 'active'
 
     def to_message(self, stamp_ns: int, name: str) -> DiagnosticArray:
-        """All of it, as /diagnostics wants it."""
-        status = DiagnosticStatus(level=self.level, name=name, message=self.message,
-                                  hardware_id=self.hardware_id)
-        return diagnostics_to_message(stamp_ns, status, {
+        """All of it as a message for /diagnostics."""
+        values = {
             'frames in': self.frames_in, 'frames out': self.frames_out, 'dropped': self.dropped,
             'errors': self.errors, 'last error': self.last_error,
             'last latency [ms]': f'{self.latency_ms:.1f}', 'back end': self.back_end,
-            'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra})
+            'rate [Hz]': f'{self.rate:.2f}', **self.counts, **self.extra}
+        status = DiagnosticStatus(
+            level=self.level, name=name, message=self.message, hardware_id=self.hardware_id,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+        return DiagnosticArray(header=Header(stamp=time_to_message(stamp_ns)), status=[status])

@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 
+from pmcl_ros.nodes.graph import ALL, NodeEntry
 from pmcl_ros.nodes.runtime.parameters import suggest
-from pmcl_ros.nodes.table import ALL, Entry
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import read_yaml
 
@@ -69,7 +69,7 @@ def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[l
         yield ['--ros-args', '--params-file', str(path), '--']
 
 
-def _check_names(path: Path | str, section: str, node: Entry, values: dict[str, Any]) -> None:
+def _check_names(path: Path | str, section: str, node: NodeEntry, values: dict[str, Any]) -> None:
     kind = node.load().settings_class
     for name in values:
         if name in kind.model_fields or str(name).partition('.')[0] in _EVERY:

@@ -24,7 +24,7 @@ from rclpy.exceptions import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pmcl_ros.nodes.table import ALL
+from pmcl_ros.nodes.graph import ALL
 from pmcl_ros.runtime.errors import PmclError, SettingsError
 from pmcl_ros.runtime.settings import Settings, default_of
 

@@ -12,10 +12,10 @@ from typing import Protocol
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 
+from pmcl_ros.nodes.graph import NodeEntry
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.health import Health
 from pmcl_ros.nodes.runtime.running import PARENT, SIGNALS, pause
-from pmcl_ros.nodes.table import Entry
 from pmcl_ros.runtime.errors import PmclError
 
 _SOON, _LATE = 0.5, 30.0  # s: before a node is started again; doubled each time, up to the second
@@ -39,7 +39,7 @@ class Running(Protocol):
 class NodeProcess:
     """A node in a process of its own, which only this one signals."""
 
-    def __init__(self, entry: Entry, ros_args: Sequence[str]) -> None:
+    def __init__(self, entry: NodeEntry, ros_args: Sequence[str]) -> None:
         # The child inherits the mask: what interrupts it while it still imports waits until it can
         # be noted.
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)

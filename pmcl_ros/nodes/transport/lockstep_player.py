@@ -12,9 +12,9 @@ from pmcl_ros.messages.bags import Recorded, Topic
 from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.volume import edges_from, volume_from
+from pmcl_ros.nodes.graph import PRESETS, TOPICS
 from pmcl_ros.nodes.runtime.base import LATCHED
 from pmcl_ros.nodes.runtime.running import pause
-from pmcl_ros.nodes.topics import PRESETS, TOPICS
 from pmcl_ros.runtime.errors import BagError
 
 _TYPES = {each.name: each.type for each in TOPICS}

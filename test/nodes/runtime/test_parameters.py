@@ -11,8 +11,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pmcl_ros.nodes.graph import ALL
 from pmcl_ros.nodes.runtime.parameters import Parameters
-from pmcl_ros.nodes.table import ALL
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 

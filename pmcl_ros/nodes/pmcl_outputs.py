@@ -1,26 +1,32 @@
-"""Outputs of pmcl_node for several objects: a pose topic of each, the list of all."""
+"""Outputs of pmcl_node: frames on /tf, overlays, the list of objects, poses of several objects."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TypeVar
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from rclpy.lifecycle import LifecyclePublisher
+from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.camera_info import pinhole_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import picture_from, picture_to_message
 from pmcl_ros.messages.marker import (
     mesh_to_marker,
     objects_to_markers,
     place_markers,
     region_to_marker,
 )
-from pmcl_ros.messages.pose import estimate_to_messages
-from pmcl_ros.nodes.object_frame import ObjectFrame, PmclNodeSettings
-from pmcl_ros.nodes.overlays import Overlays
+from pmcl_ros.messages.pose import estimate_to_messages, estimate_to_transform
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
+from pmcl_ros.nodes.runtime.pose_source import tf2
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import (
     SceneEstimate,
@@ -29,11 +35,91 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import (
 )
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
+
+_PICTURES = 4  # kept
+
+T = TypeVar('T')
+Draw = Callable[[NDArray[np.uint8], Pinhole], NDArray[np.uint8]]
+
+
+class ObjectFrame:
+    """Broadcasts poses, for as long as `node` is configured.
+
+    name: of the object's frame. Raises SettingsError where tf2_ros is not installed.
+    """
+
+    def __init__(self, node: StageNode, name: str) -> None:
+        self._name = name
+        module = tf2()
+        if module is None:
+            raise SettingsError(
+                "parameter 'broadcast_tf' is true, but tf2_ros cannot be imported: it is part of "
+                'a full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), or '
+                'set broadcast_tf to false and use the topic pose')
+        broadcaster = module.TransformBroadcaster(node)
+        node.configured.callback(node.destroy_publisher, broadcaster.pub_tf)
+        self._send = broadcaster.sendTransform
+
+    def broadcast(self, estimate: PoseEstimate) -> None:
+        """Send the object's pose at the capture's time; a lost object is not broadcast."""
+        self._send(estimate_to_transform(estimate, self._name))
+
+
+class Overlays:
+    """Keeps the last centre views, and publishes the drawing on one of them on `overlay`.
+
+    For `set_up` of a node.
+    """
+
+    def __init__(self, node: StageNode) -> None:
+        self._node = node
+        self._publisher = node.publisher(Image, 'overlay', SMALL)
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop all messages received so far."""
+        self._pictures: dict[int, Image] = {}
+        self._cameras: dict[int, Pinhole] = {}
+
+    def on_camera(self, message: CameraInfo) -> None:
+        """Callback of center/camera_info."""
+        _keep(self._cameras, message, pinhole_from(message))
+
+    def on_picture(self, message: Image) -> None:
+        """Callback of center/image."""
+        picture_from(message)
+        _keep(self._pictures, message, message)
+
+    def publish(self, header: Header, pinhole: Pinhole, draw: Draw) -> None:
+        """Draw on the picture of a capture, if it has come and the topic has a subscriber.
+
+        pinhole: of the volume. It is used for the picture too where no center/camera_info came.
+        """
+        message = self._pictures.get(header.stamp_ns)
+        if message is None or not self._publisher.get_subscription_count():
+            return
+        # The volume may be of a part of the picture, or coarser.
+        pinhole = self._cameras.get(header.stamp_ns, pinhole)
+        picture = picture_from(message)
+        if picture.shape[:2] != (pinhole.height, pinhole.width):
+            self._node.get_logger().warning(
+                'no overlay: center/image is not of the size of the volume, and no '
+                'center/camera_info came with it', once=True)
+            return
+        self._publisher.publish(picture_to_message(header, draw(picture, pinhole)))
+
+
+def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:
+    """Add the value of a capture; drop those of old captures."""
+    kept[header_from(message.header).stamp_ns] = value
+    while len(kept) > _PICTURES:
+        del kept[next(iter(kept))]
 
 
 class ObjectList:
-    """The latched list of what is looked for: where each was in the last capture, or lost.
+    """The latched list of the objects: where each was in the last capture, or lost.
 
     For `set_up` of a node. paths: of each object's mesh or YAML.
     """
@@ -48,17 +134,17 @@ class ObjectList:
 
 
 class SeveralObjects:
-    """The objects that are looked for together.
+    """The objects of a joint search: their models, and the topics of each.
 
-    For `set_up` of a node. Raises what loading them raises, and LocalizationError where two would
-    have one name.
+    For `set_up` of a node. paths: of each object's mesh or YAML; equal paths are copies of one
+    object. broadcast_tf: whether the frame of each is broadcast. Raises what loading them raises,
+    and LocalizationError where two would have one name.
     """
 
-    def __init__(self, node: StageNode, settings: PmclNodeSettings, overlays: Overlays,
-                 markers: LifecyclePublisher) -> None:
+    def __init__(self, node: StageNode, settings: PmclSettings, paths: Sequence[Path],
+                 broadcast_tf: bool, overlays: Overlays, markers: LifecyclePublisher) -> None:
         self._node, self._settings, self._overlays = node, settings, overlays
         self._markers = markers
-        paths = [resolve(each, 'objects') for each in settings.several]
         distinct = {path: ObjectModel.load(path) for path in dict.fromkeys(paths)}
         self._models = [distinct[path] for path in paths]
         self.names = distinct_names([each.name for each in self._models], paths)
@@ -68,17 +154,17 @@ class SeveralObjects:
                                        f'objects/{name}/pose_with_covariance', SMALL))
                        for name in self.names]
         self._frames = [ObjectFrame(node, name) for name in self.names
-                        ] if settings.broadcast_tf else []
-        self._meshes: list[Marker] = []  # made when somebody wants them
+                        ] if broadcast_tf else []
+        self._meshes: list[Marker] = []  # made for the first subscriber
         self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
 
     def localizer(self) -> SceneLocalizer:
-        """Finds them; for the thread that uses it."""
+        """A localizer of all of them; call it on the thread that uses it."""
         return SceneLocalizer(self._models, self._settings)
 
     def publish(self, scene: SceneEstimate, header: Header, pinhole: Pinhole, latency: float
                 ) -> None:
-        """Publish where they are in one capture; pinhole: of its evidence."""
+        """Publish the joint estimate of one capture; pinhole: of its evidence."""
         health, stamp = self._node.health, header.stamp_ns
         health.extra = {'objects': len(self.names),
                         'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}

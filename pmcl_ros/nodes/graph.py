@@ -1,8 +1,39 @@
-"""The topics between the nodes, for everything that records or lists them; a test holds it to the
-nodes' own graph. Imports no ROS.
+"""The nodes, their topics and their services: for everything that starts, records or lists them.
+
+Imports neither ROS nor the nodes. A test compares the topics with the graph of the running nodes.
 """
 
-from typing import NamedTuple
+from importlib import import_module
+from typing import Any, NamedTuple
+
+
+class NodeEntry(NamedTuple):
+    """One node: its name, which is its executable's too, and where its class is."""
+
+    name: str
+    module: str
+    class_name: str
+
+    def load(self) -> Any:
+        """The node's class."""
+        return getattr(import_module(self.module), self.class_name)
+
+
+# In the order of the data: nodes are started from the end, so that no first message is lost, and
+# stopped from the beginning.
+NODES = (
+    NodeEntry('lytro_driver', 'pmcl_ros.nodes.lytro_driver', 'LytroDriver'),
+    NodeEntry('subaperture_node', 'pmcl_ros.nodes.subaperture_node', 'SubapertureNode'),
+    NodeEntry('dlv_node', 'pmcl_ros.nodes.dlv_node', 'DlvNode'),
+    NodeEntry('pmcl_node', 'pmcl_ros.nodes.pmcl_node', 'PmclNode'),
+)
+# After the chain, where it is wanted: bring-up and launch start it when they get a grasp file.
+GRASPS = NodeEntry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
+# In place of lytro_driver and subaperture_node, where a camera is moved instead: when bring-up and
+# launch get a plan of its sweep.
+SWEEP = NodeEntry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
+SWEPT = ('lytro_driver', 'subaperture_node')  # what it takes the place of
+ALL = (*NODES, GRASPS, SWEEP)
 
 
 class Quality(NamedTuple):
