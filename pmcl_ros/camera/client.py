@@ -10,7 +10,7 @@ from typing import Protocol, TypeVar
 
 from pmcl_ros.runtime.errors import LinkError
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 _T = TypeVar('_T')
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 2.0  # seconds before a retry, doubled each time
@@ -80,7 +80,7 @@ def retry(attempt: Callable[[], _T], lost: type[LinkError], patience: float,
                 pause, before, began = _FIRST_PAUSE, received(), time.monotonic()
             if time.monotonic() + pause > began + patience:
                 raise
-            _log.info('trying again in %.2f s: %s', pause, error)
+            _LOG.info('trying again in %.2f s: %s', pause, error)
             if closed.wait(pause):
                 raise
             pause = min(2 * pause, _LONGEST_PAUSE)

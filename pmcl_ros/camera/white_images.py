@@ -13,7 +13,7 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.runtime.errors import CameraError
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 # Steps of the zoom motor. The camera's own white images lie up to some 120 steps from a picture
 # (a real F01: 860 for 982); twice that changes the focal length, and with it which rays the lens
@@ -158,7 +158,7 @@ def choose_white(path: Path | str, picture: CameraMetadata) -> WhiteChoice:
     The choice is logged.
     """
     choice = WhiteImages(path).choose(picture)
-    _log.info('white image: %s', choice.why)
+    _LOG.info('white image: %s', choice.why)
     return choice
 
 

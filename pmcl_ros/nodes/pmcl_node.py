@@ -102,8 +102,8 @@ class PmclNode(StageNode):
     def _set_up_one(self, settings: PmclNodeSettings) -> None:
         path = resolve(settings.object, 'object')
         self._model = ObjectModel.load(path)
-        self._frame = (ObjectFrame(self, settings.object_frame or self._model.name)
-                       if settings.broadcast_tf else None)
+        self.object_frame = (ObjectFrame(self, settings.object_frame or self._model.name)
+                             if settings.broadcast_tf else None)
         localizer = self._work(partial(make_localizer, self._model, settings), self._model.name)
         if isinstance(localizer, Localizer):
             self._tracker = Tracker(localizer, self._model, settings)
@@ -241,8 +241,8 @@ class PmclNode(StageNode):
             messages = estimate_to_messages(estimate)
             for publisher, message in zip(self._poses, messages, strict=True):
                 publisher.publish(message)
-            if self._frame is not None:
-                self._frame.broadcast(estimate)
+            if self.object_frame is not None:
+                self.object_frame.broadcast(estimate)
             self._overlays.publish(estimate.header, pinhole, lambda picture, camera:
                                    overlay(picture, camera, self._model, estimate.pose))
             self.done(latency, f'found {name} in capture {stamp}')

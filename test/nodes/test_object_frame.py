@@ -78,7 +78,7 @@ def test_the_frame_of_the_object_is_broadcast(make, user, estimate, changes, chi
     user.wait(lambda: user.node.count_publishers('/tf') and node.count_subscribers('/tf'), '/tf')
 
     def told():
-        node._frame.broadcast(estimate)
+        node.object_frame.broadcast(estimate)
         return heard
 
     user.wait(told, 'the transform')

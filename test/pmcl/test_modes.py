@@ -1,11 +1,12 @@
-"""Which poses are of one mode, and which of many stand for the modes among them."""
+"""Modes: which poses are of one mode, which stand for it, and which poses are ambiguous."""
 
 import numpy as np
-from pmcl_scenes import random_poses
+import pytest
+from pmcl_scenes import bracket, cup, model_of, random_poses
 
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import retract, rotation_angle
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.modes import SAME_MODE, suppress_duplicates
+from pmcl_ros.pmcl.modes import SAME_MODE, ambiguous_poses, suppress_duplicates
 
 NONE = Symmetry()
 ROUND = Symmetry(np.array([0, 0, 1.0]))
@@ -41,3 +42,37 @@ def test_poses_that_a_symmetry_makes_alike_are_of_one_mode():
     assert NONE.same_mode(others, pose, *SAME_MODE).tolist() == [True, False, False]
     assert ROUND.same_mode(others, pose, *SAME_MODE).tolist() == [True, True, False]
     assert TURNED.same_mode(others, pose, *SAME_MODE).tolist() == [True, False, True]
+
+
+CUP = model_of(cup(), [0, 0, 1])
+BRACKET = model_of(bracket())
+
+
+@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['symmetric', 'whole'])
+@pytest.mark.parametrize('seed', range(6))
+def test_rivals_are_rigid_and_keep_the_middle_in_place(model, seed):
+    pose = random_poses(1, seed)[0]
+    found = ambiguous_poses(model, pose)
+    middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
+    turns = found[:, :3, :3]
+    np.testing.assert_allclose(turns @ turns.swapaxes(1, 2),
+                               np.tile(np.eye(3), (len(found), 1, 1)), atol=1e-7)
+    np.testing.assert_allclose(np.linalg.det(turns), 1)
+    np.testing.assert_allclose(turns @ middle + found[:, :3, 3],
+                               np.tile(pose[:3, :3] @ middle + pose[:3, 3], (len(found), 1)),
+                               atol=1e-9)
+    assert (rotation_angle(found, pose) > 1e-3).all()
+
+
+def test_an_axis_is_turned_upside_down_and_away():
+    for pose in random_poses(20, 3):
+        axes = ambiguous_poses(CUP, pose)[:, :3, :3] @ CUP.axis
+        axis = pose[:3, :3] @ CUP.axis
+        middle = pose[:3, 3]  # the cup's own
+        sight = middle / np.linalg.norm(middle)
+        np.testing.assert_allclose(axes[0], -axis, atol=1e-7)
+        np.testing.assert_allclose(axes[2], -axes[1], atol=1e-7)
+        # The tilt is mirrored: the part across the line of sight stays.
+        np.testing.assert_allclose(axes[1] @ sight, -axis @ sight, atol=1e-7)
+        np.testing.assert_allclose(np.cross(axes[1] + axis @ sight * sight,
+                                            axis - axis @ sight * sight), 0, atol=1e-7)

@@ -32,7 +32,7 @@ _BLOCK = 1 << 18
 _KEY = re.compile(r'[\x21-\x7e]{1,128}')
 _TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class UnsatisfiableError(ValueError):
@@ -107,7 +107,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
         """Log a line for each request."""
-        _log.debug('%s: ' + format, self.client_address[0], *args)
+        _LOG.debug('%s: ' + format, self.client_address[0], *args)
 
     def _read_body(self) -> None:
         """Take an unused body off the connection: the next request follows it."""
@@ -322,7 +322,7 @@ class GatewayServer(ThreadingHTTPServer):
         if self._slots.acquire(blocking=False):
             super().process_request(request, client_address)
         else:
-            _log.warning('%d connections are open, one more was refused', MAX_CONNECTIONS)
+            _LOG.warning('%d connections are open, one more was refused', MAX_CONNECTIONS)
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -357,6 +357,6 @@ class GatewayServer(ThreadingHTTPServer):
         """Log the end of a connection; only errors beside network errors get a traceback."""
         error = sys.exc_info()[1]
         if isinstance(error, OSError):
-            _log.debug('connection of %s: %s', client_address, error)
+            _LOG.debug('connection of %s: %s', client_address, error)
         else:
-            _log.exception('connection of %s', client_address)
+            _LOG.exception('connection of %s', client_address)

@@ -17,7 +17,7 @@ from pmcl_ros.runtime.errors import CameraError
 
 _REMEMBERED = 100  # captures whose keys are recognised when they are repeated
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -213,11 +213,11 @@ class Service:
         picture = self._camera().capture()
         with self._lock:
             self._known[picture.id] = picture
-        _log.info('took %s', picture.id)
+        _LOG.info('took %s', picture.id)
         try:
             return CapturedPicture(picture, self._files(picture))
         except CameraError as error:
-            _log.warning('%s is on the card, but could not be fetched: %s', picture.id, error)
+            _LOG.warning('%s is on the card, but could not be fetched: %s', picture.id, error)
             return CapturedPicture(picture, {}, str(error))
 
     def _files(self, picture: Picture) -> Mapping[str, CachedFile]:

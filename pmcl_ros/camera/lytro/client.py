@@ -35,7 +35,7 @@ from pmcl_ros.runtime.progress import BytesProgress
 
 _PAUSE = 0.2  # seconds between two looks at the picture list
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class LytroClient:
@@ -67,7 +67,7 @@ class LytroClient:
         except BaseException:
             self.close()
             raise
-        _log.info('Lytro %s (%s) at %s, %d pictures', self._info.serial, self._info.software,
+        _LOG.info('Lytro %s (%s) at %s, %d pictures', self._info.serial, self._info.software,
                   self._address, len(pictures))
         self._keeper.start()
 
@@ -174,7 +174,7 @@ class LytroClient:
         try:
             self._link.ask_once(protocol.TAKE_PICTURE)
         except LinkError as error:
-            _log.warning('a picture may have been taken: %s', error)
+            _LOG.warning('a picture may have been taken: %s', error)
             shot.confirmed = False
         except BaseException:
             self._arrivals.given_up(shot)
@@ -243,7 +243,7 @@ class LytroClient:
 
     def _heard(self, event: Event) -> None:
         """Record an event; runs in the thread of the callbacks."""
-        _log.debug('%s', event)
+        _LOG.debug('%s', event)
         if event.name == SHUTTER_PRESSED:
             self._arrivals.pressed(event.arrived_ns)
         elif event.name == NEW_PICTURE and event.arguments:
@@ -262,4 +262,4 @@ class LytroClient:
                 try:
                     self.battery()
                 except CameraError as error:
-                    _log.warning('the camera may turn its Wi-Fi off: %s', error)
+                    _LOG.warning('the camera may turn its Wi-Fi off: %s', error)

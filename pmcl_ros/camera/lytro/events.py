@@ -27,7 +27,7 @@ _SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date
 _OLDEST_NS = 60_000_000_000  # a shot without a picture after this time gets none
 _PATIENCE = 5.0  # seconds for an announced picture to be in the list
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class CallbackListener:
         try:
             self._socket.shutdown(socket.SHUT_RDWR)
         except OSError as error:
-            _log.debug('callbacks had ended: %s', error)
+            _LOG.debug('callbacks had ended: %s', error)
         self._thread.join(self._settings.timeout + 1)
 
     def _dial(self) -> socket.socket:
@@ -109,14 +109,14 @@ class CallbackListener:
             self._connected(False)
             if time.monotonic() - began > _LONGEST_PAUSE:
                 pause = _FIRST_PAUSE
-            _log.warning('lost the callbacks of the camera (%s); connecting again', reason)
+            _LOG.warning('lost the callbacks of the camera (%s); connecting again', reason)
             while not self._closed.wait(pause):
                 pause = min(2 * pause, _LONGEST_PAUSE)
                 try:
                     self._socket = self._dial()
                     break
                 except LinkError as error:
-                    _log.debug('%s', error)
+                    _LOG.debug('%s', error)
             if self._closed.is_set():
                 self._socket.close()
                 return

@@ -25,7 +25,7 @@ from pmcl_ros.runtime.errors import CameraError
 _SOFTWARE = 'v1.0a208, vv1.2.2, simulated'
 _LONGEST_LOG = 0xFFFFF  # bytes, the most that a client asks for
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 class SimulatedCamera:
@@ -75,7 +75,7 @@ class SimulatedCamera:
         if header.code in self._answers:
             reply = self._answers[header.code](payload)
             return reply if header.has_payload else reply[:header.length]
-        _log.info('unknown command %04X', header.code)
+        _LOG.info('unknown command %04X', header.code)
         return b''
 
     def listen(self) -> 'asyncio.Queue[Event]':
@@ -96,7 +96,7 @@ class SimulatedCamera:
     def press_shutter(self) -> None:
         """Take the next capture: ShutterPressed now, NewPictureAvailable after the delay."""
         if self.faults.refused():
-            _log.info('command to take a picture ignored: busy or full')
+            _LOG.info('command to take a picture ignored: busy or full')
             return
         record, capture = self.card.expose(self._now())
         self._notify(events.SHUTTER_PRESSED, 'CLICK')
@@ -105,7 +105,7 @@ class SimulatedCamera:
             self._pending.discard(timer)
             self.card.store(record, capture)
             self._notify(events.NEW_PICTURE, record.id)
-            _log.info('%s is %s', record.name, capture.path)
+            _LOG.info('%s is %s', record.name, capture.path)
 
         timer = asyncio.get_running_loop().call_later(self._delay, complete)
         self._pending.add(timer)
@@ -128,7 +128,7 @@ class SimulatedCamera:
         try:
             self._buffer = await asyncio.to_thread(read)
         except (CameraError, OSError) as error:
-            _log.warning('%s', error)
+            _LOG.warning('%s', error)
             return False
         return True
 
@@ -161,7 +161,7 @@ class SimulatedCamera:
         try:
             self._clock_ahead = decode_time(payload) - datetime.now(timezone.utc)
         except CameraError as error:
-            _log.info('clock not set: %s', error)
+            _LOG.info('clock not set: %s', error)
         return payload
 
     def _delete(self, payload: bytes) -> bytes:

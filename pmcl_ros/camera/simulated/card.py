@@ -25,7 +25,7 @@ _BLACK, _WHITE = 168, 4095  # counts
 _CALIBRATION = 'C:\\T1CALIB\\'
 _DIGITS = {'0': 'JPG', '1': 'RAW', '2': 'TXT', '3': '128'}  # of C2 00 05
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 def jpeg(raw: bytes, width: int, height: int, side: int = 328) -> bytes:
@@ -112,7 +112,7 @@ class Card:
         captures = [StoredPicture(path, read_metadata(path)) for path in list_pictures(folder)]
         whites = [each for each in captures if each.metadata.tags.modulationFrame]
         pictures = [each for each in captures if not each.metadata.tags.modulationFrame]
-        _log.info('%d pictures and %d white images in %s', len(pictures), len(whites), folder)
+        _LOG.info('%d pictures and %d white images in %s', len(pictures), len(whites), folder)
         return cls(pictures or whites, whites, empty=empty)
 
     @property

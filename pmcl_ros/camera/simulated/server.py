@@ -29,7 +29,7 @@ _MOST_CONNECTIONS = 64
 # reply in one piece.
 _TOGETHER = 4096
 
-_log = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 @contextmanager
@@ -97,7 +97,7 @@ class CameraServer:
             connected, peer = await loop.sock_accept(listening)
             connected.setblocking(False)
             if len(self._tasks) == _MOST_CONNECTIONS:
-                _log.warning('refused %s: there are %d connections', peer, _MOST_CONNECTIONS)
+                _LOG.warning('refused %s: there are %d connections', peer, _MOST_CONNECTIONS)
                 connected.close()
                 continue
             connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -111,9 +111,9 @@ class CameraServer:
             try:
                 await serve(connected)
             except ProtocolError as error:
-                _log.warning('connection closed: %s', error)
+                _LOG.warning('connection closed: %s', error)
             except OSError as error:
-                _log.info('connection lost: %s', error)
+                _LOG.info('connection lost: %s', error)
 
     async def _serve_commands(self, connected: socket.socket) -> None:
         camera, faults = self._camera, self._camera.faults
@@ -129,7 +129,7 @@ class CameraServer:
                 if faults.unanswered():
                     continue
                 reply = await camera.answer(header, payload)
-                _log.debug('%04X %s: %d bytes', header.code, header.parameters.hex(), len(reply))
+                _LOG.debug('%04X %s: %d bytes', header.code, header.parameters.hex(), len(reply))
                 await outgoing.send(faults.header(header.reply(len(reply)).encode()), reply)
         except _DroppedError:
             self._drop(connected)

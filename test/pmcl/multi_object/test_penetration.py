@@ -1,4 +1,4 @@
-"""Solids in each other are moved apart, by as little as their covariances allow."""
+"""Depth of points in solids, and how solids in each other are moved apart."""
 
 import numpy as np
 import pytest
@@ -13,12 +13,88 @@ from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
     Solid,
+    contact,
     deepest_penetration,
     resolve_penetration,
 )
 
-BALL = Solid.from_model(model_of(trimesh.creation.icosphere(4, 0.03)))
-BOX = Solid.from_model(model_of(trimesh.creation.box((0.04, 0.06, 0.1))))
+NEAR = 0.0006  # m: points on the surface are about that far apart
+
+
+def solid(mesh):
+    return Solid.from_model(model_of(mesh))
+
+
+BALL = solid(trimesh.creation.icosphere(4, 0.03))
+BOX = solid(trimesh.creation.box((0.04, 0.06, 0.1)))
+
+
+def test_depth_in_a_ball():
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, (500, 3))
+    depths, out = BALL.depths(points)
+    expected = 0.03 - np.linalg.norm(points, axis=1)
+    np.testing.assert_allclose(depths, expected, atol=NEAR)
+    inside = expected > 0.005
+    radial = points / np.linalg.norm(points, axis=1, keepdims=True)
+    middle = np.linalg.norm(points, axis=1) > 0.01
+    assert ((out * radial).sum(axis=1) > 0.99)[inside & middle].all()
+
+
+def test_depth_in_a_box_is_that_of_its_nearest_side_corner_or_edge():
+    points = np.random.default_rng(1).uniform(-0.07, 0.07, (2000, 3))
+    beyond = np.abs(points) - np.array([0.02, 0.03, 0.05])
+    outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+    expected = np.where(outside > 0, -outside, -beyond.max(axis=1))
+    found = BOX.depths(points)[0]
+    np.testing.assert_allclose(found[expected > 0], expected[expected > 0], atol=NEAR)
+    np.testing.assert_allclose(found, expected, atol=2 * NEAR)
+
+
+def test_the_largest_ball_in_a_box():
+    assert BOX.core_radius == pytest.approx(0.02, abs=NEAR)
+    assert np.abs(BOX.core[0]) < 0.001
+    assert (np.abs(BOX.core[1:]) < [0.011, 0.031]).all()
+
+
+@pytest.mark.parametrize('apart', [0.02, 0.05, 0.058])
+def test_two_balls_are_as_deep_in_each_other_as_their_centres_say(apart):
+    turn = Rotation.from_euler('xyz', [0.3, 0.5, 0.7])
+    place = np.array([0.1, -0.2, 0.5])
+    way = np.array([0.6, 0.0, 0.8])
+    found = contact(BALL, pose_of(turn, place + apart * way), BALL, pose_of(turn, place))
+    # Of a point of its surface, not of what is inside it.
+    assert found.depth == pytest.approx(0.03 - abs(0.03 - apart), abs=2 * NEAR)
+    np.testing.assert_allclose(found.normal, way, atol=0.12)
+    back = contact(BALL, pose_of(turn, place), BALL, pose_of(turn, place + apart * way))
+    assert back.depth == pytest.approx(found.depth, abs=2 * NEAR)
+    np.testing.assert_allclose(back.normal, -way, atol=0.12)
+    outside = contact(BALL, pose_of(turn, place), BALL, pose_of(turn, place + 0.061 * way))
+    assert outside.depth < 0
+
+
+def test_a_ball_in_a_jar_is_in_its_cavity_if_the_mesh_has_one():
+    outer, inner = [(0, -0.05), (0.05, -0.05), (0.05, 0.05)], [(0.045, 0.05), (0.045, -0.045),
+                                                               (0, -0.045)]
+    jar = solid(trimesh.creation.revolve([*outer, *inner], sections=48))
+    closed = solid(trimesh.creation.revolve([*outer, (0, 0.05)], sections=48))
+    assert jar.closed
+    assert closed.closed
+    here = np.eye(4)
+    assert contact(BALL, here, jar, here).depth < 0
+    assert contact(BALL, here, closed, here).depth > 0.02
+    aside = pose_of(Rotation.identity(), [0.02, 0, 0])
+    assert contact(BALL, aside, jar, here).depth > 0.001
+
+
+def test_nothing_is_in_a_mesh_that_is_not_closed(caplog):
+    mesh = trimesh.creation.box((0.1, 0.1, 0.1))
+    mesh.update_faces(np.arange(len(mesh.faces)) > 1)
+    sheet = solid(mesh)
+    assert 'not closed' in caplog.text
+    assert sheet.core_radius == 0
+    assert contact(sheet, np.eye(4), sheet, np.eye(4)).depth <= 0
+
+
 SURE = np.diag([1e-8, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6])
 DEEP = np.diag([1e-8, 1e-8, 25e-6, 1e-6, 1e-6, 1e-6])  # 5 mm along the line of sight
 
