@@ -34,7 +34,7 @@ class CameraStatus:
 class Picture:
     """A picture on the camera's card.
 
-    id: the camera's own name of the picture, 'sha1-' and 40 hex digits.
+    id: the source's own name of the picture; a Lytro's is 'sha1-' and 40 hex digits.
     shutter_ns: time of the shutter, nanoseconds since the epoch.
     """
 

@@ -33,7 +33,10 @@ class ContourProfile:
     least: float = 0.0
 
     def evidence(self, energies: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(n,) of points whose edge energies at the offsets are `energies` (n, j) [nat / px]."""
+        """(n,) of points whose edge energies at the offsets are `energies` (n, j) [nat / px].
+
+        For the points of one contour; `ContourEvidence.score` scores poses, by the same formula.
+        """
         terms = [np.interp(column, self.knots, table)
                  for column, table in zip(energies.T, self.tables, strict=True)]
         return self.bias + np.sum(terms, axis=0)

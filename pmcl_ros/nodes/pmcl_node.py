@@ -75,7 +75,7 @@ class PmclNode(StageNode):
 
     A search takes seconds: it runs on a thread of its own, which owns the GL context, so that the
     node answers meanwhile. One capture may wait, the newest. With `tracking` each search starts
-    from the last pose found.
+    from the last pose found; with tracking none the tracker only searches.
     """
 
     name = 'pmcl_node'
