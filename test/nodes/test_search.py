@@ -14,10 +14,12 @@ from harness import (
     UNCONFIGURED,
     Process,
 )
+from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
@@ -49,8 +51,12 @@ def search(tmp_path, user, parameters, small_volume):
             pass
 
 
+def value(states, key):
+    return states and {each.key: each.value for each in states[-1].status[0].values}.get(key)
+
+
 def frames_in(states):
-    return states and {each.key: each.value for each in states[-1].status[0].values}['frames in']
+    return value(states, 'frames in')
 
 
 def test_lifecycle_is_answered_during_a_search_and_deactivate_ends_it(search, user):
@@ -180,4 +186,20 @@ def test_edges_are_searched_and_broken_ones_refused(search, user, small_edges):
     publisher.publish(edges_to_message(replace(small_edges, header=Header(3))))
     user.wait(lambda: states and 'capture 3' in states[-1].status[0].message, 'the result')
     assert 'from dlv alone' not in process.log
+    assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_a_capture_without_evidence_is_counted_when_the_next_comes(search, user, small_edges):
+    process, _ = search({'particles': 16, 'proposals': 4})
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    edges = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
+    cameras = user.publisher(CameraInfo, 'center/camera_info', SMALL)
+    for stamp in (6, 7):
+        cameras.publish(pinhole_to_message(Header(stamp), small_edges.pinhole))
+    user.delivered(cameras)
+    later = len(states) + 3
+    user.wait(lambda: len(states) >= later, 'the node to take both')
+    edges.publish(edges_to_message(replace(small_edges, header=Header(7))))
+    user.wait(lambda: value(states, 'captures without evidence') == '1', 'the count')
+    assert 'no evidence came of capture 6:' in process.log
     assert user.change('pmcl_node', DEACTIVATE)
