@@ -58,7 +58,7 @@ class DlvSettings(Settings):
     layers: LayersFrom = Field(
         'volume', description='where the two-layer picture is from: volume, the maxima of the '
         'likelihood; joint, where that has only one, also a joint fit of two layers to all views, '
-        'which tells them apart far below a pixel per view step; a volume then takes 2 to 3.5 '
+        'which separates them far below a pixel per view step; a volume then takes 2 to 3.5 '
         'times as long')
     back_end: BackEnd = Field(
         'auto', description='what makes the volume: numba, on the processor; gl, compute shaders; '

@@ -60,8 +60,8 @@ class Surface:
         """
         found = transformed(pose[None], self.corners)
 
-        def distance(alike: NDArray[np.float64]) -> NDArray[np.float64]:
-            apart = transformed(truth @ alike, self.corners) - found
+        def distance(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+            apart = transformed(truth @ motion, self.corners) - found
             return np.asarray(np.linalg.norm(apart, axis=-1).max(axis=-1))
 
         return self._least(distance)
@@ -71,8 +71,8 @@ class Surface:
         """Maximum symmetry-aware projection distance [px]; infinite behind the camera."""
         found = pinhole.project(transformed(pose[None], self.points))
 
-        def distance(alike: NDArray[np.float64]) -> NDArray[np.float64]:
-            apart = pinhole.project(transformed(truth @ alike, self.points)) - found
+        def distance(motion: NDArray[np.float64]) -> NDArray[np.float64]:
+            apart = pinhole.project(transformed(truth @ motion, self.points)) - found
             return np.nan_to_num(np.linalg.norm(apart, axis=-1).max(axis=-1), nan=np.inf)
 
         return self._least(distance)

@@ -1,6 +1,6 @@
 """The symmetry of an object, and poses modulo that symmetry.
 
-Poses T and T S show the object alike, for each motion S of its symmetry group: rotations about an
+Poses T and T S give the same picture, for each motion S of its symmetry group: rotations about an
 axis, a finite group of rigid motions, or both. Means, deviations and distances of poses are here
 those of the quotient space, in which such poses are one.
 """

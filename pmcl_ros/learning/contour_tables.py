@@ -53,7 +53,7 @@ class Example:
 class Samples:
     """Energies (n, j) across points, whether a contour is there (n,), weights (n,).
 
-    Of each scene contours that are there and contours that are not weigh alike, in all one.
+    Of each scene contours that are there and contours that are not have equal weight, in all one.
     shifted: (m, k, j) energies of contour points, displaced along their normals by SHIFTS (k,);
     shares: (m,) their weights, in all one for a scene.
     """
@@ -151,7 +151,7 @@ def fitted(given: Samples, ridge: float = _RIDGE) -> ContourProfile:
 
 
 def crease_profile(given: Sequence[Samples]) -> ContourProfile:
-    """The profile of creases, from mirrored samples: alike on both sides."""
+    """The profile of creases, from mirrored samples: equal on both sides."""
     return fitted(Samples.joined(given), _CREASE_RIDGE)
 
 

@@ -169,7 +169,7 @@ def _check_group(mesh: trimesh.Trimesh, group: NDArray[np.float64], name: str) -
     _LOG.info('object %r: %d discrete symmetries, the identity among them', name, len(group))
     if off > 0.02 * extent:
         _LOG.warning('object %r: its declared discrete symmetries move its surface by up to '
-                     '%.1f mm; poses that far apart will not be told apart', name, 1e3 * off)
+                     '%.1f mm; poses that far apart count as one', name, 1e3 * off)
 
 
 def _found_axis(mesh: trimesh.Trimesh) -> NDArray[np.float64] | None:

@@ -193,7 +193,7 @@ def test_folding_turns_least_and_the_canonical_pose_is_one_for_all(name, seed):
 
 @pytest.mark.parametrize('name', sorted(MODELS))
 @pytest.mark.parametrize('seed', range(4))
-def test_a_symmetry_is_no_rival(name, seed):
+def test_a_symmetry_is_not_ambiguous(name, seed):
     model = MODELS[name]
     pose = random_poses(1, seed)[0]
     plain = ambiguous_poses(replace(model, discrete=np.eye(4)[None]), pose)

@@ -62,7 +62,7 @@ class Soak:
     report on /diagnostics, by node. unreported: captures without a pose and without a report.
     latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
     each time the graph had run empty. left: files in /dev/shm that outlived the graph.
-    told: by node, the values of its last message on /diagnostics.
+    diagnostics: by node, the values of its last message on /diagnostics.
     """
 
     captures: int = 0
@@ -81,7 +81,7 @@ class Soak:
     descriptors: dict[str, list[int]] = field(default_factory=dict)
     threads: dict[str, list[int]] = field(default_factory=dict)
     left: list[str] = field(default_factory=list)
-    told: dict[str, dict[str, str]] = field(default_factory=dict)
+    diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
     status: int = 0
     tracebacks: int = 0
 
@@ -210,7 +210,8 @@ class _Run:
         made.seconds = monotonic() - self._began
         until = monotonic() + _TOLD
         self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
-        made.unreported, made.told = self._balance(made), self._graph.diagnostics
+        made.unreported = self._balance(made)
+        made.diagnostics = self._graph.diagnostics
         times = [1e-9 * (arrived - stamp) for stamp, arrived, _ in self._graph.poses]
         if times:
             made.latency = {f'{each} %': float(np.percentile(times, each))

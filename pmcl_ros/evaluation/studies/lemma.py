@@ -55,7 +55,7 @@ def squared_distance(one: Mixture, other: Mixture) -> NDArray[np.float64]:
                             for each in (one.means, other.means)], axis=-2)
     apart = (means[..., :, None, :] - means[..., None, :, :]) / one.sigma
     # The signed shares sum to 0, so a constant may be taken off every product: nothing is left to
-    # cancel where the rays are nearly alike.
+    # cancel where the rays are nearly equal.
     products = np.expm1(-apart ** 2 / 4) / np.sqrt(4 * np.pi * one.sigma ** 2)
     return np.einsum('...i,...j,...ijc->...', shares, shares, products)
 
@@ -66,7 +66,7 @@ def depth_likelihood(distances: NDArray[np.float64]) -> NDArray[np.float64]:
     distances: (..., pairs, depths), the squared distance of the ray to the one found at each depth
     in each pair's other view. Divided, as the equation says, by the sum over all the depths; the
     values printed in the paper's proof leave the invalid depth out of it and are twice as large
-    (`printed`). A pair in which all rays are alike tells nothing and adds 0.
+    (`printed`). A pair in which all rays are equal carries no information and adds 0.
     """
     worst = distances.max(axis=-1, keepdims=True)
     total = distances.sum(axis=-1, keepdims=True)

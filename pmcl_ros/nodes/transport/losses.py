@@ -36,7 +36,7 @@ class SequenceGaps:
 
     A history of depth 1 overwrites a message that has not been read, without a notice from DDS.
     Not counted: messages from before the first one that was read, and messages while there are
-    several publishers, whose numbers are alike. (DDS counts a killed publisher for up to 20 s.)
+    several publishers, whose numbers are equal. (DDS counts a killed publisher for up to 20 s.)
     """
 
     def __init__(self) -> None:

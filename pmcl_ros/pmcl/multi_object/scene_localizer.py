@@ -145,7 +145,7 @@ def distinct_names(names: Sequence[str], kinds: Sequence[Hashable] = ()) -> list
         made.append(plain if count[kind] == 1 else f'{plain}_{count[kind]}')
     for each, times in Counter(made).items():
         if times > 1:
-            alike = [name for name, one in zip(names, made, strict=True) if one == each]
-            raise LocalizationError(f'objects {alike} would all be called {each!r}: rename the '
+            equal = [name for name, one in zip(names, made, strict=True) if one == each]
+            raise LocalizationError(f'objects {equal} would all be called {each!r}: rename the '
                                     'file of one')
     return made
