@@ -75,7 +75,7 @@ def test_the_command_on_the_shipped_white_image(tmp_path):
 @pytest.mark.parametrize(('scene', 'options', 'told'), [
     (texture(SIDE, 40), (), 'taken as picture (its light is uneven by'),
     (np.full((SIDE, SIDE), 0.5), (), 'taken as white image (its light is uneven by'),
-    (np.full((SIDE, SIDE), 0.5), ('--as', 'picture'), 'taken as picture (as told)')])
+    (np.full((SIDE, SIDE), 0.5), ('--as', 'picture'), 'taken as picture (by --as)')])
 def test_the_command_on_a_mosaic_image(tmp_path, scene, options, told):
     levels = np.rint(255 * np.clip(0.05 + scene * discs(make_lattice(), SIDE), 0, 1))
     cv2.imwrite(str(tmp_path / 'mosaic.png'), levels.astype(np.uint8))
