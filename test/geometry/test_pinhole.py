@@ -1,10 +1,11 @@
+"""Pinhole cameras: projection, crops, other pixels, impossible values."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
 
 PINHOLE = Pinhole(40, 30, 200.0, 100.0, 19.5, 14.5)
@@ -57,35 +58,3 @@ def test_other_pixels_see_the_same_part_of_the_image(point, width, height):
 def test_impossible_cameras_are_refused(values):
     with pytest.raises(LightFieldError, match='impossible camera Pinhole'):
         Pinhole(*values)
-
-
-def test_positions_grow_with_column_and_row():
-    np.testing.assert_array_equal(nominal_positions(3, 5)[..., 0], [[-2, -1, 0, 1, 2]] * 3)
-    np.testing.assert_array_equal(nominal_positions(3, 5)[..., 1], [[-1] * 5, [0] * 5, [1] * 5])
-
-
-def test_the_centre_is_where_the_position_is_zero():
-    grid = ViewGrid(PINHOLE, 0.001, nominal_positions(3, 5), np.ones((3, 5), np.float32))
-    assert (grid.shape, grid.centre) == ((3, 5), (1, 2))
-    np.testing.assert_array_equal(grid.positions[grid.centre], [0, 0])
-
-
-def grid_of(baseline=0.001, positions=None, weights=None):
-    positions = nominal_positions(3, 3) if positions is None else positions
-    return ViewGrid(PINHOLE, baseline, positions, np.ones((3, 3)) if weights is None else weights)
-
-
-@pytest.mark.parametrize(('change', 'reason'), [
-    ({'positions': nominal_positions(3, 5)}, r'\(3, 5, 2\) do not match weights \(3, 3\)'),
-    ({'positions': np.zeros((3, 3, 3))}, 'do not match'),
-    ({'weights': np.ones(9)}, 'do not match'),
-    ({'weights': np.full((3, 3), np.nan)}, 'must be finite'),
-    ({'weights': np.full((3, 3), -0.1)}, 'not negative'),
-    ({'positions': np.full((3, 3, 2), np.inf)}, 'must be finite'),
-    ({'baseline': 0}, 'baseline 0 m'),
-    ({'baseline': -0.1}, 'must be positive'),
-    ({'baseline': np.nan}, 'must be positive'),
-])
-def test_impossible_grids_are_refused(change, reason):
-    with pytest.raises(LightFieldError, match=reason):
-        grid_of(**change)
