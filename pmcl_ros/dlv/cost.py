@@ -165,7 +165,7 @@ def _sweep(planes, where, cells, taps, time, weights,  # type: ignore[no-untyped
                     cost[label, done - rows[0]] = summed[labels] + summed[label]
 
 
-@compiled()
+@compiled(inner=True)
 def _sum_across(single, first, reach, sums):  # type: ignore[no-untyped-def]
     """Sum `reach` neighbours of each row, from column `first` on."""
     for label in range(len(sums)):
@@ -177,7 +177,7 @@ def _sum_across(single, first, reach, sums):  # type: ignore[no-untyped-def]
                 out[x] += row[x + k]
 
 
-@compiled()
+@compiled(inner=True)
 def _sum_down(across, oldest, sums):  # type: ignore[no-untyped-def]
     """Sum the rows of a window, from the oldest on, whatever place of the ring it is in."""
     reach = len(across)

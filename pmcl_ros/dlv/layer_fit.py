@@ -143,7 +143,7 @@ def fit_rays(sums, nodes, separations, independent, found):  # type: ignore[no-u
             found[3, y, x] = (one - two) / 2 - np.log(5 * independent)
 
 
-@compiled()
+@compiled(inner=True)
 def _vertex(costs, least):  # type: ignore[no-untyped-def]
     """Where between its neighbours a minimum lies, by a parabola; 0 at an end of the tried."""
     if least == 0 or least == len(costs) - 1:
@@ -153,7 +153,7 @@ def _vertex(costs, least):  # type: ignore[no-untyped-def]
     return (before - after) / (2 * bend) if 0 < bend < np.inf else 0.0
 
 
-@compiled()
+@compiled(inner=True)
 def _one_layer(ray, widest, independent):  # type: ignore[no-untyped-def]
     """Twice the negative log likelihood of a single layer beside the refocused depth.
 
@@ -167,7 +167,7 @@ def _one_layer(ray, widest, independent):  # type: ignore[no-untyped-def]
     return rest / noise + 5 * independent * np.log(noise)
 
 
-@compiled()
+@compiled(inner=True)
 def _two_layers(ray, h, widest, independent):  # type: ignore[no-untyped-def]
     """The same of two layers at h on both sides of a middle near the refocused depth.
 
@@ -189,7 +189,7 @@ def _two_layers(ray, h, widest, independent):  # type: ignore[no-untyped-def]
             + independent * (4 * np.log(noise) + np.log(power) + 1))
 
 
-@compiled()
+@compiled(inner=True)
 def _beside(ray, h, widest):  # type: ignore[no-untyped-def]
     """How far from the refocused depth the middle of two layers is, by least squares on L."""
     beside = 0.0
@@ -200,7 +200,7 @@ def _beside(ray, h, widest):  # type: ignore[no-untyped-def]
     return beside
 
 
-@compiled()
+@compiled(inner=True)
 def _tilt(ray, h, beside):  # type: ignore[no-untyped-def]
     """How much more of the contrast the nearer layer gives, -1 to 1."""
     return min(max((ray[OG] - beside * ray[GG]) / max(h * ray[GG], _LEAST), -1.0), 1.0)

@@ -72,7 +72,7 @@ def _read(likelihood, prominence, found):  # type: ignore[no-untyped-def]
                 heights[best] = -1
 
 
-@compiled()
+@compiled(inner=True)
 def _distinct(ray, prominence, peaks, heights):  # type: ignore[no-untyped-def]
     """Write down the maxima that rise far enough above the valleys; returns how many there are."""
     labels, count, first = len(ray), 0, 0
@@ -94,7 +94,7 @@ def _distinct(ray, prominence, peaks, heights):  # type: ignore[no-untyped-def]
     return count
 
 
-@compiled()
+@compiled(inner=True)
 def _valley(ray, label, step):  # type: ignore[no-untyped-def]
     """The lowest value from a maximum on until the ray is higher; 0 if it never is.
 
@@ -109,7 +109,7 @@ def _valley(ray, label, step):  # type: ignore[no-untyped-def]
     return np.float32(0)
 
 
-@compiled()
+@compiled(inner=True)
 def _describe(ray, first, last, out):  # type: ignore[no-untyped-def]
     if first == 0 or last == len(ray) - 1 or last - first > 1:
         at = first if first == 0 else last if last == len(ray) - 1 else (first + last) / 2

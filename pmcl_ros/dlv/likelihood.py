@@ -35,7 +35,7 @@ def truncate(likelihood: NDArray[np.float32], maxima: int, neighbours: int) -> N
     return kept
 
 
-@compiled()
+@compiled(inner=True)
 def _log1p(x):  # type: ignore[no-untyped-def]
     """log(1 + x) for x in [0, 1], 2 artanh(x / (2 + x)): a library's would not run on vectors."""
     s = np.divide(x, np.float32(2) + x)  # the operator's check for 0 keeps loops from vectors
@@ -52,7 +52,7 @@ def _log_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
         row_likelihood(cost[:, y], np.zeros(cost.shape[2], np.float32), likelihood[y])
 
 
-@compiled()
+@compiled(inner=True)
 def row_likelihood(differences, base, likelihood):  # type: ignore[no-untyped-def]
     """A row of pixels, (width, labels), whose costs are `differences` (labels, width) more than
     `base` (width,), which need not be rounded together with them."""
@@ -84,7 +84,7 @@ def _truncate(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-
         _truncate_row(likelihood[y], maxima, neighbours, kept[y])
 
 
-@compiled()
+@compiled(inner=True)
 def _truncate_row(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
     labels = likelihood.shape[1]
     places = np.empty(labels, np.int64)
@@ -97,10 +97,11 @@ def _truncate_row(likelihood, maxima, neighbours, kept):  # type: ignore[no-unty
             heights[best] = -1
             first = max(places[best] - neighbours, 0)
             end = min(places[best] + neighbours + 1, labels)
-            kept[x, first:end] = ray[first:end]
+            for label in range(first, end):
+                kept[x, label] = ray[label]
 
 
-@compiled()
+@compiled(inner=True)
 def _peaks(ray, places, heights):  # type: ignore[no-untyped-def]
     """Write down the local maxima above 0; returns how many there are."""
     labels, count, first = len(ray), 0, 0

@@ -6,7 +6,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.sampling import SMOOTHER
+from pmcl_ros.dlv.sampling import SMOOTHER, copy_row
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
@@ -73,7 +73,7 @@ def _curve(gamma: float) -> NDArray[np.float32]:
     return (knots.astype(float) ** gamma).astype(np.float32)
 
 
-@compiled()
+@compiled(inner=True)
 def _encode(bits, curve, line, red, green, blue):  # type: ignore[no-untyped-def]
     """A row of `_bits` encoded into three of (width,). line: (3 width,) to work in."""
     part = np.float32(0.5 ** _STEP)
@@ -116,13 +116,13 @@ def _fill_colours(bits, chosen, curve, pad, planes, means):  # type: ignore[no-u
             _mirror(plane, pad)
 
 
-@compiled()
+@compiled(inner=True)
 def mirrored(place, count):  # type: ignore[no-untyped-def]
     """The index within 0..count-1 that a place outside mirrors; the end where that is outside."""
     return min(max(min(abs(place), 2 * (count - 1) - place), 0), count - 1)
 
 
-@compiled()
+@compiled(inner=True)
 def _mirror(plane, pad):  # type: ignore[no-untyped-def]
     """Mirror the picture within, at its border's pixels, into the `pad` px around."""
     height, width = plane.shape[0] - 2 * pad, plane.shape[1] - 2 * pad
@@ -132,11 +132,11 @@ def _mirror(plane, pad):  # type: ignore[no-untyped-def]
             row[x] = row[pad + mirrored(x - pad, width)]
             row[width + pad + x] = row[pad + mirrored(width + x, width)]
     for y in range(pad):
-        plane[y] = plane[pad + mirrored(y - pad, height)]
-        plane[height + pad + y] = plane[pad + mirrored(height + y, height)]
+        copy_row(plane[pad + mirrored(y - pad, height)], plane[y])
+        copy_row(plane[pad + mirrored(height + y, height)], plane[height + pad + y])
 
 
-@compiled()
+@compiled(inner=True)
 def _fill_view(bits, curve, window, pad, taps, planes):  # type: ignore[no-untyped-def]
     """One view, a row at a time: what rows are made from stays near the core.
 
@@ -173,11 +173,14 @@ def _fill_view(bits, curve, window, pad, taps, planes):  # type: ignore[no-untyp
             for channel in range(5):
                 out[channel, :pad] = out[channel, pad]
                 out[channel, end:] = out[channel, end - 1]
-    planes[:pad] = planes[pad]
-    planes[pad + height:] = planes[pad + last]
+    for channel in range(5):
+        for y in range(pad):
+            copy_row(planes[pad, channel], planes[y, channel])
+        for y in range(pad + height, len(planes)):
+            copy_row(planes[pad + last, channel], planes[y, channel])
 
 
-@compiled()
+@compiled(inner=True)
 def _smooth_across(row, taps, out):  # type: ignore[no-untyped-def]
     """row: (width + 4,), its outer two columns to be filled here. out: (width,)."""
     outer, inner, middle = taps[0], taps[1], taps[2]
@@ -189,7 +192,7 @@ def _smooth_across(row, taps, out):  # type: ignore[no-untyped-def]
                   + middle * row[x + 2])
 
 
-@compiled()
+@compiled(inner=True)
 def _smooth_down(a, b, c, d, e, taps, out):  # type: ignore[no-untyped-def]
     """Five rows to one, (width,) each."""
     outer, inner, middle = taps[0], taps[1], taps[2]
@@ -197,13 +200,13 @@ def _smooth_down(a, b, c, d, e, taps, out):  # type: ignore[no-untyped-def]
         out[x] = outer * (a[x] + e[x]) + inner * (b[x] + d[x]) + middle * c[x]
 
 
-@compiled()
+@compiled(inner=True)
 def _mix(red, green, blue, luminance):  # type: ignore[no-untyped-def]
     for x in range(len(luminance)):
         luminance[x] = LUMINANCE[0] * red[x] + LUMINANCE[1] * green[x] + LUMINANCE[2] * blue[x]
 
 
-@compiled()
+@compiled(inner=True)
 def _gradients(above, row, below, across, along):  # type: ignore[no-untyped-def]
     """Central differences along x and y; x goes on at the border."""
     half, last = np.float32(0.5), len(row) - 1
@@ -215,7 +218,7 @@ def _gradients(above, row, below, across, along):  # type: ignore[no-untyped-def
         along[x] = half * (below[x] - above[x])
 
 
-@compiled()
+@compiled(inner=True)
 def _smooth(plane):  # type: ignore[no-untyped-def]
     """Through `sampling.SMOOTHER` along both axes, the border going on, in place."""
     height, width = plane.shape
@@ -223,15 +226,16 @@ def _smooth(plane):  # type: ignore[no-untyped-def]
     row = np.empty(width + 4, np.float32)
     rows = np.empty((height + 4, width), np.float32)
     for y in range(height):
-        row[2:width + 2] = plane[y]
+        copy_row(plane[y], row[2:width + 2])
         row[:2] = plane[y, 0]
         row[width + 2:] = plane[y, width - 1]
         out = rows[y + 2]
         for x in range(width):
             out[x] = (outer * (row[x] + row[x + 4]) + inner * (row[x + 1] + row[x + 3])
                       + middle * row[x + 2])
-    rows[0] = rows[1] = rows[2]
-    rows[height + 2] = rows[height + 3] = rows[height + 1]
+    for y in range(2):
+        copy_row(rows[2], rows[y])
+        copy_row(rows[height + 1], rows[height + 2 + y])
     for y in range(height):
         for x in range(width):
             plane[y, x] = (outer * (rows[y, x] + rows[y + 4, x])

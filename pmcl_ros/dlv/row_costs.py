@@ -8,7 +8,7 @@ of a cost: of rounded costs they would keep four digits, or three.
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.sampling import TAPS, sample_row
+from pmcl_ros.dlv.sampling import TAPS, copy_row, sample_row
 from pmcl_ros.runtime.kernels import compiled
 
 # Pixels worked on at once: as many as the widest vectors hold, so that no loop has a remainder.
@@ -32,7 +32,7 @@ def room_of_coefficients(width: int) -> int:
     return -(-width // LANES) * _BLOCK
 
 
-@compiled()
+@compiled(inner=True)
 def row_costs(planes, where, cells, taps, time,  # type: ignore[no-untyped-def]
               weights, limits, inside, left, top, stride, l2, row, width, quadratics, margin, out):
     """Costs of one row of the lattice, (labels + 1, width): differences, then those of label 0.
@@ -64,7 +64,7 @@ def row_costs(planes, where, cells, taps, time,  # type: ignore[no-untyped-def]
             _scale(weights[pair], first, stop, columns, scale)
             scaled = pair
         if node == kept:
-            nodes[0] = nodes[2]
+            copy_row(nodes[2], nodes[0])
         for k in range(1 if node == kept else 0, 3):
             _sample(rows[pair + 1], left + stride * first + cells[node + k, 0],
                     y + cells[node + k, 1], taps[node + k], stride, columns, between,
@@ -79,7 +79,7 @@ def row_costs(planes, where, cells, taps, time,  # type: ignore[no-untyped-def]
         _add(l2, quadratics, time[pair], limits[pair], label, end, margin, stop_at, out)
 
 
-@compiled()
+@compiled(inner=True)
 def _scale(weights, first, stop, columns, scale):  # type: ignore[no-untyped-def]
     """Each channel's weight at the pixels for which the pair counts, 0 at the others."""
     scale[:] = 0
@@ -87,7 +87,7 @@ def _scale(weights, first, stop, columns, scale):  # type: ignore[no-untyped-def
         scale[channel * columns + first:channel * columns + stop] = weights[max(channel - 2, 0)]
 
 
-@compiled()
+@compiled(inner=True)
 def _sample(rows, x, y, taps, stride, columns, between, out, count):  # type: ignore[no-untyped-def]
     """`count` samples of each channel. Neighbours are sampled as one row, what is between the
     channels too."""
@@ -99,7 +99,7 @@ def _sample(rows, x, y, taps, stride, columns, between, out, count):  # type: ig
                        out[channel * columns:], count)
 
 
-@compiled()
+@compiled(inner=True)
 def _fit(centre, begin, middle, end, scale, out):  # type: ignore[no-untyped-def]
     """The quadratics in time of one channel: their constants, slopes and curvatures.
 
@@ -115,7 +115,7 @@ def _fit(centre, begin, middle, end, scale, out):  # type: ignore[no-untyped-def
             out[k + 2 * LANES] = scale[i] * two * (whole - two * half)
 
 
-@compiled()
+@compiled(inner=True)
 def _begin(l2, q, time, limits, sums):  # type: ignore[no-untyped-def]
     """Add one pair's cost at label 0, and keep it with the coefficients."""
     colour, across, along = limits[0], limits[1], limits[2]
@@ -131,7 +131,7 @@ def _begin(l2, q, time, limits, sums):  # type: ignore[no-untyped-def]
             sums[LANES * block + lane] += q[i + lane + _FIRST]
 
 
-@compiled()
+@compiled(inner=True)
 def _add(l2, q, times, limits, label, end, margin, stop, sums):  # type: ignore[no-untyped-def]
     """Add one pair's cost, less that at label 0, at the labels of a run, three at a time: for
     these the coefficients are read once."""
@@ -151,7 +151,7 @@ def _add(l2, q, times, limits, label, end, margin, stop, sums):  # type: ignore[
         label += 1
 
 
-@compiled()
+@compiled(inner=True)
 def _add_three_l2(q, times, limits, first, second, third):  # type: ignore[no-untyped-def]
     colour, across, along = limits[0], limits[1], limits[2]
     t0, t1, t2 = times[0], times[1], times[2]
@@ -167,7 +167,7 @@ def _add_three_l2(q, times, limits, first, second, third):  # type: ignore[no-un
             third[x] += c
 
 
-@compiled()
+@compiled(inner=True)
 def _add_l2(q, time, limits, sums):  # type: ignore[no-untyped-def]
     colour, across, along = limits[0], limits[1], limits[2]
     for block in range(len(sums) // LANES):
@@ -176,7 +176,7 @@ def _add_l2(q, time, limits, sums):  # type: ignore[no-untyped-def]
             sums[x] += _l2(q, i, time, colour, across, along) - q[i + _FIRST]
 
 
-@compiled()
+@compiled(inner=True)
 def _add_three_sad(q, times, limits, first, second, third):  # type: ignore[no-untyped-def]
     colour, across, along = limits[0], limits[1], limits[2]
     t0, t1, t2 = times[0], times[1], times[2]
@@ -192,7 +192,7 @@ def _add_three_sad(q, times, limits, first, second, third):  # type: ignore[no-u
             third[x] += c
 
 
-@compiled()
+@compiled(inner=True)
 def _add_sad(q, time, limits, sums):  # type: ignore[no-untyped-def]
     colour, across, along = limits[0], limits[1], limits[2]
     for block in range(len(sums) // LANES):
@@ -201,30 +201,30 @@ def _add_sad(q, time, limits, sums):  # type: ignore[no-untyped-def]
             sums[x] += _sad(q, i, time, colour, across, along) - q[i + _FIRST]
 
 
-@compiled()
+@compiled(inner=True)
 def _l2(q, i, time, colour, across, along):  # type: ignore[no-untyped-def]
     red, green, blue = _at(q, i, 0, time), _at(q, i, 1, time), _at(q, i, 2, time)
     distance = np.sqrt(red * red + green * green + blue * blue)
     return _lesser(distance, colour) + _gradient(q, i, time, across, along)
 
 
-@compiled()
+@compiled(inner=True)
 def _sad(q, i, time, colour, across, along):  # type: ignore[no-untyped-def]
     distance = abs(_at(q, i, 0, time)) + abs(_at(q, i, 1, time)) + abs(_at(q, i, 2, time))
     return _lesser(distance, colour) + _gradient(q, i, time, across, along)
 
 
-@compiled()
+@compiled(inner=True)
 def _gradient(q, i, time, across, along):  # type: ignore[no-untyped-def]
     return _lesser(abs(_at(q, i, 3, time)), across) + _lesser(abs(_at(q, i, 4, time)), along)
 
 
-@compiled()
+@compiled(inner=True)
 def _at(q, i, channel, time):  # type: ignore[no-untyped-def]
     k = i + 3 * LANES * channel
     return q[k] + time * (q[k + LANES] + time * q[k + 2 * LANES])
 
 
-@compiled()
+@compiled(inner=True)
 def _lesser(a, b):  # type: ignore[no-untyped-def]
     return a if a < b else b

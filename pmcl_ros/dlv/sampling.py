@@ -59,7 +59,14 @@ def smoothed(image: NDArray[np.float64]) -> NDArray[np.float64]:
     return image
 
 
-@compiled()
+@compiled(inner=True)
+def copy_row(row, out):  # type: ignore[no-untyped-def]
+    """`out[:] = row`: to compile that, with its message of wrong shapes, takes seconds."""
+    for x in range(len(out)):
+        out[x] = row[x]
+
+
+@compiled(inner=True)
 def sample_row(view, x, y, taps, stride, between, out, count):  # type: ignore[no-untyped-def]
     """`count` samples of a row, `stride` apart, from the pixels around (x, y) on: down, across."""
     source = stride * (count - 1) + TAPS

@@ -16,7 +16,7 @@ from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import colour_planes, mirrored
-from pmcl_ros.dlv.sampling import TAPS, sample_row
+from pmcl_ros.dlv.sampling import TAPS, copy_row, sample_row
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, check_values, checked_labels
 from pmcl_ros.geometry.header import Header
@@ -177,7 +177,7 @@ def _refocus(planes, pad, where, cells, taps, weights, out):  # type: ignore[no-
                 for k in range(3):
                     for channel in range(channels):
                         if k == 0 and node == kept:
-                            nodes[0, channel] = nodes[2, channel]
+                            copy_row(nodes[2, channel], nodes[0, channel])
                         else:
                             sample_row(planes[view, channel], start + pad + cells[node + k, 0],
                                        y + pad + cells[node + k, 1], taps[node + k], 1, between,
@@ -190,10 +190,11 @@ def _refocus(planes, pad, where, cells, taps, weights, out):  # type: ignore[no-
                              nodes[2, channel], a, b, c, length)
             for label in range(labels):
                 for channel in range(channels):
-                    out[label, channel, y, start:start + length] = total[label, channel, :length]
+                    copy_row(total[label, channel],
+                             out[label, channel, y, start:start + length])
 
 
-@compiled()
+@compiled(inner=True)
 def _add(total, first, middle, last, a, b, c, length):  # type: ignore[no-untyped-def]
     for i in range(length):
         total[i] += a * first[i] + b * middle[i] + c * last[i]
@@ -220,7 +221,7 @@ def _differentiate(pictures, smooth, slope, tensor, energy):  # type: ignore[no-
                 energy[label, y, x] = xx[x] + yy[x]
 
 
-@compiled()
+@compiled(inner=True)
 def _vertical(picture, y, smooth, slope, level, down):  # type: ignore[no-untyped-def]
     """A row smoothed and differentiated along y; outside are the mirrored borders."""
     height, width = picture.shape
@@ -239,7 +240,7 @@ def _vertical(picture, y, smooth, slope, level, down):  # type: ignore[no-untype
         down[k], down[reach + width + k] = steep[before], steep[after]
 
 
-@compiled()
+@compiled(inner=True)
 def _products(level, down, smooth, slope, sums):  # type: ignore[no-untyped-def]
     xx, yy, xy = sums[0], sums[1], sums[2]
     for x in range(len(xx)):

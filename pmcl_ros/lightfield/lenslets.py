@@ -104,7 +104,7 @@ def _sum(pairs, black, centres, radius, slots, factors, scale, out):  # type: ig
                            block, words, patch, across, small)
 
 
-@compiled()
+@compiled(inner=True)
 def _sum_block(pairs, black, centres, radius, slots, factors, scale, out,  # type: ignore[no-untyped-def]
                row, left, block, words, patch, across, small):
     columns = centres.shape[1]
@@ -136,7 +136,7 @@ def _sum_block(pairs, black, centres, radius, slots, factors, scale, out,  # typ
                            np.uint64(line * columns + left), used)
 
 
-@compiled()
+@compiled(inner=True)
 def _gather(pairs, black, centres, side, words, place):  # type: ignore[no-untyped-def]
     """The pixels around each centre, two in a word, and where in them it lies, x, then y."""
     height, width = pairs.shape
@@ -158,7 +158,7 @@ def _gather(pairs, black, centres, side, words, place):  # type: ignore[no-untyp
                                                             else outside)
 
 
-@compiled()
+@compiled(inner=True)
 def _mask(words, black, u, v, place, radius, patch, at, length):  # type: ignore[no-untyped-def]
     """Two pixels of each lane, without the black, times their parts in the disc.
 
@@ -182,7 +182,7 @@ def _mask(words, black, u, v, place, radius, patch, at, length):  # type: ignore
         patch[at + _LINE + k] = (np.float32(words[at + k + k + np.uint64(1)]) - black) * second
 
 
-@compiled()
+@compiled(inner=True)
 def _weigh(place, before, weights):  # type: ignore[no-untyped-def]
     """The tents of all samples of a lenslet: over two pixels of a parity, or over three."""
     one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
@@ -195,7 +195,7 @@ def _weigh(place, before, weights):  # type: ignore[no-untyped-def]
         weights[4 * _LANES + k] = middle if middle > zero else zero
 
 
-@compiled()
+@compiled(inner=True)
 def _columns(patch, at, w, across, three, two, length):  # type: ignore[no-untyped-def]
     """Sums along a row: over three pixels of one parity, and over the two between them."""
     for i in range(length):
@@ -208,7 +208,7 @@ def _columns(patch, at, w, across, three, two, length):  # type: ignore[no-untyp
         across[two + k] = w[k] * patch[q] + w[_LINE + k] * patch[s]
 
 
-@compiled()
+@compiled(inner=True)
 def _rows(across, at, step, odd, w, sums, length):  # type: ignore[no-untyped-def]
     """Sums along the columns, for red, green and blue; odd: is the first row that is read.
 
@@ -233,7 +233,7 @@ def _rows(across, at, step, odd, w, sums, length):  # type: ignore[no-untyped-de
                                   + w0 * across[a + step] + w1 * across[a + step + step + step])
 
 
-@compiled()
+@compiled(inner=True)
 def _write(sums, at, factors, scale, out, start, length):  # type: ignore[no-untyped-def]
     for i in range(length):
         k = np.uint64(i)

@@ -151,7 +151,7 @@ def _resample(samples, views, columns, grid, j0, i0, lens,  # type: ignore[no-un
             _interleave(line, flat, np.uint64((slot * height + y) * width * 3))
 
 
-@compiled()
+@compiled(inner=True)
 def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untyped-def]
     """The cell of lenslets that each pixel of a row lies in, and its place (p, t) in the cell.
 
@@ -179,7 +179,7 @@ def _locate(grid, lens, y, shift, stride, part, cell):  # type: ignore[no-untype
         cell[1, x] = row
 
 
-@compiled()
+@compiled(inner=True)
 def _blend(samples, upper, lower, part, line, colour, start, length):  # type: ignore[no-untyped-def]
     """One colour of a run: the diagonal p + t = 1 cuts each cell into the lattice's triangles.
 
@@ -200,7 +200,7 @@ def _blend(samples, upper, lower, part, line, colour, start, length):  # type: i
         line[colour, start + k] = np.float32(np.int32(count)) / white
 
 
-@compiled()
+@compiled(inner=True)
 def _interleave(line, flat, at):  # type: ignore[no-untyped-def]
     for m in range(line.shape[1]):
         k = at + np.uint64(3 * m)

@@ -100,6 +100,7 @@ class Faces:
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) upper bounds of the distance of points (n, 3), exact but for strange meshes [m]."""
+        points = np.ascontiguousarray(points)  # as most are: one kernel serves all
         near = self.owner[self.tree.query(points, k=min(_NEAR, len(self.owner)))[1]]
         return np.asarray(_to_faces(points, self.triangles, near))
 
@@ -116,7 +117,7 @@ def _to_faces(points, triangles, near):  # type: ignore[no-untyped-def]
     return result
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _to_face(point, triangle):  # type: ignore[no-untyped-def]
     """Square of the distance from a point to a triangle (3, 3)."""
     a, b, c = triangle[0], triangle[1], triangle[2]
@@ -136,7 +137,7 @@ def _to_face(point, triangle):  # type: ignore[no-untyped-def]
     return min(_to_edge(point, a, b), _to_edge(point, b, c), _to_edge(point, c, a))
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _to_edge(point, a, b):  # type: ignore[no-untyped-def]
     """Square of the distance from a point to a straight edge."""
     along, square, off = 0.0, 0.0, 0.0

@@ -16,7 +16,7 @@ from typing import IO, Any
 import numpy as np
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
-from numba.core.types import BaseTuple
+from numba.core.types import BaseTuple, unliteral
 
 _LOG = logging.getLogger(__name__)
 
@@ -33,22 +33,47 @@ _KERNELS: 'list[Kernel]' = []
 _REPORTS: list[Report] = []
 
 
-def compiled(parallel: bool = False, inlined: bool = False
+def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False
              ) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` as this package uses it: no GIL, the machine code kept on disk if it may be.
 
+    parallel: for loops over `prange`. It compiles the kernel, and all it calls, three times.
     inlined: for what other kernels call and sums up numbers: it becomes a part of each of them.
     Else there are copies of it, which sum in different orders, and which of them runs depends on
     what was compiled in this process and what came from the disk: so would the last digits.
+    inner: for what only other kernels call. A function for Python is not compiled, which saves
+    time; from Python the kernel raises TypeError.
     """
     options: dict[str, Any] = {'nogil': True, 'fastmath': _FASTMATH, 'parallel': parallel,
-                               'forceinline': inlined, 'no_cfunc_wrapper': True}
+                               'forceinline': inlined, 'no_cfunc_wrapper': True,
+                               'no_cpython_wrapper': inner}
 
     def decorate(function: FunctionType) -> Any:
         dispatcher: Any = njit(**options)(function)
-        dispatcher._cache = Kernel(function, (parallel, inlined))
+        dispatcher._cache = Kernel(function, (parallel, inlined, inner))
+        call_template = dispatcher.get_call_template
+
+        def without_literals(arguments: Any, keywords: Any) -> Any:
+            # numba would compile once for each literal integer that a kernel passes.
+            return call_template(tuple(map(unliteral, arguments)), keywords)
+
+        dispatcher.get_call_template = without_literals
+        if inner:
+            _close(dispatcher)
         return dispatcher
     return decorate  # type: ignore[return-value]
+
+
+def _close(dispatcher: Any) -> None:
+    """Refuse calls from Python: numba would jump to the function that was not compiled."""
+    def add_overload(result: Any) -> None:
+        dispatcher.overloads[tuple(result.signature.args)] = result
+
+    def refuse(*_: object) -> None:
+        raise TypeError(f'the kernel {dispatcher.py_func.__qualname__} is for other kernels only; '
+                        'compile it without `inner` to call it from Python')
+
+    dispatcher.add_overload, dispatcher._compile_for_args = add_overload, refuse
 
 
 @lru_cache

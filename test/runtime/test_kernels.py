@@ -163,6 +163,22 @@ def test_a_function_without_a_file_is_compiled():
     assert compiled()(names['twice'])(21) == 42
 
 
+def test_an_inner_kernel_is_for_kernels_only_and_is_compiled_once_for_all_literals():
+    @compiled(inner=True)
+    def times(x, factor):
+        return x * factor
+
+    @compiled()
+    def outer(x):
+        return times(x, 2) + times(x, 3) + times(x, len('four'))
+
+    for _ in range(2):
+        with pytest.raises(TypeError, match='times is for other kernels only'):
+            times(5, 2)
+        assert outer(5) == 45
+    assert len(times.signatures) == 1
+
+
 def test_progress_counts_what_is_on_disk():
     count, total = kernels.progress()
 

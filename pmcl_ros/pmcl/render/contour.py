@@ -106,14 +106,14 @@ def find(box, keep, z, found):  # type: ignore[no-untyped-def]
     return count
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _across(a, b, keep):  # type: ignore[no-untyped-def]
     """Whether a contour runs between two pixels."""
     least, most = (a, b) if a < b else (b, a)
     return (least < most * keep) & (least >= 0)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def normal(near, stride, keep, z):  # type: ignore[no-untyped-def]
     """The normal out of the surface at a pixel: unit x and y, or zeros where there is none.
 
@@ -140,7 +140,7 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
                   ).astype(np.float32)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     """Edge energy across a normal, between pixels and labels; beyond the volume its end's."""
     height, width, labels, _ = tensor.shape
@@ -166,7 +166,7 @@ def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     return np.sqrt(max(square, np.float32(0)))
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def place(code, box, window, z):  # type: ignore[no-untyped-def]
     """Of a pair: its nearer pixel's index, x and y between the two in the image, its 1/z."""
     left, top, right, _ = box
@@ -182,7 +182,7 @@ def place(code, box, window, z):  # type: ignore[no-untyped-def]
     return near, np.float32(x), np.float32(y), z[near]
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
     """What an energy says [nat / px] by one offset's ramps."""
     total = np.float32(0)
@@ -191,7 +191,7 @@ def evidence(e, knots, widths, slopes):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
     """Evidence and length [image px] of the contour in a z-buffer; found: room for its pairs."""
     tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep

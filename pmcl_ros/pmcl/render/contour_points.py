@@ -66,7 +66,8 @@ def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
         near, x, y, closeness = place(found[k], box, (edges.left, edges.top, edges.scale), z)
         nx, ny = normal(near, stride, edges.keep, z)
         label = np.float32((closeness - edges.farthest) * edges.per_closeness)
-        values[k, :5] = x, y, nx, ny, closeness
+        values[k, 0], values[k, 1], values[k, 4] = x, y, closeness
+        values[k, 2], values[k, 3] = nx, ny
         if nx != 0 or ny != 0:
             values[k, 5] = edges.scale / (abs(nx) + abs(ny))
         for j in range(len(edges.offsets)):

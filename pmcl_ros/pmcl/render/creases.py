@@ -146,7 +146,7 @@ def sums_of_images(poses, images, lines, edges, result):  # type: ignore[no-unty
         result[n] += max(said, 0.0)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def crease_sum(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
     """The evidence [nat] along the creases seen in a z-buffer."""
     total = 0.0
@@ -189,7 +189,7 @@ def _rows(pose, box, z, lines, edges):  # type: ignore[no-untyped-def]
     return rows[:seen]
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _line(pose, k, lines):  # type: ignore[no-untyped-def]
     """A crease in the image, in stretches of `_STEP` pixels of the z-buffer.
 
@@ -221,7 +221,7 @@ def _line(pose, k, lines):  # type: ignore[no-untyped-def]
     return (count, u, v, du, dv, 1 / az, 1 / bz - 1 / az, unit * dv, -unit * du, extent / count)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _placed(pose, point):  # type: ignore[no-untyped-def]
     x, y, z = point
     return (float(pose[0, 0]) * x + float(pose[0, 1]) * y + float(pose[0, 2]) * z
@@ -232,7 +232,7 @@ def _placed(pose, point):  # type: ignore[no-untyped-def]
             + float(pose[2, 3]))
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _faces(pose, normal, x, y, z):  # type: ignore[no-untyped-def]
     """Whether a face shows its front, whose normal is in the object's frame, at (x, y, z)."""
     total = 0.0
@@ -241,7 +241,7 @@ def _faces(pose, normal, x, y, z):  # type: ignore[no-untyped-def]
     return total < 0
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _seen(box, z, x, y, closeness, lines, keep):  # type: ignore[no-untyped-def]
     """Whether a point of the image is on the surface that is drawn there, clear of contours."""
     left, top, right, bottom = box
@@ -266,7 +266,7 @@ def _seen(box, z, x, y, closeness, lines, keep):  # type: ignore[no-untyped-def]
     return farthest <= (1 + _BEHIND * (1 - keep)) * closeness
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _energy(edges, j, x, y, nx, ny, closeness):  # type: ignore[no-untyped-def]
     """The energy across a crease at an offset of the profile; x, y: in the window [image px]."""
     mx, my, off = np.float32(nx), np.float32(ny), edges.offsets[j]

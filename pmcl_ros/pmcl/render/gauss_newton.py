@@ -97,7 +97,7 @@ def _climb(drawing, room, edges, found, camera, box, step, tries,  # type: ignor
                                        poses[n])
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _climbed(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[no-untyped-def]
              box, step, tries, farthest, converged, best):
     """Move one pose; returns its evidence, and how often it was drawn."""
@@ -137,7 +137,7 @@ def _climbed(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[n
     return value, drawn
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _solve(matrix, given, result):  # type: ignore[no-untyped-def]
     """Of a positive definite matrix (6, 6), by Cholesky's method: the same digits everywhere."""
     lower = np.zeros((6, 6))
@@ -159,7 +159,7 @@ def _solve(matrix, given, result):  # type: ignore[no-untyped-def]
         result[i] = rest / lower[i, i]
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _length(moments, to):  # type: ignore[no-untyped-def]
     """How far a tangent vector moves the contour, rms [px]; more than nothing."""
     square = 1e-18
@@ -169,7 +169,7 @@ def _length(moments, to):  # type: ignore[no-untyped-def]
     return np.sqrt(square)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _move(pose, to, part, result):  # type: ignore[no-untyped-def]
     """A pose (4, 4) moved by a part of a tangent vector (6,), as `summary.moved` does."""
     x, y, z = part * to[3], part * to[4], part * to[5]
@@ -185,7 +185,7 @@ def _move(pose, to, part, result):  # type: ignore[no-untyped-def]
         result[k, 3] = pose[k, 3] + part * to[k]
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyped-def]
             gradient, information, moments):
     """The evidence of the contour in a z-buffer; its expansion goes to the last three.

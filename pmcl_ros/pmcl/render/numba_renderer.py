@@ -9,6 +9,7 @@ from numba import prange
 from numba.np.ufunc import parallel
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.sampling import copy_row
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
@@ -186,7 +187,7 @@ def _draw_all(drawing, poses, room, inverse):  # type: ignore[no-untyped-def]
         stride = right - left + 2 * MARGIN
         for row in range(bottom - top):
             first = (row + MARGIN) * stride + MARGIN
-            inverse[n, top + row, left:right] = z[first:first + right - left]
+            copy_row(z[first:first + right - left], inverse[n, top + row, left:right])
 
 
 @compiled(parallel=True)
@@ -219,7 +220,7 @@ def _likelihoods(drawing, poses, room, volume, left, top, scale,  # type: ignore
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _mean(box, z, volume, left, top, scale, farthest, per_closeness):  # type: ignore[no-untyped-def]
     """The mean likelihood of covered pixels, between labels; beyond the labels it is zero."""
     height, width, labels = volume.shape

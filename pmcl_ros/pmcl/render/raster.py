@@ -116,7 +116,7 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
     z[:stride * (bottom - top + 2 * MARGIN)] = 0
     window = (left, top, right, bottom)
     for face in range(len(faces)):
-        a, b, c = faces[face, 0], faces[face, 1], faces[face, 2]
+        a, b, c = int64(faces[face, 0]), int64(faces[face, 1]), int64(faces[face, 2])
         if whole or (_usual(corners[:, a], inverse[a], width, height, guard)
                      and _usual(corners[:, b], inverse[b], width, height, guard)
                      and _usual(corners[:, c], inverse[c], width, height, guard)):
@@ -132,31 +132,31 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
     return window
 
 
-@compiled()
+@compiled(inner=True)
 def _first(corner):  # type: ignore[no-untyped-def]
     """The first pixel whose centre is not before a place [1/256 px]."""
     return (corner + _HALF - 1) >> 8
 
 
-@compiled()
+@compiled(inner=True)
 def _last(corner):  # type: ignore[no-untyped-def]
     return (corner - _HALF) >> 8
 
 
-@compiled()
+@compiled(inner=True)
 def _guard(width, height):  # type: ignore[no-untyped-def]
     """How far outside the window corners may be [1/256 px]."""
     return 128 * (_EXTENT - max(width, height))
 
 
-@compiled()
+@compiled(inner=True)
 def _usual(corner, inverse, width, height, guard):  # type: ignore[no-untyped-def]
     """Whether a corner can be drawn as it is: in front of `near`, not far outside the window."""
     return (inverse > 0 and -guard < corner[0] < 256 * width + guard
             and -guard < corner[1] < 256 * height + guard)
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _project(vertices, pose, camera, near, corners, exact):  # type: ignore[no-untyped-def]
     """Project into the window, from its own corner (`Room`)."""
     fx, fy, cx, cy = camera
@@ -179,7 +179,7 @@ def _project(vertices, pose, camera, near, corners, exact):  # type: ignore[no-u
         inverse[i] = one if depth >= near else np.float32(-1)
 
 
-@compiled()
+@compiled(inner=True)
 def _fill(corners, exact, a, b, c, closed, window, stride, z):  # type: ignore[no-untyped-def]
     """Draw a triangle of three of the projected vertices."""
     ax, bx, cx = corners[0, a], corners[0, b], corners[0, c]
@@ -220,7 +220,7 @@ def _fill(corners, exact, a, b, c, closed, window, stride, z):  # type: ignore[n
         w += gy
 
 
-@compiled(inlined=True)
+@compiled(inlined=True, inner=True)
 def _plane(corners, exact, a, b, c, left, top):  # type: ignore[no-untyped-def]
     """1/z at the centre of a pixel, and its steps to the right and down.
 
@@ -241,7 +241,7 @@ def _plane(corners, exact, a, b, c, left, top):  # type: ignore[no-untyped-def]
     return aw + gx * (np.float32(left) + half - ax) + gy * (np.float32(top) + half - ay), gx, gy
 
 
-@compiled()
+@compiled(inner=True)
 def _edge(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
     """Which side of the edge from a to b a place is on: not less than zero inside, or on it.
 
@@ -254,7 +254,7 @@ def _edge(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
     return int32(side >> 8)
 
 
-@compiled()
+@compiled(inner=True)
 def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[no-untyped-def]
              guard, closed, window, stride, z):
     """Draw what of a triangle is beyond `near` and within the guard band around the window."""
@@ -276,11 +276,14 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
         for k in range(count):
             here, there = distances[k], distances[(k + 1) % count]
             if here >= 0:
-                result[kept] = polygon[k]
+                for axis in range(3):
+                    result[kept, axis] = polygon[k, axis]
                 kept += 1
             if (here >= 0) != (there >= 0):
                 part = here / (here - there)
-                result[kept] = polygon[k] + part * (polygon[(k + 1) % count] - polygon[k])
+                point = polygon[k] + part * (polygon[(k + 1) % count] - polygon[k])
+                for axis in range(3):
+                    result[kept, axis] = point[axis]
                 kept += 1
         polygon, count = result, kept
     corners, exact = np.zeros((2, _CORNERS), np.int32), np.zeros((3, _CORNERS), np.float32)
@@ -293,7 +296,7 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
         _fill(corners, exact, 0, k, k + 1, closed, window, stride, z)
 
 
-@compiled()
+@compiled(inner=True)
 def _inside(p, plane, fx, fy, cx, cy, width, height, near, reach):  # type: ignore[no-untyped-def]
     """How far inside one of the five planes a point is; of any scale."""
     if plane == 0:
@@ -307,7 +310,7 @@ def _inside(p, plane, fx, fy, cx, cy, width, height, near, reach):  # type: igno
     return (height + reach - cy - 0.5) * p[2] - fy * p[1]
 
 
-@compiled()
+@compiled(inner=True)
 def _frame(window, width, height, stride, z):  # type: ignore[no-untyped-def]
     """Mark what of the margin is outside the window."""
     left, top, right, bottom = window

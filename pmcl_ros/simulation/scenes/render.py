@@ -90,7 +90,7 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
                 picture[i, j, channel] = light[channel] / samples
 
 
-@compiled()
+@compiled(inner=True)
 def _pupil(state, x, y, radius):  # type: ignore[no-untyped-def]
     """A random point of a view's part of the pupil [view steps]: a tent about (x, y) in a disc."""
     for _ in range(200):

@@ -67,7 +67,7 @@ class Frusta:
         return first, np.concatenate(lists).astype(np.int64), np.array([bottom, top, radius])
 
 
-@compiled()
+@compiled(inner=True)
 def _meet(ring, ox, oy, oz, dx, dy, dz, near, far):  # type: ignore[no-untyped-def]
     """(t, part along) of a ray's first point on a frustum in (near, far); else (far, 0)."""
     r0, z0, r1, z1 = ring[0], ring[1], ring[2], ring[3]

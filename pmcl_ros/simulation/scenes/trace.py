@@ -20,7 +20,7 @@ _AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorte
 _ALIVE = 0.05  # weight from which every reflection is followed; fainter ones at random
 
 
-@compiled()
+@compiled(inner=True)
 def uniform(state):  # type: ignore[no-untyped-def]
     """Uniform in [0, 1): splitmix64 (Steele, Lea, Flood 2014); state: (1,) uint64, moved on."""
     state[0] += np.uint64(_GOLDEN)
@@ -31,7 +31,7 @@ def uniform(state):  # type: ignore[no-untyped-def]
     return np.float64(x >> np.uint64(11)) * _SCALE
 
 
-@compiled()
+@compiled(inner=True)
 def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """The first solid on the ray from o along d (length 1), in the camera's frame.
 
@@ -104,7 +104,7 @@ def nearest(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyp
     return kind, best, number, outside, inside
 
 
-@compiled()
+@compiled(inner=True)
 def _face_normal(c):  # type: ignore[no-untyped-def]
     ax, ay, az = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
     bx, by, bz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
@@ -198,13 +198,13 @@ def trace(  # type: ignore[no-untyped-def]
             dx, dy, dz = refracted(dx, dy, dz, nx, ny, nz, medium[1] / body[1], cosine, within)
 
 
-@compiled()
+@compiled(inner=True)
 def _put(ray, ox, oy, oz, dx, dy, dz, red, green, blue):  # type: ignore[no-untyped-def]
     ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox, oy, oz, dx, dy, dz
     ray[6], ray[7], ray[8] = red, green, blue
 
 
-@compiled()
+@compiled(inner=True)
 def _place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Texture coordinates of a point of a solid [m]: around z and along it, flat on its ends.
 
@@ -217,7 +217,7 @@ def _place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     return np.arctan2(hit[7], hit[6]) * _AROUND, -hit[8]
 
 
-@compiled()
+@compiled(inner=True)
 def _seen(world, number, u, v, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Radiance of a matt surface: its texture at (u, v) [sides] in the room's light."""
     texture = world.textures[number]

@@ -92,7 +92,7 @@ def meet_triangles(  # type: ignore[no-untyped-def]
     return best, found
 
 
-@compiled()
+@compiled(inner=True)
 def _meet(c, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """t at which a ray meets a triangle, or -1 (Moeller and Trumbore)."""
     ax, ay, az = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
