@@ -94,7 +94,7 @@ def _scenes() -> None:
 
 Stages = tuple[Callable[[], None], ...]
 # The longest first.
-_CHAIN: Stages = (_volume, _search, _decode, GaussNewton.warm_up, _evidence)
+_CHAIN: Stages = (_search, _volume, _decode, GaussNewton.warm_up, _evidence)
 _REST: Stages = (_filter, _layers, _scenes)
 _SIMULATION = 'pmcl_ros.simulation.scenes'
 
