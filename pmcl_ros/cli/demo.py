@@ -23,6 +23,7 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from pmcl_ros.camera.simulated.server import served
+from pmcl_ros.cli.warm_up import compile_ahead
 from pmcl_ros.drawing.pictures import depth_picture, write_png
 from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.geometry.pose_error import pose_error
@@ -199,6 +200,7 @@ def main() -> int:
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
     try:
+        compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
         show(options.bag, options.out, options.camera == 'simulated')
     except PmclError as error:
         _CONSOLE.print(f'[red]the demo failed:[/] {error}')
