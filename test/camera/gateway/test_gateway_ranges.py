@@ -2,7 +2,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pmcl_ros.camera.gateway.server import UnsatisfiableError, selected
+from pmcl_ros.camera.gateway.handler import UnsatisfiableError, selected
 
 DATA = bytes(range(20))
 NUMBERS = st.integers(0, 30)
