@@ -12,7 +12,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 .PHONY: demo test test-quick lint venv docs eval bench soak clean
 
 demo: $(RUN)
-	@$(BIN)/python -m pmcl_ros.cli.demo --bag $(BAG) --camera '$(CAMERA)' --out out
+	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
 
 test: $(TEST) lint
 	@$(BIN)/pmcl warm-up --all

@@ -12,9 +12,9 @@ from rich.progress import Progress
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.cli.sources import open_source, source_options
 from pmcl_ros.drawing.pictures import depth_picture, outlines, overlay, write_png
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate

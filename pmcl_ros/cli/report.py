@@ -11,9 +11,9 @@ from rich.progress import Progress
 from pmcl_ros.camera.files import is_picture, read_metadata
 from pmcl_ros.cli.base import FILE, STDERR
 from pmcl_ros.cli.sources import open_decoders, open_source, source_options
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.bag_captures import read_bag

@@ -5,50 +5,17 @@ same picture have a model.obj and a truth.json in subfolders.
 """
 
 import hashlib
-import json
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.runtime.errors import SettingsError
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Where an object is.
-
-    pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
-    empty: the object is not there; its pose means nothing. film: whether the object is behind one.
-    name: of the scene.
-    """
-
-    pose: NDArray[np.float64]
-    roi_center: tuple[float, float, float]
-    roi_size: tuple[float, float, float]
-    empty: bool
-    film: bool = False
-    name: str = ''
-
-    @classmethod
-    def load(cls, path: Path | str) -> 'Truth':
-        """Read a truth.json; SettingsError without a pose and a region."""
-        try:
-            values = json.loads(Path(path).read_text())
-            pose = np.array(values['object_to_camera'], float).reshape(4, 4)
-            x, y, z = (float(each) for each in values['roi']['center'])
-            width, height, depth = (float(each) for each in values['roi']['size'])
-            return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
-                       bool(values.get('film', False)), str(values.get('name', '')))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None
 
 
 @dataclass(frozen=True)

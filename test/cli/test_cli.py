@@ -14,9 +14,9 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.messages.bags import Recorded, read, record

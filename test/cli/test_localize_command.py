@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.cli.localize import localize
-from pmcl_ros.evaluation.captures import Truth
+from pmcl_ros.geometry.truth import Truth
 
 
 @pytest.fixture(scope='module')

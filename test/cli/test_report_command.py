@@ -14,7 +14,7 @@ from click.testing import CliRunner
 from pmcl_scenes import bracket
 
 from pmcl_ros.cli import main
-from pmcl_ros.evaluation.captures import Truth
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.messages.bag_captures import capture_messages, read_bag, record_light_field
 from pmcl_ros.messages.bags import record

@@ -10,7 +10,7 @@ from harness import ROOT
 
 
 def test_a_simulated_camera_s_picture_becomes_a_pose(tmp_path):
-    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.cli.demo', '--camera', 'simulated',
+    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.nodes.demo', '--camera', 'simulated',
                            '--out', tmp_path], cwd=ROOT, capture_output=True, text=True,
                           check=False, env=os.environ | {'COLUMNS': '200'})
     assert done.returncode == 0, done.stdout + done.stderr

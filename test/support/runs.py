@@ -3,8 +3,8 @@
 import tiny_capture
 from pmcl_scenes import cup, model_of
 
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evaluation.report.localization import localize
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.pmcl.settings import PmclSettings
 
 CENTER, SIZE = (0.005, -0.005, 0.4), (0.05, 0.05, 0.06)

@@ -11,9 +11,9 @@ from pmcl_ros.camera.files import read_picture
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.packing import unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField

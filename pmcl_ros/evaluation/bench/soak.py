@@ -31,7 +31,7 @@ from pmcl_ros.evaluation.bench.running_graph import (
     own_domain,
     shared_files,
 )
-from pmcl_ros.evaluation.captures import Truth
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros

@@ -8,8 +8,8 @@ import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate

@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from pmcl_ros.cli import main
-from pmcl_ros.evaluation.captures import Truth
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.files import write_capture

@@ -23,10 +23,9 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
 from pmcl_ros.camera.simulated.server import served
-from pmcl_ros.cli.warm_up import compile_ahead
 from pmcl_ros.drawing.pictures import depth_picture, write_png
-from pmcl_ros.evaluation.captures import Truth
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from
@@ -35,6 +34,7 @@ from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.warm_up import compile_ahead
 
 _ROOT = Path(__file__).parents[2]
 _PATIENCE = 300.0  # s: for the nodes, and the pose; the first run compiles its kernels
