@@ -29,7 +29,8 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.resources import resolve
 
-_LINE_EVERY = 5.0  # s: where the output is a log, not a terminal
+_LINE_EVERY = 5.0  # s: between lines where the output is a log, not a terminal
+_CAMERA, _DEPTHS = Pinhole(64, 64, 100.0, 100.0, 31.5, 31.5), depth_labels(0.4, 0.8, 8)
 
 
 def _decode() -> None:
@@ -69,9 +70,6 @@ def _filter() -> None:
         localizer.localize(volume, np.random.default_rng(0))
 
 
-_CAMERA, _DEPTHS = Pinhole(64, 64, 100.0, 100.0, 31.5, 31.5), depth_labels(0.4, 0.8, 8)
-
-
 def _noise(components: int) -> NDArray[np.float32]:
     return np.random.default_rng(0).random((64, 64, 8, components), np.float32)
 
@@ -90,7 +88,7 @@ OTHER_MODES: Stages = (_filter, _layers)
 
 
 def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
-    """Compile what is not on disk yet, with a progress line."""
+    """Compile the kernels that are not on disk yet, with a progress line."""
     folder = kernels.cache_folder()
     if folder is None:
         return
@@ -102,20 +100,20 @@ def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
     names: SimpleQueue[str] = fork.SimpleQueue()
     columns = TextColumn('compiling kernels'), BarColumn(), MofNCompleteColumn(), TextColumn(
         '{task.description}')
-    with (ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (names,)) as pool,
-          Progress(*columns, console=console, transient=True) as bar):
-        task = bar.add_task('', total=kernels.progress()[1])
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0)), fork, _begin, (names,)) as pool:
+        # Processes are forked before the progress line starts its thread.
         futures = [pool.submit(stage) for stage in stages]
-        line = started + _LINE_EVERY
-        name = ''
-        while wait(futures, 0.2).not_done:
-            while not names.empty():
-                name = names.get()
-            count, total = kernels.progress()
-            bar.update(task, completed=count, description=name)
-            if not console.is_terminal and time.monotonic() > line:
-                console.print(f'compiling kernels: {count} of {total}, {name}')
-                line += _LINE_EVERY
+        with Progress(*columns, console=console, transient=True) as bar:
+            task = bar.add_task('', total=kernels.progress()[1])
+            line, name = started + _LINE_EVERY, ''
+            while wait(futures, 0.2).not_done:
+                while not names.empty():
+                    name = names.get()
+                count, total = kernels.progress()
+                bar.update(task, completed=count, description=name)
+                if not console.is_terminal and time.monotonic() > line:
+                    console.print(f'compiling kernels: {count} of {total}, {name}')
+                    line += _LINE_EVERY
         for each in futures:
             each.result()
     done.touch()
@@ -124,5 +122,5 @@ def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:
 
 
 def _begin(names: 'SimpleQueue[str]') -> None:
-    """In each process: say which kernel is being compiled."""
+    """In each process: report which kernel is being compiled."""
     kernels.report_to(names.put)
