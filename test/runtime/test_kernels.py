@@ -13,6 +13,7 @@ from dlv_fields import make_grid, noise_field
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.kernels import compiled
 
@@ -194,8 +195,13 @@ def test_progress_counts_what_is_on_disk():
 def test_two_threads_may_build_at_once():
     fields = [noise_field(make_grid((3, 3), (40, 32), 0.006), seed) for seed in range(4)]
     options = DlvSettings(labels=9, views=3, edge_labels=3, truncate=True)
-    alone = [build_volume(field, options).likelihood for field in fields]
+
+    def build(field):
+        return build_volume(field, options).likelihood, build_edges(field, options).tensor
+
+    alone = [build(field) for field in fields]
     with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda field: build_volume(field, options).likelihood, fields))
+        together = list(pool.map(build, fields))
     for one, other in zip(alone, together, strict=True):
-        np.testing.assert_array_equal(one, other)
+        for here, there in zip(one, other, strict=True):
+            np.testing.assert_array_equal(here, there)
