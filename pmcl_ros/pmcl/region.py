@@ -75,9 +75,8 @@ class Region:
         far, near = depths[0], depths[-1]
         if far <= self.near or near >= self.far:
             raise LocalizationError(
-                f'the volume spans {near:.3f} to {far:.3f} m, the region of interest '
-                f'{self.near:.3f} to {self.far:.3f} m; set near and far of the volume around the '
-                'region')
+                f'the depth labels span {near:.3f} to {far:.3f} m, the region of interest '
+                f'{self.near:.3f} to {self.far:.3f} m; set near and far around the region')
 
     def out_of_view(self, pinhole: Pinhole) -> LocalizationError:
         """The error for a box in which the object cannot be seen anywhere."""

@@ -202,7 +202,7 @@ def test_a_volume_that_does_not_reach_the_region_is_refused(cup_volume, near, fa
     likelihood = DepthLikelihoodVolume(edges.header, edges.tensor[..., 0].copy(), depths, CAMERA)
     settings = SMALL.model_copy(update={'mode': mode})
     with make_localizer(CUP, settings) as localizer, pytest.raises(
-            LocalizationError, match=r'the volume spans .* set near and far'):
+            LocalizationError, match=r'the depth labels span .* set near and far'):
         localizer.localize(edges if mode == 'default' else likelihood, np.random.default_rng(0))
 
 
