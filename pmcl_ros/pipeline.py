@@ -18,7 +18,7 @@ import numpy as np
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
@@ -31,8 +31,6 @@ from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime.progress import StageProgress
-
-_MOST_LABELS = 1000  # that the settings allow; where more are needed a warning is logged
 
 Evidence = EdgeVolume | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
@@ -78,11 +76,12 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
     """The settings of evidence and volume for depths `near` to `far` [m].
 
     In the mode faithful those of the paper: views shifted by phase, truncated, not weighted. There
-    are as many labels as by default, or more where the views are farther apart.
+    are as many labels as by default, or more where the views are farther apart, `MOST_LABELS` at
+    most.
     changes: values that are wanted otherwise. origin: of them, for errors (SettingsError).
     """
     default = DlvSettings()
-    needed = min(StereoPairs.from_grid(grid, default.views).labels_needed(near, far), _MOST_LABELS)
+    needed = min(StereoPairs.from_grid(grid, default.views).labels_needed(near, far), MOST_LABELS)
     values: dict[str, Any] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
                               'edge_labels': max(default.edge_labels, needed)}
     if mode == 'faithful':

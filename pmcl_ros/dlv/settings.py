@@ -8,6 +8,7 @@ from pmcl_ros.runtime.settings import Settings
 
 BackEnd = Literal['auto', 'numba', 'gl']
 LayersFrom = Literal['volume', 'joint']
+MOST_LABELS = 1000  # of the volume, and of the edges
 _Pixels = Annotated[int, Field(ge=0, le=100_000)]
 
 
@@ -16,7 +17,7 @@ class DlvSettings(Settings):
 
     near: float = Field(0.3, ge=0.01, le=100, description='depth of the nearest label [m]')
     far: float = Field(0.9, ge=0.01, le=1000, description='depth of the farthest label [m]')
-    labels: int = Field(75, ge=3, le=1000,
+    labels: int = Field(75, ge=3, le=MOST_LABELS,
                         description='number of depth labels, uniform in inverse depth [labels]')
     views: int = Field(7, ge=3, le=99,
                        description='side of the square of inner views compared, odd [views]')
@@ -52,7 +53,7 @@ class DlvSettings(Settings):
     neighbours: int = Field(
         2, ge=0, le=100,
         description='labels kept each side of a maximum when truncating, K_lm [labels]')
-    edge_labels: int = Field(24, ge=2, le=1000,
+    edge_labels: int = Field(24, ge=2, le=MOST_LABELS,
                              description='number of depth labels of the edge volume [labels]')
 
     layers: LayersFrom = Field(

@@ -1,1 +1,1 @@
-"""LightField -> EdgeVolume: what pictures show of the contours of surfaces."""
+"""LightField -> EdgeVolume: contour evidence from refocused edges."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numba import prange
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
 from pmcl_ros.dlv.pairs import StereoPairs
@@ -25,22 +25,22 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
-# px: of the smoothing before the derivative. With that before the sampling (`SMOOTHER`) it is one
-# of 0.8 px, about what the lenslets left.
+# px: of the smoothing before the derivative. With that before the sampling (`SMOOTHER`) it is
+# 0.8 px, about the resolution of the lenslets.
 _SIGMA = 0.7
 _REACH = 4  # px: of the smoothing's weights
 _NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
-_TILE = 336  # pixels of a row worked on at once: their sums at all labels stay near the core
+_TILE = 336  # pixels of a row processed at once: their sums at all labels stay in the cache
 
 
 @dataclass(frozen=True)
 class EdgeVolume:
-    """Evidence of one picture: structure tensor of the views refocused at each label.
+    """Evidence of one capture: structure tensor of the views refocused at each label.
 
     tensor: (height, width, labels, 3) float32, the xx, yy, xy components, in units of the local
         contrast squared.
     depths: (labels,) float64 [m], far to near, uniform in inverse depth.
-    from_likelihood: made of a likelihood alone (`edges_from_likelihood`), so without directions:
+    from_likelihood: made from a likelihood alone (`edges_from_likelihood`), so without directions:
         the learned contour profile does not hold for it.
     """
 
@@ -52,6 +52,11 @@ class EdgeVolume:
 
     def __post_init__(self) -> None:
         check_values(self.tensor, (3,), self.depths, self.pinhole, 'edge volume')
+
+    def labels(self, depths: ArrayLike) -> NDArray[np.float64]:
+        """(...) labels, between whole ones too, of depths (...) [m]."""
+        inverse = 1 / self.depths
+        return np.asarray((1 / np.asarray(depths) - inverse[0]) / (inverse[1] - inverse[0]))
 
     def on(self, lattice: PixelGrid) -> 'EdgeVolume':
         """The same on some of the pixels."""
@@ -145,7 +150,7 @@ def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> Ed
 
 
 def _node_weights(time: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(..., 3) how much of a run's three nodes there is at `time` (...): the quadratic's."""
+    """(..., 3) Lagrange weights of a run's three nodes at `time` (...), 0 to 1."""
     return np.stack([(2 * time - 1) * (time - 1), 4 * time * (1 - time), time * (2 * time - 1)],
                     axis=-1).astype(np.float32)
 

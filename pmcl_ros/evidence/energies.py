@@ -14,10 +14,10 @@ def energies_across(edges: EdgeVolume, pixels: NDArray[np.floating],
     """(n, k) e(u + offsets[k] n): edge energy across the normal [1], linear between samples.
 
     pixels: (n, 2) points u, x and y [image px]. normals: (n, 2) unit vectors n. depths: (n,) [m].
-    Outside the volume its border goes on.
+    Outside the edge volume its border is repeated.
     """
     energies = np.empty((len(pixels), len(offsets)))
-    _sample(edges.tensor, *_double(pixels, normals, _labels(edges, depths), offsets), energies)
+    _sample(edges.tensor, *_double(pixels, normals, edges.labels(depths), offsets), energies)
     return energies
 
 
@@ -36,11 +36,6 @@ def evidence_across(edges: EdgeVolume, pixels: NDArray[np.floating],
     _judge(energies, *_double(profile.knots, slopes), profile.bias + profile.tables[:, 0].sum(),
            evidence)
     return evidence
-
-
-def _labels(edges: EdgeVolume, depths: NDArray[np.floating]) -> NDArray[np.floating]:
-    inverse = 1 / edges.depths
-    return np.asarray((1 / depths - inverse[0]) / (inverse[1] - inverse[0]))
 
 
 def _double(*arrays: NDArray[np.floating]) -> list[NDArray[np.float64]]:

@@ -21,17 +21,16 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
+from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, LEAST_SHOWN, WIDEST
 
 _STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
-# px: contributions this far apart on a contour share no noise. Contrast is measured against that
-# of a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
+# px: along a contour, beyond which contributions share no noise. Contrast is normalised by that of
+# a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
 _REACH = 20.0
-_STRETCH = 3.0  # px: of a contour that counts as one point where pairs of points are looked at
-_LEAST_CURVATURE = 0.02  # of the evidence [nat / px^3]: where there is no peak, little is known
-_LEAST_FREE = 0.25  # share of the slopes that a pose may leave, however short its contour
-_LEAST_VARIANCE = 0.05  # of a contribution's slope along the normal: no capture is without noise
-_WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
-_FARTHEST = 1.0  # px (rms along the contour) that one step goes: beyond that nothing is known
+_STRETCH = 3.0  # px: of a contour, one point in the covariances between points
+_LEAST_FREE = 0.25  # share of the degrees of freedom that remain, however short the contour is
+_LEAST_VARIANCE = 0.05  # of the slope of a contribution: no capture is without noise
+_FARTHEST = 1.0  # px, rms along the contour: largest step; the model does not hold farther off
 _NEGLIGIBLE = 1e-3  # weight of a point of a contour; points of less are left out
 
 
@@ -68,28 +67,27 @@ class LocalModel:
         """
         basis = symmetry.tangent_basis(pose)
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
-        said = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
-                               shifts)
+        table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
+                                shifts)
         if creases is not None and creases.shown:
-            said = np.concatenate([said, creases.evidence(edges, shifts)])
+            table = np.concatenate([table, creases.evidence(edges, shifts)])
             points = points.joined(creases.points)
-        before, inside, here, outside, after = said.T
+        before, inside, here, outside, after = table.T
         length = float(points.lengths.sum())
         motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
         slope = (outside - inside) / _STEP
         weight = points.lengths[:, None]
         bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
         # The curvature at an edge grows with its height: no edge, no information.
-        shown = np.maximum(here, 0) + 1e-3
+        shown = np.maximum(here, 0) + LEAST_SHOWN
         shown *= length / max(float(points.lengths @ shown), 1e-9)
-        curvature = max(float(bend), _LEAST_CURVATURE) * shown[:, None]
-        # Where no contour is seen to say better, a pose is as unsure as about this.
-        least = basis.T @ np.diag(1 / _WIDEST ** 2) @ basis
+        curvature = max(float(bend), LEAST_CURVATURE) * shown[:, None]
+        least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
         moments = motion.T @ (weight * motion) + least
         each = weight * slope[:, None] * motion
         gradient = each.sum(axis=0)
         curved = weight * curvature * motion
-        information = motion.T @ curved + _LEAST_CURVATURE * least
+        information = motion.T @ curved + LEAST_CURVATURE * least
         variability, off = information, np.zeros_like(information)
         if error is not None and length > 0:
             stretches = _stretches(points)
@@ -100,14 +98,14 @@ class LocalModel:
             distance = cdist(pixels, pixels)
             same_side = normals @ normals.T > FACING
             together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0)
-            # At the best pose the slopes are smaller than about the true one, as residuals are: d
-            # directions of them are fitted. What lies within _REACH counts as one of them.
+            # The slopes at the best pose are smaller than at the true one, as d directions of them
+            # were fitted. A stretch of _REACH counts as one degree of freedom.
             free = max(1 - len(gradient) * _REACH / length, _LEAST_FREE)
             variability = each.T @ (together @ each) / free + _LEAST_VARIANCE * moments
-            # What the model gets wrong moves the contour; the pose follows as by least squares.
+            # The model error moves the contour; the pose follows by weighted least squares.
             follow = np.linalg.solve(information, curved.T)
             off = follow @ (error.covariance(distance, same_side) @ follow.T)
-            # Points of one side are so by a limit, not smoothly: what that makes negative is none.
+            # The limit of `same_side` can make eigenvalues negative.
             values, vectors = np.linalg.eigh((off + off.T) / 2)
             off = (vectors * np.maximum(values, 0)) @ vectors.T
         return cls(float(points.lengths @ here), length, basis, gradient, information,

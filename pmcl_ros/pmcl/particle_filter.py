@@ -3,7 +3,6 @@
 It is the baseline that every improvement is measured against: the mode faithful.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import moderngl
@@ -17,13 +16,12 @@ from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Record, Watch, recorder
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import Weights, perturb, uniform_poses
+from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.progress import Progress
-
-Score = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
 class ParticleFilterLocalizer:

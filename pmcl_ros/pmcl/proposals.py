@@ -129,9 +129,9 @@ def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
 
     Edge energy on a contour of each normal there, less half of that outside it.
     """
-    inverse = 1 / edges.depths
-    label = np.clip((1 / depth - inverse[0]) / (inverse[1] - inverse[0]), 0, len(inverse) - 1)
-    below = min(int(label), len(inverse) - 2)
+    count = len(edges.depths)
+    label = np.clip(edges.labels(depth), 0, count - 1)
+    below = min(int(label), count - 2)
     part = np.float32(label - below)
     tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
     height, width = (max(1, side // _CELL) for side in tensor.shape[:2])

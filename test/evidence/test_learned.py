@@ -16,9 +16,9 @@ from pmcl_ros.evidence.learned import (
     learned_creases,
 )
 from pmcl_ros.evidence.model_error import ModelError
-from pmcl_ros.pmcl.render import contour
+from pmcl_ros.pmcl.render.contour import check_profile
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import RenderError, SettingsError
 
 GOOD = {'offsets': [-1, 0, 1], 'knots': [0, 0.5], 'tables': [[0, 1], [2, 3], [4, 5]], 'bias': 0.1}
 
@@ -68,7 +68,13 @@ def test_the_file_and_the_field_are_named(tmp_path, change, reason):
 
 
 def test_what_is_read_is_no_larger_than_scores_are_made_for():
-    assert (MOST_OFFSETS, MOST_KNOTS) == (contour.MOST_OFFSETS, contour.MOST_KNOTS)
+    def profile(offsets, knots):
+        return ContourProfile(np.arange(offsets), np.arange(knots), np.zeros((offsets, knots)))
+
+    check_profile(profile(MOST_OFFSETS, MOST_KNOTS))
+    for size in ((MOST_OFFSETS + 1, MOST_KNOTS), (MOST_OFFSETS, MOST_KNOTS + 1)):
+        with pytest.raises(RenderError, match='scores take 8 offsets at most and 2 to 9 knots'):
+            check_profile(profile(*size))
 
 
 def test_without_a_file_the_error_says_where_it_should_be(package_tree):

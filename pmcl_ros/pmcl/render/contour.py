@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import compiled
 
-MOST_OFFSETS, MOST_KNOTS = 8, 9  # of a profile
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 

@@ -1,20 +1,15 @@
-"""Many poses uphill at once, each by Gauss-Newton steps of its own, on the processor.
+"""Gauss-Newton refinement of many poses at once, on the processor.
 
-The steps are those that `pmcl_ros.pmcl.local_model` takes from one pose, without what it knows of
-how sure that is: a thread draws a pose, sums up the slopes along its contour, and moves it.
+The steps are those of `pmcl_ros.pmcl.local_model`, without its covariances. Each thread draws a
+pose, sums the slopes of the evidence along its contour, and moves it.
 """
 
-import numba
 import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour import (
     Edges,
@@ -25,22 +20,24 @@ from pmcl_ros.pmcl.render.contour import (
     normal,
     place,
 )
-from pmcl_ros.pmcl.render.numba_renderer import thread_id
+from pmcl_ros.pmcl.render.numba_renderer import thread_id, tiny_scene
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
-from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
-_LEAST_CURVATURE = 0.02  # of the evidence [nat / px^3]: where there is no peak, little is known
-_SHOWN = 1e-3  # nat / px: what a point counts at least
-_WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])  # m, rad
-_SHORTER, _LONGER = 0.25, 2.0  # the next step, after one that led down or up
+# Of a local model, here and in `LocalModel`:
+LEAST_CURVATURE = 0.02  # nat / px^3: of the evidence, also where the contour shows no peak
+LEAST_SHOWN = 1e-3  # nat / px: weight of a point without positive evidence
+# m, rad: standard deviations of a weak prior, which keeps the information positive definite
+WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])
+_SHORTER, _LONGER = 0.25, 2.0  # factors of the next step, after a worse and a better pose
 
 
 class GaussNewton:
     """Moves poses to maxima of the contour's evidence in a scene.
 
-    region: which their origins do not leave. step: how far aside slopes and curvature are taken
-    [image px]. evaluations: poses drawn so far. Raises RenderError as scores do.
+    region: bounds of the origins. step: of the finite differences along the normals [image px].
+    evaluations: number of poses drawn so far. Raises RenderError as scores do.
     """
 
     def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile, region: Region,
@@ -48,9 +45,9 @@ class GaussNewton:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
-        threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-        self._room = Room.for_threads(self._drawing, threads)
-        self._found = np.zeros((threads, 2 * self._room.z.shape[1]), np.int32)
+        self._room = Room.for_threads(self._drawing)
+        threads, pixels = self._room.z.shape
+        self._found = np.zeros((threads, 2 * pixels), np.int32)
         camera = edges.pinhole
         # Kernels are compiled for each combination of types that they are called with.
         self._camera = tuple(map(float, (camera.fx, camera.fy, camera.cx, camera.cy)))
@@ -61,46 +58,40 @@ class GaussNewton:
     @classmethod
     def warm_up(cls) -> None:
         """Compile, or load from numba's cache, all that it needs."""
-        camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
-        corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
-        scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
-                      Window(0, 0, (8, 8)), 0.5, 2.0)
-        edges = EdgeVolume(Header(), np.zeros((8, 8, 2, 3), np.float32), depth_labels(0.5, 2.0, 2),
-                           camera)
         region = Region((0, 0, 1), (1, 1, 1))
-        cls(scene, edges, ContourProfile.contrast(), region, 1.0)(np.eye(4)[None], 1, 1, 0.1)
+        cls(*tiny_scene(), ContourProfile.contrast(), region, 1.0)(np.eye(4)[None], 1, 1, 0.1)
 
     def __call__(self, poses: NDArray[np.float64], tries: int, farthest: float, converged: float
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where poses (n, 4, 4) come to, and (n,) the evidence there [nat].
+        """Refined poses (n, 4, 4) of `poses` (n, 4, 4), and their evidence (n,) [nat].
 
-        tries: of steps, up or not, at most. farthest: that one goes; converged: shorter ones are
-        none [image px, rms along the contour].
+        tries: largest number of steps, also of rejected ones. farthest: largest step; converged:
+        length of the step to stop at [image px, rms along the contour].
         """
         found = np.array(poses, np.float64, order='C')
         values, drawn = np.zeros(len(found)), np.zeros(len(found), np.int64)
         with LOCK:
-            _climb(self._drawing, self._room, self._edges, self._found, self._camera, self._box,
-                   self._step, int(tries), float(farthest), float(converged), found, values,
-                   drawn)
+            _refine_all(self._drawing, self._room, self._edges, self._found, self._camera,
+                        self._box, self._step, int(tries), float(farthest), float(converged),
+                        found, values, drawn)
         self.evaluations += int(drawn.sum())
         return found, values
 
 
 @compiled(parallel=True)
-def _climb(drawing, room, edges, found, camera, box, step, tries,  # type: ignore[no-untyped-def]
-           farthest, converged, poses, values, drawn):
+def _refine_all(drawing, room, edges, found, camera, box, step, tries,  # type: ignore[no-untyped-def]
+                farthest, converged, poses, values, drawn):
     for n in prange(len(poses)):
         k = thread_id()
-        values[n], drawn[n] = _climbed(drawing, room.z[k], room.corners[k], room.exact[k], edges,
-                                       found[k], camera, box, step, tries, farthest, converged,
-                                       poses[n])
+        values[n], drawn[n] = _refine(drawing, room.z[k], room.corners[k], room.exact[k], edges,
+                                      found[k], camera, box, step, tries, farthest, converged,
+                                      poses[n])
 
 
 @compiled(inlined=True, inner=True)
-def _climbed(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[no-untyped-def]
-             box, step, tries, farthest, converged, best):
-    """Move one pose; returns its evidence, and how often it was drawn."""
+def _refine(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[no-untyped-def]
+            box, step, tries, farthest, converged, best):
+    """Refine one pose in place; returns its evidence and the number of drawings."""
     gradient, information, moments = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
     there, around, between = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
     tried, to = best.copy(), np.zeros(6)
@@ -139,7 +130,7 @@ def _climbed(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[n
 
 @compiled(inlined=True, inner=True)
 def _solve(matrix, given, result):  # type: ignore[no-untyped-def]
-    """Of a positive definite matrix (6, 6), by Cholesky's method: the same digits everywhere."""
+    """Solve with a positive definite matrix (6, 6), by Cholesky: the same digits everywhere."""
     lower = np.zeros((6, 6))
     for i in range(6):
         for j in range(i + 1):
@@ -161,7 +152,7 @@ def _solve(matrix, given, result):  # type: ignore[no-untyped-def]
 
 @compiled(inlined=True, inner=True)
 def _length(moments, to):  # type: ignore[no-untyped-def]
-    """How far a tangent vector moves the contour, rms [px]; more than nothing."""
+    """Motion of the contour by a tangent vector, rms [px]; positive."""
     square = 1e-18
     for i in range(6):
         for j in range(6):
@@ -171,7 +162,7 @@ def _length(moments, to):  # type: ignore[no-untyped-def]
 
 @compiled(inlined=True, inner=True)
 def _move(pose, to, part, result):  # type: ignore[no-untyped-def]
-    """A pose (4, 4) moved by a part of a tangent vector (6,), as `summary.moved` does."""
+    """A pose (4, 4) moved by a part of a tangent vector (6,), as by `se3.retract`."""
     x, y, z = part * to[3], part * to[4], part * to[5]
     angle = np.sqrt(x * x + y * y + z * z)
     a = np.sin(angle) / angle if angle > 1e-9 else 1.0
@@ -188,9 +179,9 @@ def _move(pose, to, part, result):  # type: ignore[no-untyped-def]
 @compiled(inlined=True, inner=True)
 def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyped-def]
             gradient, information, moments):
-    """The evidence of the contour in a z-buffer; its expansion goes to the last three.
+    """The evidence of the contour in a z-buffer [nat]; its expansion goes to the last three.
 
-    Of a small motion of the object: as `local_model.LocalModel`.
+    The expansion is that of `local_model.LocalModel`.
     """
     tensor, offsets, bias, keep = edges.tensor, edges.offsets, edges.bias, edges.keep
     knots, widths, slopes = edges.knots, edges.widths, edges.slopes
@@ -205,7 +196,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
     total, length, shown, bend = 0.0, 0.0, 0.0, 0.0
     last, nx, ny = -1, np.float32(0), np.float32(0)
     across = np.zeros(6)
-    said = np.zeros(3)
+    values = np.zeros(3)
     for k in range(count):
         near, x, y, closeness = place(found[k], box, window, z)
         if near != last:
@@ -215,16 +206,16 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
             continue
         label = np.float32((closeness - edges.farthest) * edges.per_closeness)
         for i in range(3):
-            said[i] = bias
+            values[i] = bias
             aside = np.float32((i - 1) * step)
             for j in range(len(offsets)):
                 off = offsets[j] + aside
                 e = energy(tensor, x + off * nx, y + off * ny, label, nx, ny)
-                said[i] += evidence(e, knots, widths, slopes[j])
+                values[i] += evidence(e, knots, widths, slopes[j])
         weight = window[2] / (abs(nx) + abs(ny))
-        total += weight * said[1]
+        total += weight * values[1]
         length += weight
-        bend += weight * (2 * said[1] - said[0] - said[2])
+        bend += weight * (2 * values[1] - values[0] - values[2])
         depth = 1.0 / closeness
         # Motion along the normal [px] per metre of shift and radian of turn about the origin.
         across[0], across[1] = fx * nx * closeness, fy * ny * closeness
@@ -234,8 +225,8 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
         across[3] = py * across[2] - pz * across[1]
         across[4] = pz * across[0] - px * across[2]
         across[5] = px * across[1] - py * across[0]
-        slope = weight * (said[2] - said[0]) / (2 * step)
-        peak = weight * (max(said[1], 0.0) + _SHOWN)
+        slope = weight * (values[2] - values[0]) / (2 * step)
+        peak = weight * (max(values[1], 0.0) + LEAST_SHOWN)
         shown += peak
         for a in range(6):
             gradient[a] += slope * across[a]
@@ -243,13 +234,13 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
                 product = across[a] * across[b]
                 moments[a, b] += weight * product
                 information[a, b] += peak * product
-    # An edge's peak bends as it is high: where the contour shows none it tells nothing.
-    curvature = max(bend / max(length, 1.0) / (step * step), _LEAST_CURVATURE)
+    # The curvature at an edge grows with its height: no edge, no information.
+    curvature = max(bend / max(length, 1.0) / (step * step), LEAST_CURVATURE)
     for a in range(6):
         for b in range(a + 1):
             information[a, b] *= curvature * length / max(shown, 1e-9)
             moments[a, b] /= max(length, 1.0)
             information[b, a], moments[b, a] = information[a, b], moments[a, b]
-        information[a, a] += _LEAST_CURVATURE / (_WIDEST[a] * _WIDEST[a])
+        information[a, a] += LEAST_CURVATURE / (WIDEST[a] * WIDEST[a])
         moments[a, a] += 1e-12
     return total

@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.pmcl.render.contour import MOST_KNOTS, MOST_OFFSETS, Edges, check_profile
+from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
+from pmcl_ros.pmcl.render.contour import Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, sums_of_images
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers

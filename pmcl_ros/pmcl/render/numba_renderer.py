@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numba import prange
 from numba.np.ufunc import parallel
@@ -35,7 +34,7 @@ class NumbaRenderer:
         drawing = Drawing.from_scene(scene)
         inverse = np.zeros((len(poses), drawing.height, drawing.width), np.float32)
         with LOCK:
-            _draw_all(drawing, _float32(poses), _room(drawing), inverse)
+            _draw_all(drawing, _float32(poses), Room.for_threads(drawing), inverse)
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
     def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
@@ -51,15 +50,10 @@ class NumbaRenderer:
     def warm_up(self, likelihoods: bool = True) -> None:
         """Compile, or load from numba's cache, all that scoring needs.
 
-        likelihoods: those too, not contours alone.
+        likelihoods: compile their scores too.
         """
-        corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
-        camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
-        scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
-                      Window(0, 0, (8, 8)), 0.5, 2.0)
-        depths = depth_labels(0.5, 2.0, 2)
-        edges = EdgeVolume(Header(), np.zeros((8, 8, 2, 3), np.float32), depths, camera)
-        volume = DepthLikelihoodVolume(Header(), np.zeros((8, 8, 2), np.float32), depths, camera)
+        scene, edges = tiny_scene()
+        volume = DepthLikelihoodVolume(Header(), edges.tensor[..., 0], edges.depths, edges.pinhole)
         pose = np.eye(4)
         self.depths(scene, pose[None])
         if likelihoods:
@@ -89,7 +83,7 @@ class NumbaContourScore:
         self.evaluations = 0
         self._drawing = Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
-        self._room = _room(self._drawing)
+        self._room = Room.for_threads(self._drawing)
         self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
         self._creases = creases
         self._lines = None if creases is None else Lines.from_creases(scene, edges, creases)
@@ -144,7 +138,7 @@ class NumbaLikelihoodScore:
     def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
         self.evaluations = 0
         self._drawing = Drawing.from_scene(scene)
-        self._room = _room(self._drawing)
+        self._room = Room.for_threads(self._drawing)
         self._volume = np.ascontiguousarray(volume.likelihood, np.float32)
         self._labels = label_scale(volume.depths)
         self._window = (scene.window.left, scene.window.top, scene.window.scale)
@@ -169,9 +163,14 @@ def _float32(poses: NDArray[np.floating]) -> NDArray[np.float32]:
     return np.ascontiguousarray(poses, np.float32)
 
 
-def _room(drawing: Drawing) -> Room:
-    threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    return Room.for_threads(drawing, threads)
+def tiny_scene() -> tuple[Scene, EdgeVolume]:
+    """A triangle, and an edge volume without edges, of 8x8 px: to compile with."""
+    corners = np.array([[0, 0, 1.0], [0, 0.4, 1], [0.4, 0, 1]])
+    camera = Pinhole(8, 8, 8.0, 8.0, 3.5, 3.5)
+    scene = Scene(ObjectModel('triangle', corners, np.array([[0, 1, 2]]), None, False), camera,
+                  Window(0, 0, (8, 8)), 0.5, 2.0)
+    return scene, EdgeVolume(Header(), np.zeros((8, 8, 2, 3), np.float32),
+                             depth_labels(0.5, 2.0, 2), camera)
 
 
 thread_id: Any = parallel.get_thread_id

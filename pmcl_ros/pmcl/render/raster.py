@@ -10,6 +10,7 @@ outside the window. It is as large as the object's box (`Box`) with `MARGIN` pix
 
 from typing import NamedTuple
 
+import numba
 import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
@@ -69,8 +70,9 @@ class Room(NamedTuple):
     z: NDArray[np.float32]
 
     @classmethod
-    def for_threads(cls, drawing: Drawing, threads: int) -> 'Room':
-        """For so many threads."""
+    def for_threads(cls, drawing: Drawing) -> 'Room':
+        """For each thread of numba."""
+        threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
         width, height = drawing.width, drawing.height
         count = drawing.vertices.shape[1]
         length = (width + 2 * MARGIN) * (height + 2 * MARGIN)
