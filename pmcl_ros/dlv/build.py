@@ -21,6 +21,10 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext, choose_back_end
 
+_LOG = logging.getLogger(__name__)
+# The only thread that uses the GL context; any thread may call `build_volume`.
+_THREAD = ThreadPoolExecutor(1, 'dlv_gl')
+
 
 def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelihoodVolume:
     """The paper's depth likelihood volume of one capture (section V.A).
@@ -58,12 +62,6 @@ def tiny_light_field() -> LightField:
     grid = ViewGrid(pinhole, 0.001, nominal_positions(3, 3), np.ones((3, 3), np.float32))
     views = np.random.default_rng(0).random((3, 3, side, side, 3), np.float32)
     return LightField(Header(), views, grid)
-
-
-_LOG = logging.getLogger(__name__)
-
-# A context is its thread's: volumes are asked for by any thread, and made by this one.
-_THREAD = ThreadPoolExecutor(1, 'dlv_gl')
 
 
 def make_likelihood(light_field: LightField, depths: NDArray[np.float64], settings: DlvSettings

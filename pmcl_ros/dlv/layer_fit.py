@@ -1,4 +1,4 @@
-"""What is summed over a window to fit two layers along a ray."""
+"""Fit of two layers along each ray: sums over its window, and the likelihoods of both models."""
 
 import cv2
 import numpy as np
@@ -17,9 +17,10 @@ _DERIVATIVES = np.array([[0, 0, 0, 1, 0, 0, 0],
                          np.array([1, -8, 13, 0, -13, 8, -1]) / 8,
                          np.array([-1, 12, -39, 56, -39, 12, -1]) / 6], np.float32)
 
-# The sums over a window that are kept, by what is multiplied.
+# Sums over a window, named by the factors of the products (`_multiply`).
 LL, LD, LE, LQ, DD, DE, DQ, EE, EQ, QQ, OO, OG, GG, NN = range(14)
 SUMS = 14
+_LEAST = 1e-9  # divisors without contrast
 
 
 def window_sums(pictures: NDArray[np.float32], moments: ViewMoments, half: int, stride: int
@@ -112,9 +113,6 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
                     products[NN, y, x] += noise * noise
 
 
-_LEAST = 1e-9  # so little is no contrast
-
-
 @compiled(parallel=True)
 def fit_rays(sums, nodes, separations, independent, found):  # type: ignore[no-untyped-def]
     """Writes the middle, the separation [px per view step], the nearer share and the evidence."""
@@ -157,7 +155,7 @@ def _vertex(costs, least):  # type: ignore[no-untyped-def]
 def _one_layer(ray, widest, independent):  # type: ignore[no-untyped-def]
     """Twice the negative log likelihood of a single layer beside the refocused depth.
 
-    Its noise is the frame's or, where that does not explain the rest, as large as the rest says.
+    Its noise is that of the frame, or larger where the residuals are.
     """
     beside = min(max(ray[OG] / max(ray[GG], _LEAST), -widest), widest)
     q = beside * beside
@@ -171,8 +169,8 @@ def _one_layer(ray, widest, independent):  # type: ignore[no-untyped-def]
 def _two_layers(ray, h, widest, independent):  # type: ignore[no-untyped-def]
     """The same of two layers at h on both sides of a middle near the refocused depth.
 
-    Both layers' textures are taken for independent: what the nearer one has more is then as strong
-    as their sum, which makes the first-degree part h times as strong as the sum's gradient.
+    The textures of both layers are assumed independent. Their difference is then as strong as
+    their sum, so the first-degree part is h times as strong as the gradient of the sum.
     """
     beside = _beside(ray, h, widest)
     q = h * h - beside * beside

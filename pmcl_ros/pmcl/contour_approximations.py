@@ -1,4 +1,4 @@
-"""The evidence near a pose by a table: its contour slides along its normals, and nothing else."""
+"""Approximations of the contour evidence near a pose, without rendering."""
 
 from dataclasses import dataclass
 
@@ -14,17 +14,18 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.runtime.kernels import compiled
 
-_FARTHEST, _STEP = 4.0, 0.5  # px: the table's ends, and its steps
+_FARTHEST, _STEP = 4.0, 0.5  # px: ends and steps of the table of `LinearizedContour`
+_NEAREST = 0.01  # m: closer points are not seen
 
 
 @dataclass(frozen=True)
 class LinearizedContour:
     """Evidence of poses near one, to first order in the motion of each point of its contour.
 
-    Nothing is rendered: a pose costs a hundredth of the exact evidence.
+    Points move along their normals only. A pose costs a hundredth of the exact evidence.
 
-    motion: (n, 6) how far points go [px] (`local_model.normal_motion`). table: (n, k) what a point
-        is worth at each step [nat].
+    motion: (n, 6) motion of the points per unit of a tangent vector [px]
+        (`local_model.normal_motion`). table: (n, k) evidence of a point at each step [nat].
     """
 
     motion: NDArray[np.float64]
@@ -34,8 +35,7 @@ class LinearizedContour:
     def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EdgeVolume,
                      profile: ContourProfile, creases: CreasePoints | None = None
                      ) -> 'LinearizedContour':
-        """About `pose` (4, 4), whose contour's points are `points`; creases: seen, if any count.
-        """
+        """About `pose` (4, 4) with the contour `points`; creases: visible ones, or None."""
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
         table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                 shifts)
@@ -46,9 +46,9 @@ class LinearizedContour:
                    points.lengths[:, None] * table)
 
     def evidence(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(m,) [nat] of poses that deviate by tangent vectors (m, 6).
+        """(m,) evidence [nat] of poses that deviate by tangent vectors (m, 6) [m, rad].
 
-        Beyond the table its end counts.
+        Constant beyond the ends of the table.
         """
         result = np.zeros(len(deviations))
         _slid(self.motion, self.table, np.ascontiguousarray(deviations), _FARTHEST, _STEP, result)
@@ -71,18 +71,15 @@ def _slid(motion, table, deviations, farthest, step, result):  # type: ignore[no
         result[m] = total
 
 
-_AHEAD = 0.01  # m: what is nearer to the camera than that is not seen
-
-
 @dataclass(frozen=True)
 class RigidContour:
     """Points of an object's contour that move with it as a rigid wire.
 
-    A contour slides over a smooth object that turns, so this is true for small turns only; but
-    for any shift, and a pose costs a few microseconds.
+    It holds for any translation, but for small rotations only, as the contour slides over a
+    smooth object that rotates. A pose costs a few microseconds.
 
-    pose: (4, 4) whose contour it is. points: (n, 3) [m], and tips: (n, 3), a little farther out
-    along their normals, at the same depth. lengths: (n,) that they stand for [image px].
+    pose: (4, 4) of the contour. points: (n, 3) [m]. tips: (n, 3) [m], 1 px outward along the
+    normals, at the same depth. lengths: (n,) of the contour that the points represent [image px].
     """
 
     pose: NDArray[np.float64]
@@ -93,7 +90,7 @@ class RigidContour:
     @classmethod
     def from_contour(cls, pose: NDArray[np.float64], contour: ContourPoints, pinhole: Pinhole,
                      count: int) -> 'RigidContour':
-        """About `count` of the points of a contour, evenly along it."""
+        """Of about `count` points of a contour, evenly along it."""
         total = float(contour.lengths.sum())
         reached = np.cumsum(contour.lengths)
         wanted = (np.arange(count) + 0.5) / count * total
@@ -105,7 +102,7 @@ class RigidContour:
 
     def evidence(self, poses: NDArray[np.float64], edges: EdgeVolume, profile: ContourProfile
                  ) -> NDArray[np.float64]:
-        """(n,) [nat] of poses (n, 4, 4); what is out of view is neither for nor against them.
+        """(n,) evidence [nat] of poses (n, 4, 4); points out of view have none.
 
         The profile's offsets are in pixels of `edges`, whose camera may be coarser.
         """
@@ -114,7 +111,7 @@ class RigidContour:
         places = self.points @ turns.transpose(0, 2, 1) + shifts
         tips = self.tips @ turns.transpose(0, 2, 1) + shifts
         depths = places[..., 2]
-        ahead = (depths > _AHEAD) & (tips[..., 2] > _AHEAD)
+        ahead = (depths > _NEAREST) & (tips[..., 2] > _NEAREST)
         pixels = edges.pinhole.project(np.where(ahead[..., None], places, [0, 0, 1]))
         normals = edges.pinhole.project(np.where(ahead[..., None], tips, [0, 0, 1])) - pixels
         normals /= np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-9)
@@ -127,7 +124,7 @@ class RigidContour:
 
 
 def shrunk(edges: EdgeVolume, scale: int) -> EdgeVolume:
-    """The mean over each scale x scale pixels, as one pixel: blurred, and quicker to read."""
+    """The mean over each scale x scale pixels, as one pixel of a coarser camera."""
     rows, columns = (max(1, side // scale) for side in edges.tensor.shape[:2])
     if scale == 1 or min(edges.tensor.shape[:2]) < scale:
         return edges

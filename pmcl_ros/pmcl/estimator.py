@@ -40,9 +40,9 @@ class Estimator:
                        ) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
-        local_model_at: of a pose, with its uncertainty. contour: the points that count of a
-        pose's. least: evidence that nothing has [nat / px]. share: of a pose's contour that
-        counts.
+        local_model_at: as of `ContourPosterior`. contour: the points of a pose's contour that
+        count; share: their share of it. least: mean evidence below which the object is absent
+        [nat / px].
         """
         symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
@@ -51,7 +51,7 @@ class Estimator:
         pose = self._representative(symmetry.mean_pose(ours))
         ours = symmetry.nearest_equivalents(ours, pose)
         local = local_model_at(pose, True)
-        # What the model gets wrong adds to what the data leave open.
+        # The model error adds to the uncertainty of the posterior.
         error = local.basis @ local.model_error @ local.basis.T
         spread = symmetry.covariance(ours, pose) + error
         off = rng.multivariate_normal(np.zeros(6), error, len(poses), method='eigh')
@@ -61,7 +61,7 @@ class Estimator:
         in_view = share_in_view(self.model, pose, edges.pinhole)
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
-        # No part must be missing, and the whole must rather be there than not.
+        # Lost: a part of the contour is missing, or the whole is more likely absent than present.
         partly, absent = support < self.settings.least_support, evidence < least
         return PoseEstimate(edges.header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
@@ -95,7 +95,7 @@ class Estimator:
         pose = self._representative(symmetry.mean_pose(near[mode], inside))
         spread = symmetry.covariance(symmetry.nearest_equivalents(near[mode], pose), pose, inside)
         likelihood = float(score(pose[None])[0])
-        # The paper knows no lost object; one that no ray supports at all is.
+        # The paper has no lost objects; here an object without any likelihood is lost.
         return PoseEstimate(volume.header, pose, spread, symmetry.nearest_equivalents(poses, pose),
                             weights.log_normalised, likelihood, lost=not likelihood > 0,
                             mode=self.settings.mode)

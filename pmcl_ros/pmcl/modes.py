@@ -35,10 +35,10 @@ def suppress_duplicates(poses: NDArray[np.float64], symmetry: Symmetry, count: i
 def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4, 4) poses that a pose (4, 4) could be mistaken for, the middle of the mesh in place.
 
-    With an axis of symmetry: the object upside down, and both of these with the tilt of the axis
-    towards the camera turned into one away from it. From afar their outlines are alike or nearly.
-    Without: half turns about the mesh's axes, and about the line of sight. Equivalents
-    by a discrete symmetry, of the pose or of another of these, are left out.
+    With an axis of symmetry: the object upside down, and both of these with the axis tilted away
+    from the camera instead of towards it, which from afar gives nearly the same outline. Without:
+    half turns about the mesh's axes, and about the line of sight. Poses that are equivalent to
+    `pose` or an earlier one by a discrete symmetry are left out.
     """
     middle = (model.vertices.min(axis=0) + model.vertices.max(axis=0)) / 2
     rotation = pose[:3, :3]
@@ -55,12 +55,12 @@ def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np
     result = np.tile(np.eye(4), (len(turned), 1, 1))
     result[:, :3, :3] = turned
     result[:, :3, 3] = centre - result[:, :3, :3] @ middle
-    return _unlike(model.symmetry, pose, result)
+    return _drop_equivalents(model.symmetry, pose, result)
 
 
-def _unlike(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.float64]
-            ) -> NDArray[np.float64]:
-    """Those of poses (n, 4, 4) that no discrete symmetry makes of `pose` or an earlier one."""
+def _drop_equivalents(symmetry: Symmetry, pose: NDArray[np.float64], found: NDArray[np.float64]
+                      ) -> NDArray[np.float64]:
+    """(k, 4, 4) poses `found` that are not equivalent to `pose` (4, 4) or an earlier one."""
     kept, spin = [pose], Symmetry(symmetry.axis)
     for each in found:
         images = symmetry.equivalents(each)[1:]

@@ -39,9 +39,9 @@ class Weights:
     @classmethod
     def tempered(cls, scores: NDArray[np.floating], largest: float, effective: float
                  ) -> tuple['Weights', float]:
-        """Weights exp(beta score), and beta: the largest that keeps the share `effective` (0..1).
+        """Weights exp(beta score), and beta: the largest with an effective size of n `effective`.
 
-        Of the particles, by the effective size. beta is `largest` at most.
+        scores: (n,). effective: 0 to 1. beta is `largest` at most.
         """
         values = np.asarray(scores, np.float64)
         enough = effective * len(values)
@@ -80,7 +80,7 @@ class Weights:
         """
         ladder = np.cumsum(self.normalised)
         positions = (rng.random() + np.arange(count)) / count
-        # A step of no height is never stepped on, the last one included.
+        # Particles of weight 0 are never drawn, also not the last one.
         drawn = np.searchsorted(ladder / ladder[-1], positions, side='right')
         return np.minimum(drawn, np.flatnonzero(self.normalised)[-1])
 

@@ -7,8 +7,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
-# px of a contour that are judged together. Contributions farther apart share no noise.
-_ARC = 20.0
+_ARC = 20.0  # px: length of an arc with one mean; contributions farther apart share no noise
 _PART = 0.2  # of a contour: its weakest part
 
 
@@ -34,10 +33,10 @@ def contour_support(points: ContourPoints, seen: float) -> float:
 
 
 def share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:
-    """Of a mesh's vertices, how many lie in the image's field: 0 to 1.
+    """Share of a mesh's vertices that lie in the image, 0 to 1.
 
-    What is not seen speaks neither for a pose nor against it, but nobody should believe in an
-    object because of the little of it that may be seen.
+    Parts out of view are neither evidence for a pose nor against it. But a small part in view must
+    not suffice to accept an object.
     """
     pixels = pinhole.project(model.vertices @ pose[:3, :3].T + pose[:3, 3])
     inside = (pixels > -0.5) & (pixels < np.array([pinhole.width, pinhole.height]) - 0.5)
