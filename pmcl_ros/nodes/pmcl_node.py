@@ -154,8 +154,8 @@ class PmclNode(StageNode):
         for stamp in self._missing.arrived(evidence.header.stamp_ns):
             self.health.count('captures without evidence')  # dropped before this node
             self.get_logger().warning(
-                f'no evidence came of capture {stamp}: the nodes before this one say why, unless '
-                'one of them was killed')
+                f'no evidence came of capture {stamp}: the log of this node, or of one before it, '
+                'says why, unless that one was killed')
         self._search(evidence)
 
     def _again(self) -> str:
