@@ -8,86 +8,46 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.messages.cdr import typestore
 from pmcl_ros.runtime.errors import BagError
-
-try:
-    from builtin_interfaces.msg import Time
-    from geometry_msgs.msg import (
-        Point,
-        Pose,
-        PoseArray,
-        PoseStamped,
-        PoseWithCovariance,
-        PoseWithCovarianceStamped,
-        Quaternion,
-        Transform,
-        TransformStamped,
-        Vector3,
-    )
-    from sensor_msgs.msg import CameraInfo, Image, RegionOfInterest
-    from std_msgs.msg import (
-        Float32MultiArray,
-        MultiArrayDimension,
-        MultiArrayLayout,
-        String,
-    )
-    from std_msgs.msg import Header as HeaderMessage
-except ImportError:
-    from rosbags.typesys import Stores, get_typestore
-
-    _TYPES = get_typestore(Stores.ROS2_JAZZY).types
-    Time = _TYPES['builtin_interfaces/msg/Time']
-    Point = _TYPES['geometry_msgs/msg/Point']
-    Pose = _TYPES['geometry_msgs/msg/Pose']
-    PoseArray = _TYPES['geometry_msgs/msg/PoseArray']
-    PoseStamped = _TYPES['geometry_msgs/msg/PoseStamped']
-    PoseWithCovariance = _TYPES['geometry_msgs/msg/PoseWithCovariance']
-    PoseWithCovarianceStamped = _TYPES['geometry_msgs/msg/PoseWithCovarianceStamped']
-    Quaternion = _TYPES['geometry_msgs/msg/Quaternion']
-    Transform = _TYPES['geometry_msgs/msg/Transform']
-    TransformStamped = _TYPES['geometry_msgs/msg/TransformStamped']
-    Vector3 = _TYPES['geometry_msgs/msg/Vector3']
-    CameraInfo = _TYPES['sensor_msgs/msg/CameraInfo']
-    Image = _TYPES['sensor_msgs/msg/Image']
-    RegionOfInterest = _TYPES['sensor_msgs/msg/RegionOfInterest']
-    Float32MultiArray = _TYPES['std_msgs/msg/Float32MultiArray']
-    MultiArrayDimension = _TYPES['std_msgs/msg/MultiArrayDimension']
-    MultiArrayLayout = _TYPES['std_msgs/msg/MultiArrayLayout']
-    String = _TYPES['std_msgs/msg/String']
-    HeaderMessage = _TYPES['std_msgs/msg/Header']
-
-__all__ = [
-    'Buffer',
-    'CameraInfo',
-    'Float32MultiArray',
-    'HeaderMessage',
-    'Image',
-    'MultiArrayDimension',
-    'MultiArrayLayout',
-    'Point',
-    'Pose',
-    'PoseArray',
-    'PoseStamped',
-    'PoseWithCovariance',
-    'PoseWithCovarianceStamped',
-    'Quaternion',
-    'RegionOfInterest',
-    'String',
-    'Time',
-    'Transform',
-    'TransformStamped',
-    'Vector3',
-    'message_class',
-]
 
 
 def message_class(name: str) -> type:
-    """The class of `PACKAGE/msg/KIND`; BagError when it is not installed."""
+    """ROS's class of `PACKAGE/msg/KIND`; BagError when it is not installed."""
     package, _, kind = name.split('/')
     try:
         return getattr(import_module(f'{package}.msg'), kind)
     except (ImportError, AttributeError):
-        raise BagError(f'message type {name} is not installed') from None
+        raise BagError(f'message type {name} is not installed: install ros-jazzy-'
+                       f'{package.replace("_", "-")}, or leave its topic out') from None
+
+
+def _class(name: str) -> Any:
+    try:
+        return message_class(name)
+    except BagError:
+        return typestore().types[name]
+
+
+Time: Any = _class('builtin_interfaces/msg/Time')
+Point: Any = _class('geometry_msgs/msg/Point')
+Pose: Any = _class('geometry_msgs/msg/Pose')
+PoseArray: Any = _class('geometry_msgs/msg/PoseArray')
+PoseStamped: Any = _class('geometry_msgs/msg/PoseStamped')
+PoseWithCovariance: Any = _class('geometry_msgs/msg/PoseWithCovariance')
+PoseWithCovarianceStamped: Any = _class('geometry_msgs/msg/PoseWithCovarianceStamped')
+Quaternion: Any = _class('geometry_msgs/msg/Quaternion')
+Transform: Any = _class('geometry_msgs/msg/Transform')
+TransformStamped: Any = _class('geometry_msgs/msg/TransformStamped')
+Vector3: Any = _class('geometry_msgs/msg/Vector3')
+CameraInfo: Any = _class('sensor_msgs/msg/CameraInfo')
+Image: Any = _class('sensor_msgs/msg/Image')
+RegionOfInterest: Any = _class('sensor_msgs/msg/RegionOfInterest')
+Float32MultiArray: Any = _class('std_msgs/msg/Float32MultiArray')
+HeaderMessage: Any = _class('std_msgs/msg/Header')
+MultiArrayDimension: Any = _class('std_msgs/msg/MultiArrayDimension')
+MultiArrayLayout: Any = _class('std_msgs/msg/MultiArrayLayout')
+String: Any = _class('std_msgs/msg/String')
 
 
 class Buffer:

@@ -1,7 +1,6 @@
 """`make demo`: a shipped capture becomes a pose through the four nodes, on real ROS 2."""
 
 import argparse
-import os
 import subprocess
 import sys
 import time
@@ -31,6 +30,7 @@ from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
+from pmcl_ros.nodes.runtime.running import own_domain
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.resources import resolve
@@ -196,9 +196,7 @@ def main() -> int:
     parser.add_argument('--camera', choices=['', 'simulated'], default='', help='simulated: a '
                         'camera made of software takes the picture; else the bag is replayed')
     options = parser.parse_args()
-    # Keep other ROS nodes of this machine and of the network out.
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
+    own_domain()
     try:
         compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
         show(options.bag, options.out, options.camera == 'simulated')

@@ -97,11 +97,9 @@ class DlvNode(StageNode):
             return
         complete = self._matching.add(topic, part.header.stamp_ns, part.message)
         if complete:
-            self._deferred.publish(partial(self._build, *complete),
-                                   f'capture {part.header.stamp_ns}')
-
-    def _build(self, camera_info: CameraInfo, pupil: Image, views: Image) -> Products:
-        return Products(light_field_from(camera_info, pupil, views), self._settings)
+            self._deferred.publish(
+                lambda: Products(light_field_from(*complete), self._settings),
+                f'capture {part.header.stamp_ns}')
 
     def _layers_to_message(self, volume: DepthLikelihoodVolume,
                            buffer: Buffer) -> Image:

@@ -20,7 +20,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
-from pmcl_ros.nodes.evidence_input import EvidenceInput
+from pmcl_ros.nodes.evidence_input import ENDED, EvidenceInput
 from pmcl_ros.nodes.pmcl_outputs import ObjectFrame, ObjectList, Overlays, SeveralObjects
 from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
@@ -39,7 +39,6 @@ from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('track_camera', 'camera_pose', 'track_frame', 'track_max_age')
-_ENDED = 'the node was reset or deactivated before it was searched'
 
 
 class PmclNodeSettings(TrackingSettings):
@@ -155,8 +154,8 @@ class PmclNode(StageNode):
         for stamp in self._missing.arrived(evidence.header.stamp_ns):
             self.health.count('captures without evidence')  # dropped before this node
             self.get_logger().warning(
-                f'no evidence came of capture {stamp}: the nodes before this one say why, unless '
-                'one of them was killed')
+                f'no evidence came of capture {stamp}: the log of this node, or of one before it, '
+                'says why, unless that one was killed')
         self._search(evidence)
 
     def _again(self) -> str:
@@ -168,7 +167,7 @@ class PmclNode(StageNode):
     def _stop(self) -> None:
         waited = self._worker.stop()
         if waited is not None:
-            self.dropped(f'capture {waited.args[0].header.stamp_ns}: {_ENDED}')
+            self.dropped(f'capture {waited.args[0].header.stamp_ns}: {ENDED}')
 
     def _reset(self) -> str:
         self._stop()
@@ -212,7 +211,7 @@ class PmclNode(StageNode):
                 found = localizer.localize(evidence, self._random, progress)
             latency = time.monotonic() - began
             if self._worker.stopping:
-                self.dropped(f'capture {evidence.header.stamp_ns}: {_ENDED}')
+                self.dropped(f'capture {evidence.header.stamp_ns}: {ENDED}')
             elif isinstance(found, PoseEstimate):
                 self._publish(found, evidence.pinhole, latency)
             elif self._several is not None:

@@ -18,7 +18,6 @@ from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded
 from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.graph import BIG, PRESETS, TOPICS, Quality, TopicEntry
-from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import Interrupted, pause, ros
 from pmcl_ros.runtime.errors import BagError, PmclError
 
@@ -33,9 +32,8 @@ class Recorder:
     has no room for.
     """
 
-    def __init__(self, node: Node, topics: Sequence[TopicEntry], writer: BagWriter,
-                 progress: Progress) -> None:
-        self._node, self._writer, self._progress = node, writer, progress
+    def __init__(self, node: Node, topics: Sequence[TopicEntry], writer: BagWriter) -> None:
+        self._node, self._writer = node, writer
         self._messages = self._bytes = 0
         for each in topics:
             node.create_subscription(message_class(each.type), each.name,
@@ -53,7 +51,7 @@ class Recorder:
                                     cdr, _offered(topic.quality)))
         self._messages += 1
         self._bytes += len(cdr)
-        self._progress.report(self.summary)
+        self._node.get_logger().info(self.summary(), throttle_duration_sec=1.0)
 
     def summary(self) -> str:
         """What has been recorded."""
@@ -76,13 +74,12 @@ def record(options: argparse.Namespace) -> None:
     """Record into a new bag until a signal or the end; BagError when nothing came."""
     names = [*PRESETS[options.preset]] if options.preset else options.topic
     chosen = [each for each in TOPICS if each.name in names]
-    progress = Progress('pmcl_record')
     end = time.monotonic() + options.duration
     node, executor = Node('pmcl_record'), SingleThreadedExecutor()
     executor.add_node(node)
     with BagWriter(options.output) as writer:
-        recorder = Recorder(node, chosen, writer, progress)
-        progress.print(f'listening to {", ".join(names)}')
+        recorder = Recorder(node, chosen, writer)
+        node.get_logger().info(f'listening to {", ".join(names)}')
         try:
             while time.monotonic() < end:
                 pause(0)
@@ -98,7 +95,7 @@ def record(options: argparse.Namespace) -> None:
         if not recorder.messages:
             raise BagError(f'nothing came on {", ".join(names)}: are the nodes active, and in '
                            'this namespace (-r __ns:=...)?')
-    progress.print(f'{recorder.summary()} into {options.output}')
+    node.get_logger().info(f'{recorder.summary()} into {options.output}')
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -14,7 +14,6 @@ from rosbags.interfaces import Qos
 from pmcl_ros.messages.bags import Recorded, Topic, read, topics
 from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.graph import PRESETS
-from pmcl_ros.nodes.runtime.progress import Progress
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 from pmcl_ros.runtime.errors import BagError, PmclError
@@ -27,7 +26,7 @@ class Player:
     """Publishes recorded messages under their topics' names, relative to the node's namespace."""
 
     def __init__(self, node: Node, topics: Iterable[Topic]) -> None:
-        topics = list(topics)
+        self._logger, topics = node.get_logger(), list(topics)
         self._total = sum(each.messages for each in topics)
         self._lines = {each.name: _Line(node, each) for each in topics}
 
@@ -50,7 +49,7 @@ class Player:
                 heard |= {dlv, f'{dlv}/edges'}
         return [line.name for line in self._lines.values() if line.name not in heard]
 
-    def play(self, messages: Iterable[Recorded], rate: float, progress: Progress,
+    def play(self, messages: Iterable[Recorded], rate: float,
              lockstep: LockstepPlayer | None = None) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
@@ -73,12 +72,12 @@ class Player:
             self._lines[each.topic].publish(each.cdr)
             if number == 1:
                 start, first_ns = time.monotonic(), each.time_ns
-            progress.report(position)
+            self._logger.info(position(), throttle_duration_sec=1.0)
         for line in self._lines.values():
             line.wait_until_arrived()
         if lockstep is not None:
             lockstep.wait()
-        progress.print(f'played {position()}')
+        self._logger.info(f'played {position()}')
 
 
 class _Line:
@@ -166,7 +165,6 @@ def main(args: Sequence[str] | None = None) -> int:
         chosen = {name: each for name, each in found.items() if _wanted(name, options)}
         if not chosen:
             raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
-        progress = Progress('pmcl_replay')
         with ros(given):
             node = Node('pmcl_replay')
             lockstep = (LockstepPlayer(node, chosen.values(), options.patience) if options.in_step
@@ -178,7 +176,7 @@ def main(args: Sequence[str] | None = None) -> int:
             again = True
             while again:
                 began = time.monotonic()
-                player.play(read(options.bag, chosen), options.rate, progress, lockstep)
+                player.play(read(options.bag, chosen), options.rate, lockstep)
                 again = options.loop
                 if again:
                     pause(began + _ROUND - time.monotonic())

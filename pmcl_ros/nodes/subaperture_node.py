@@ -12,8 +12,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import DecodeSettings
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.header import Part, header_from, part_from
+from pmcl_ros.messages.header import Part, part_from
 from pmcl_ros.messages.raw_frame import counts_from, metadata_from, raw_frame_from
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.runtime.parameters import live_parameters
@@ -42,6 +41,7 @@ class SubapertureNode(StageNode):
         """Listen; the metadata first, as they are taken in this order."""
         self._metadata = None
         self._waiting: Part | None = None
+        self.active.callback(self._drop_waiting, 'no metadata came before deactivation')
         self._deferred = DeferredPublisher(self, self._outputs,
                                            'no subscriber of views or center')
         self.subscribe(String, 'metadata', self._on_metadata, LATCHED)
@@ -75,23 +75,24 @@ class SubapertureNode(StageNode):
         if isinstance(image, RawFrame):  # handed over, with its own
             self._metadata = image.metadata
             self._deferred.publish(partial(self._decoders.decode, image),
-                                f'capture {image.header.stamp_ns}')
+                                   f'capture {image.header.stamp_ns}')
             return
         if self._metadata is not None:
             self._publish(image, self._metadata)
             return
-        if self._waiting is not None:
-            stamp = header_from(self._waiting.message.header).stamp_ns
-            self.dropped(f'capture {stamp}: a newer one came before any metadata')
+        self._drop_waiting('a newer one came before any metadata')
         self._waiting = image
-        self.health.warn('an image waits for metadata')
+        self.health.warn("an image waits for metadata: publish the camera's JSON on metadata")
+
+    def _drop_waiting(self, why: str) -> None:
+        image, self._waiting = self._waiting, None
+        if image is not None:
+            self.dropped(f'capture {image.header.stamp_ns}: {why}')
 
     def _publish(self, image: Part, metadata: CameraMetadata) -> None:
-        stamp = header_from(image.message.header).stamp_ns
-        self._deferred.publish(partial(self._decode, image, metadata), f'capture {stamp}')
-
-    def _decode(self, image: Part, metadata: CameraMetadata) -> LightField:
-        return self._decoders.decode(raw_frame_from(image.message, metadata))
+        self._deferred.publish(
+            lambda: self._decoders.decode(raw_frame_from(image.message, metadata)),
+            f'capture {image.header.stamp_ns}')
 
 
 def _load(settings: DecodeSettings) -> Decoders:

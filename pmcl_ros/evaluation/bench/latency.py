@@ -4,6 +4,7 @@ Prints one JSON object; `pmcl bench graph` runs it.
 """
 
 import argparse
+import json
 import os
 import sys
 import time
@@ -17,12 +18,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError, own_domain, print_json
+from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.bag_captures import extract_captures
-from pmcl_ros.nodes.runtime.running import ros
+from pmcl_ros.nodes.runtime.running import own_domain, ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -129,7 +130,7 @@ def main() -> int:
     except PmclError as error:
         sys.stderr.write(f'{error}\n')
         return 1
-    print_json(result, out)
+    out.write(json.dumps(result) + '\n')
     return 0
 
 

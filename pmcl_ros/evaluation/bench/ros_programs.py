@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pmcl_ros.nodes.runtime.shared_memory import VARIABLE
 from pmcl_ros.runtime.errors import PmclError
 
 _PROFILE = Path('config') / 'fastdds_shm.xml'
-_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 class BenchError(PmclError):
@@ -53,7 +53,7 @@ class TransportBench:
 
 def bench_transport(messages: int = 200) -> TransportBench:
     """Send `messages` volumes of 328x328x75 each way; BenchError without ROS."""
-    bare = {name: value for name, value in os.environ.items() if name != _VARIABLE}
+    bare = {name: value for name, value in os.environ.items() if name != VARIABLE}
     bare.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     profile = Path(__file__).parents[3] / _PROFILE
     if not profile.is_file():
@@ -61,7 +61,7 @@ def bench_transport(messages: int = 200) -> TransportBench:
     by_default, by_profile = (
         Transport(**_run('volume_transport', ['--messages', str(messages)], environment,
                          'the volumes were not sent, as the lines above say; it needs ROS 2'))
-        for environment in (bare, bare | {_VARIABLE: str(profile)}))
+        for environment in (bare, bare | {VARIABLE: str(profile)}))
     return TransportBench(by_default, by_profile)
 
 

@@ -1,6 +1,5 @@
 """A whole graph in processes of its own: triggered, observed, ended; its use of the machine."""
 
-import json
 import os
 import signal
 import subprocess
@@ -10,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 import yaml
@@ -184,14 +183,3 @@ def files_shared_without(pids: Iterable[int]) -> set[Path]:
             with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
                 others |= shared_files(int(process.name))
     return others
-
-
-def own_domain() -> None:
-    """Nothing of this machine's other ROS nodes, nor of the network's, takes part."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-
-
-def print_json(result: object, out: TextIO = sys.stdout) -> None:
-    """On standard output, which must hold nothing else."""
-    out.write(json.dumps(result) + '\n')

@@ -28,13 +28,12 @@ from pmcl_ros.evaluation.bench.running_graph import (
     GraphError,
     Usage,
     files_shared_without,
-    own_domain,
     shared_files,
 )
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.graph import NODES
-from pmcl_ros.nodes.runtime.running import ros
+from pmcl_ros.nodes.runtime.running import own_domain, ros
 from pmcl_ros.runtime.errors import PmclError
 
 _ROOT = Path(__file__).parents[3]
@@ -42,15 +41,16 @@ _CONSOLE = Console(stderr=True)
 # On their way at once: one is searched, one is decoded or waits. A third could overtake.
 _UNDER_WAY = 2
 _STALLED = 60.0  # s: then what has not come does not come
-_TOLD = 10.0  # s: for the last diagnostics, which come at 1 Hz
-_PARTS = 4  # the graph is let run empty so often, to be weighed
+_REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
+_PARTS = 4  # times that the graph runs empty and its processes are measured
 # MB that a process may have grown: less than three raw pictures; one that was kept at each capture
 # would be far more.
 _FLAT = 60.0
 _ENOUGH = 100  # captures: before, what is kept for the next time is still growing
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
-_QUICK: dict[str, dict[str, Any]] = {'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
-          'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
+_QUICK: dict[str, dict[str, Any]] = {
+    'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
+    'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
 
 
 @dataclass
@@ -155,7 +155,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             run = _Run(graph, flood, lambda done: bar.update(task, completed=done))
             for last in _stops(captures):
                 run.take(last)
-                run.weigh()
+                run.measure()
             shared = set().union(*map(shared_files, graph.processes.values()))
             shared -= files_shared_without(graph.processes.values())
             result = run.result()
@@ -172,7 +172,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
 
 
 def _stops(captures: int) -> list[int]:
-    """After how many captures the graph is weighed: after a tenth, then in equal parts."""
+    """After how many captures the processes are measured: after a tenth, then in equal parts."""
     first = min(max(captures // 10, 4), captures)
     return [int(each) for each in np.linspace(first, captures, _PARTS)]
 
@@ -195,8 +195,8 @@ class _Run:
             self._show(len(self._answers))
         self._await(lambda: self._finished() >= last)
 
-    def weigh(self) -> None:
-        """Note what the processes hold."""
+    def measure(self) -> None:
+        """Note memory, descriptors and threads of the processes."""
         self._soak.after.append(len(self._answers))
         for name, pid in self._graph.processes.items():
             usage = Usage.from_pid(pid)
@@ -208,7 +208,7 @@ class _Run:
         """All that can be said while the graph still runs."""
         made = self._soak
         made.seconds = monotonic() - self._began
-        until = monotonic() + _TOLD
+        until = monotonic() + _REPORT
         self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
         made.unreported = self._balance(made)
         made.diagnostics = self._graph.diagnostics

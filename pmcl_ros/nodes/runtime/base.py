@@ -63,8 +63,8 @@ class StageNode(LifecycleNode):
         self.health = Health()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
-        self._next_report = 0.0  # s, of the monotonic clock: of the compiling of kernels
-        self._diagnostics_lock = Lock()  # held while the publisher is used or made
+        self._diagnostics_lock = Lock()  # held while the publisher is used or taken away
+        self._next_report = 0.0  # of the kernels that are compiled, by the monotonic clock [s]
         self._guard_transitions()
 
     def set_up(self, settings: Any) -> None:
@@ -93,10 +93,9 @@ class StageNode(LifecycleNode):
                   scope: ExitStack | None = None) -> Subscription:
         """A subscription while the node is active; errors of `callback` are logged and counted.
 
-        scope: closed when the subscription is to end; default: when the node is deactivated.
-
         raw: the callback gets the serialised message. missed: called with the number of messages
-        that were overwritten before this one was read, if there are any.
+        that were overwritten before this one was read, if there are any. scope: closed when the
+        subscription is to end; default: when the node is deactivated.
         """
         gaps = SequenceGaps()
 
@@ -240,14 +239,14 @@ class StageNode(LifecycleNode):
     @contextmanager
     def _diagnostics_publisher(self) -> Iterator[None]:
         """Keep a publisher of /diagnostics as long as the context lasts."""
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
+        publisher = self.create_publisher(DiagnosticArray, '/diagnostics', SMALL)
+        self._diagnostics = publisher
         try:
             yield
         finally:
             with self._diagnostics_lock:
-                publisher, self._diagnostics = self._diagnostics, None
-            if publisher is not None:
-                self.destroy_publisher(publisher)
+                self._diagnostics = None
+            self.destroy_publisher(publisher)
 
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
         try:

@@ -99,7 +99,8 @@ class TopicPoses:
         except PoseUnavailableError as error:
             raise PoseUnavailableError(
                 f"{self._names.topic}: {error} ({self._names.tolerance}): publish it around the "
-                f"shutter's time, with the same clock, or set {self._names.source}") from None
+                f"shutter's time, with the same clock, or choose another source "
+                f'({self._names.source})') from None
 
     def interpolated(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
                      gap: float) -> MovingPose | None:
