@@ -27,13 +27,12 @@ from pmcl_ros.camera.lytro.protocol import (
     decode_files,
     decode_picture_list,
     decode_time,
-    encode_time,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError
 from pmcl_ros.runtime.progress import BytesProgress
 
-_PAUSE = 0.2  # seconds between two looks at the picture list
+_PAUSE = 0.2  # seconds between two requests of the picture list
 
 _LOG = logging.getLogger(__name__)
 
@@ -96,7 +95,7 @@ class LytroClient:
         The text must be a camera's metadata, and the .RAW of the length that it states.
         progress: of the .RAW.
         """
-        record = self._record(picture)
+        record = self.record(picture)
         path = record.path('TXT')
         try:
             text = self.download(path).rstrip(b'\0').decode()
@@ -124,11 +123,6 @@ class LytroClient:
 
     # more
 
-    @property
-    def connected(self) -> bool:
-        """Whether the callback connection is up, that is, the camera in reach."""
-        return self._arrivals.connected
-
     def hardware_info(self) -> HardwareInfo:
         """Identity of the camera."""
         return HardwareInfo.decode(self._link.load(protocol.LOAD_HARDWARE_INFO, 'hardware info'))
@@ -141,12 +135,6 @@ class LytroClient:
         """The camera's clock, UTC; a real camera's has a resolution of a second."""
         return decode_time(self._link.ask(protocol.CAMERA_TIME))
 
-    def set_time(self, moment: datetime | None = None) -> None:
-        """Set the camera's clock to `moment`, by default now."""
-        self._link.ask(Request(Command.SET_TIME,
-                               encode_time(moment or datetime.now(timezone.utc))))
-        self._compare_clocks()
-
     def records(self) -> list[PictureRecord]:
         """The picture list, newest first; LinkError when another camera answers now."""
         listed = self._link.load(protocol.LOAD_PICTURE_LIST, 'the picture list', grows=True)
@@ -154,6 +142,13 @@ class LytroClient:
             self._recognize()
             self._known = made
         return decode_picture_list(listed)
+
+    def record(self, picture: Picture) -> PictureRecord:
+        """The record of a picture; CameraError when it is not on the card."""
+        for record in self.records():
+            if record.id == picture.id:
+                return record
+        raise CameraError(f'the camera has no picture {picture.id} (any more)')
 
     def calibration(self) -> dict[str, bytes]:
         """The camera's calibration files, path -> content."""
@@ -166,8 +161,7 @@ class LytroClient:
     def take_picture(self) -> Shot:
         """Press the shutter without waiting for the picture.
 
-        The command is sent once: `confirmed` is False when the reply was lost, and the picture may
-        have been taken.
+        The command is sent once: where its reply is lost, the picture may have been taken.
         """
         self.battery()  # detects and replaces a dead connection before the command
         shot = self._arrivals.commanded(time.time_ns())
@@ -175,7 +169,6 @@ class LytroClient:
             self._link.ask_once(protocol.TAKE_PICTURE)
         except LinkError as error:
             _LOG.warning('a picture may have been taken: %s', error)
-            shot.confirmed = False
         except BaseException:
             self._arrivals.given_up(shot)
             raise
@@ -213,7 +206,7 @@ class LytroClient:
 
     def delete(self, picture: Picture) -> None:
         """Delete a picture from the card; CameraError when it stays in the list."""
-        self._link.ask(Request(Command.DELETE_PICTURE, self._record(picture).key))
+        self._link.ask(Request(Command.DELETE_PICTURE, self.record(picture).key))
         deadline = time.monotonic() + self._settings.timeout
         while picture.id in {each.id for each in self.records()}:
             if time.monotonic() > deadline:
@@ -227,12 +220,6 @@ class LytroClient:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
-
-    def _record(self, picture: Picture) -> PictureRecord:
-        for record in self.records():
-            if record.id == picture.id:
-                return record
-        raise CameraError(f'the camera has no picture {picture.id} (any more)')
 
     def _recognize(self) -> None:
         """Check the serial number: all cameras have one address, another one may answer now."""

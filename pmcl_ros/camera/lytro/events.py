@@ -143,12 +143,11 @@ class Shot:
 
     sent_ns: just before the command was sent; None: the camera's own button was pressed.
     pressed_ns: arrival of the ShutterPressed callback; None: not yet.
-    confirmed: whether the command was answered. picture: the resulting picture; None: not yet.
+    picture: the resulting picture; None: not yet.
     """
 
     sent_ns: int | None = None
     pressed_ns: int | None = None
-    confirmed: bool = True
     picture: Picture | None = None
 
     @property
@@ -178,11 +177,6 @@ class Arrivals:
         """Whether the list should be read."""
         with self.changed:
             return bool(self._announced) or self._gap
-
-    @property
-    def connected(self) -> bool:
-        """Whether the callback connection is up."""
-        return self._connected
 
     def commanded(self, sent_ns: int) -> Shot:
         """Record that a capture command is about to be sent."""
