@@ -145,8 +145,8 @@ class Calibrator:
             observations = Observations.from_corners([each.corners for each in boards],
                                                      self._board.square)
             try:
-                fit, gains = select_model(observations,
-                                      *initial_guess(observations, pinhole.width, pinhole.height))
+                guess = initial_guess(observations, pinhole.width, pinhole.height)
+                fit, gains = select_model(observations, *guess)
             except LightFieldError as error:
                 raise CalibrationError(f'{error}; {_ADVICE}') from None
             odd = fit.observations.valid.mean(axis=1) < _LEAST_USED
