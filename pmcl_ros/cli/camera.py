@@ -1,4 +1,4 @@
-"""`pmcl camera`: a Lytro on the network, and a simulated one."""
+"""`pmcl camera`: a Lytro on the network, a simulated one, and a gateway to one."""
 
 import asyncio
 import contextlib

@@ -87,7 +87,7 @@ class LytroClient:
 
     def capture(self) -> Picture:
         """Take a picture; returns when it can be fetched. CameraError when none comes."""
-        return self.wait_for_picture(shot=self.take_picture())
+        return self.wait_for_picture(self.take_picture())
 
     def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON).
@@ -154,9 +154,9 @@ class LytroClient:
         """The camera's calibration files, path -> content."""
         return decode_files(self._link.load(protocol.LOAD_CALIBRATION, 'the calibration'))
 
-    def download(self, path: str, progress: BytesProgress | None = None) -> bytes:
+    def download(self, path: str) -> bytes:
         r"""A file by its path on the camera (I:\DCIM\100PHOTO\IMG_0001.RAW)."""
-        return self._link.load(protocol.load_file(path), path, progress=progress)
+        return self._link.load(protocol.load_file(path), path)
 
     def take_picture(self) -> Shot:
         """Press the shutter without waiting for the picture.
@@ -174,29 +174,23 @@ class LytroClient:
             raise
         return shot
 
-    def wait_for_picture(self, timeout: float | None = None, shot: Shot | None = None) -> Picture:
-        """Wait for the picture of `shot`, or for the next picture that nobody waited for.
-
-        timeout: seconds, by default `settings.picture_timeout`. CameraError when none comes.
-        """
-        seconds = self._settings.picture_timeout if timeout is None else timeout
+    def wait_for_picture(self, shot: Shot) -> Picture:
+        """The picture of `shot`; CameraError when none comes within the picture timeout."""
+        seconds = self._settings.picture_timeout
         deadline = time.monotonic() + seconds
         while True:
             last = time.monotonic() >= deadline
             if last or self._arrivals.pending:
                 records = self.records()
                 self._arrivals.listed(records, all_complete=last)
-            picture = self._arrivals.take(shot)
-            if picture is not None:
-                return picture
+            if shot.picture is not None:
+                return shot.picture
             if last:
                 break
             if self._arrivals.pending:
                 self._closed.wait(_PAUSE)
             else:
                 self._arrivals.wait(max(0.0, deadline - time.monotonic()))
-        if shot is None:
-            raise CameraError(f'no new picture within {seconds:g} s')
         self._arrivals.given_up(shot)
         heard = 'pressed the shutter' if shot.pressed_ns else 'did not press the shutter'
         raise CameraError(
