@@ -236,8 +236,8 @@ def initial_guess(observations: Observations, width: int,
                   height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The camera (8,) and the poses (n, 6), nearly right; width, height: of a view.
 
-    A plane seen from afar looks nearly the same tilted to the other side: which one it is follows
-    from the disparities. Raises LightFieldError when the positions of the corners are those of no
+    A distant plane looks nearly the same when it is tilted to the other side: the disparities
+    decide. Raises LightFieldError when the positions of the corners are those of no
     planes.
     """
     seen = [(observations.points[valid].astype(np.float32),

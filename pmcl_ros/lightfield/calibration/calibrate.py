@@ -182,7 +182,7 @@ def calibrate_folder(white: RawFrame, folder: Path | str, board: Checkerboard,
     paths = list_pictures(folder)
     seen: dict[int, str] = {}
     for path in paths:
-        name = _name(path, Path(folder))
+        name = str(path.relative_to(folder))
         try:
             frame = read_raw_frame(path)
             same = seen.setdefault(hash(frame.counts.tobytes()), name)
@@ -196,14 +196,6 @@ def calibrate_folder(white: RawFrame, folder: Path | str, board: Checkerboard,
         if looked is not None:
             looked(path, len(paths), found)
     return calibrator.calibrate(boards, left_out)
-
-
-def _name(path: Path, folder: Path) -> str:
-    """Short unique name of a picture in the folder."""
-    try:
-        return str(path.relative_to(folder))
-    except ValueError:
-        return path.name
 
 
 def _of_one_setting(boards: Sequence[BoardView]) -> tuple[list[BoardView], list[LeftOut]]:
