@@ -184,7 +184,7 @@ def _verify(stream: BinaryIO, section: Section) -> None:
 def _read(stream: BinaryIO, section: Section, largest: int) -> bytes:
     if section.length > largest:
         raise CameraError(f'the component at byte {section.offset} has {section.length} bytes, '
-                          f'at most {largest} make sense for what it should be')
+                          f'at most {largest} are allowed there')
     stream.seek(section.offset)
     return stream.read(section.length)
 

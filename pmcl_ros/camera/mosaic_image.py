@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.camera.raw_frame import TILE, UPPER_LEFT, RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
 
@@ -87,7 +87,7 @@ def _derived_text(shape: tuple[int, ...], black: int, white: int, name: str, gai
             'rawDetails': {
                 'pixelFormat': {'black': dict.fromkeys(colours, black),
                                 'white': dict.fromkeys(colours, white)},
-                'mosaic': {'tile': 'r,gr:gb,b', 'upperLeftPixel': 'b'}},
+                'mosaic': {'tile': TILE, 'upperLeftPixel': UPPER_LEFT}},
             'color': {'ccmRgbToSrgbArray': _TO_SRGB, 'gamma': _GAMMA,
                       'whiteBalanceGain': dict.fromkeys(colours, 1.0)}},
         'camera': {'model': 'F01'}}, indent=1)

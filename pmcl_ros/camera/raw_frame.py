@@ -10,7 +10,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
 
 # The mosaic of every first-generation Lytro: row 0 is B G B G, row 1 is G R G R.
-_TILE, _UPPER_LEFT = 'r,gr:gb,b', 'b'
+TILE, UPPER_LEFT = 'r,gr:gb,b', 'b'
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class RawFrame:
             raise CameraError(f'raw frame is {size} pixels, its metadata says {image.width}x'
                               f'{image.height}; do the .RAW and the .TXT belong together?')
         mosaic = image.rawDetails.mosaic
-        if (mosaic.tile, mosaic.upperLeftPixel) != (_TILE, _UPPER_LEFT):
+        if (mosaic.tile, mosaic.upperLeftPixel) != (TILE, UPPER_LEFT):
             raise CameraError(
                 f'mosaic {mosaic.tile!r} from {mosaic.upperLeftPixel!r} is not supported, only '
-                f'{_TILE!r} from {_UPPER_LEFT!r} (BGGR), as of a first-generation Lytro')
+                f'{TILE!r} from {UPPER_LEFT!r} (BGGR), as of a first-generation Lytro')
         if int(self.counts.max(initial=0)) > 4095:
             raise CameraError(
                 f'raw frame holds a count of {self.counts.max()}, a 12-bit sensor ends at 4095; '

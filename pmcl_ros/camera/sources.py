@@ -10,12 +10,13 @@ from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_picture
 from pmcl_ros.camera.gateway.client import GatewayClient
 from pmcl_ros.camera.gateway.settings import GatewaySettings, read_token
-from pmcl_ros.camera.lytro.address import LinkSettings, find_camera
+from pmcl_ros.camera.lytro.address import Address, LinkSettings, find_camera
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.runtime.errors import CameraError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 Source = Literal['wifi', 'gateway', 'files']
+_LINK = LinkSettings()
 
 
 class CameraSettings(Settings):
@@ -24,7 +25,7 @@ class CameraSettings(Settings):
     source: Source = Field('wifi', description='source of pictures: wifi, a Lytro whose '
                            'network this machine has joined; gateway, a Lytro behind another '
                            'machine (pmcl camera gateway); files')
-    address: str = Field('10.100.1.1', min_length=1, description='wifi: HOST[:PORT'
+    address: str = Field(Address().host, min_length=1, description='wifi: HOST[:PORT'
                          '[:CALLBACK_PORT]] of the camera, or mdns: the one that announces itself')
     gateway: str = Field('', description='gateway: its address, http://HOST:PORT')
     token_file: str = Field('', description='gateway: path of the file with its token; empty: '
@@ -34,10 +35,12 @@ class CameraSettings(Settings):
     loop: bool = Field(False, description='files: start again after the last picture')
     delete: bool = Field(False, description='wifi: delete each picture from the camera after '
                          'publishing it')
-    picture_timeout: float = Field(30.0, gt=0, le=3600, description='wifi: longest time '
-                                   'from the capture command until the picture is available [s]')
-    patience: float = Field(20.0, gt=0, le=3600, description='wifi and gateway: retry after lost '
-                            'connections until nothing was received for this time [s]')
+    picture_timeout: float = Field(
+        _LINK.picture_timeout, gt=0, le=3600, description='wifi: longest time from the capture '
+        'command until the picture is available [s]')
+    patience: float = Field(
+        _LINK.patience, gt=0, le=3600, description='wifi and gateway: retry after lost '
+        'connections until nothing was received for this time [s]')
     period: float = Field(0.0, ge=0, le=86400, description='interval between pictures [s]; '
                           '0: only when ~/capture is called')
     frame_id: str = Field('lytro_optical_frame', min_length=1, description='name of the optical '

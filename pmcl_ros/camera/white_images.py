@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 # lets through to a lenslet, by about half.
 _FARTHEST = 240
 # Of the sensor's range, at the centres of lenslets: darker is noise, brighter is saturated.
-_DARKEST, _BRIGHTEST = 0.02, 0.99
+DARKEST_WHITE, BRIGHTEST_WHITE = 0.02, 0.99
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,8 @@ def _check_exposure(frame: RawFrame) -> None:
     for row, column in np.ndindex(2, 2):
         counts = np.percentile(frame.counts[row::8, column::8], 99)
         part = (float(counts) - black) / (white - black)
-        if not _DARKEST < part < _BRIGHTEST:
-            state = 'too dark' if part <= _DARKEST else 'saturated'
+        if not DARKEST_WHITE < part < BRIGHTEST_WHITE:
+            state = 'too dark' if part <= DARKEST_WHITE else 'saturated'
             raise CameraError(f"{state}, at {100 * part:.0f} % of the sensor's range where it is "
                               'brightest')
 

@@ -1,4 +1,4 @@
-"""`pmcl camera`: a Lytro on the network, and a simulated one."""
+"""`pmcl camera`: a Lytro on the network, a simulated one, and a gateway to one."""
 
 import asyncio
 import contextlib
@@ -120,20 +120,17 @@ def _wanted(client: LytroClient, download: str | None, count: int, out: Path
     if download is None:
         for _ in range(count):
             picture = client.capture()
-            yield picture, _record(client, picture)
+            yield picture, client.record(picture)
         return
-    names = []
-    for picture in client.pictures():
-        record = _record(client, picture)
-        names.append(record.name)
-        if download == record.name or (download == 'all' and not _path(out, record).exists()):
-            yield picture, record
+    pictures = client.pictures()
+    records = {each.id: each for each in client.records()}
+    found = [(each, records[each.id]) for each in pictures if each.id in records]
+    names = [record.name for _, record in found]
     if download not in ('all', *names):
         raise CameraError(f'the camera has no {download}, only {", ".join(names) or "nothing"}')
-
-
-def _record(client: LytroClient, picture: Picture) -> PictureRecord:
-    return next(each for each in client.records() if each.id == picture.id)
+    for picture, record in found:
+        if download == record.name or (download == 'all' and not _path(out, record).exists()):
+            yield picture, record
 
 
 def _path(out: Path, record: PictureRecord) -> Path:

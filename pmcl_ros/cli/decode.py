@@ -91,6 +91,5 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)
     if ideal is not None:
         aligned = decoder.calibration.model_copy(update={'focus_distance': math.inf})
-        errors = compare_views(Decoder.from_light(aligned, decoder.light, views=views, size=size)
-                               .decode(frame), ideal)
-        click.echo(table(errors))
+        found = Decoder(aligned, decoder.light, views, size).decode(frame)
+        click.echo(table(compare_views(found, ideal)))

@@ -14,17 +14,16 @@ from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
 
-_CALIBRATION = "The camera's calibration, YAML."
-_WHITE = ("The camera's white image, RAW[.xz] with its TXT, or a folder of such: the one that "
-          'fits the picture is chosen.')
-
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:
     """The arguments of every command that takes a raw picture or a light field."""
     for option in (
             click.argument('source', type=PATH),
-            click.option('--calibration', type=FILE, help=f'Of a raw picture: {_CALIBRATION}'),
-            click.option('--white', type=PATH, help=f'Of a raw picture: {_WHITE}'),
+            click.option('--calibration', type=FILE,
+                         help="Of a raw picture: the camera's calibration, YAML."),
+            click.option('--white', type=PATH, help="Of a raw picture: the camera's white image, "
+                         'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
+                         'the picture is chosen.'),
             click.option('--every', type=click.IntRange(1), default=1, metavar='K',
                          help='Of a light field: each K-th view alone.'),
             click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',

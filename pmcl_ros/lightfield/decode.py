@@ -20,10 +20,11 @@ from pmcl_ros.lightfield.white_image import relative_light
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
+VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
+
 _MOST_VIEWS = 21
 _LEAST_SIDE = 8  # px, of a view, as in a calibration
 _LIGHT = 2 ** 14  # counts of relative light 1 where light is summed like a picture
-VIEWS = 9  # per row and column: one raw pixel apart under a lenslet of ten
 
 
 class DecodeSettings(Settings):
@@ -35,8 +36,8 @@ class DecodeSettings(Settings):
                        description='path of the white image of the camera, RAW or RAW.xz with its '
                        'TXT beside it, or of a folder of white images: the one that fits each '
                        'picture is chosen')
-    views: int = Field(9, ge=1, le=21, description='views of a row and column of the grid, odd, '
-                       'one raw pixel apart')
+    views: int = Field(VIEWS, ge=1, le=_MOST_VIEWS, description='views of a row and column of the '
+                       'grid, odd, one raw pixel apart')
     width: int = Field(0, ge=0, le=2000, description='width of a view [px]; 0: that of the '
                        'calibration')
     height: int = Field(0, ge=0, le=2000, description='height of a view [px]; 0: that of the '
@@ -113,7 +114,7 @@ class DecodePlan:
         right, bottom = np.maximum(reach[:, [1, 3]].max(axis=0), last)
         lenslets = Lenslets.covering(lattice, left, right, top, bottom)
         stand_ins = StandIns.find(lenslets, lattice, inside[:, ::-1] - views // 2, reach, width,
-                                height)
+                                  height)
         grid = ViewGrid(pinhole, baseline, positions, pupil.weights)
         plan = cls(grid, inside, lattice, lenslets,
                    _factors(light, lenslets, inside, views // 2), pixels, shifts, stand_ins)
@@ -148,30 +149,30 @@ def _factors(light: NDArray[np.float32], lenslets: Lenslets, inside: NDArray[np.
 class Decoder:
     """Decodes the raw frames of one camera body at one zoom and focus.
 
-    calibration: geometry and lattice. white: a white image of the same body, zoom and focus.
+    calibration: geometry and lattice. white: a white image of the same body, zoom and focus; or
+    instead of it a map of the light, (height, width) float32, 1 at the centres of lenslets.
     views: of a row and column of the grid, odd, one raw pixel apart. size: width and height of a
     view [px]; None: the calibration's.
     `plan` is the precomputed part, `light` the (height, width) map of the light at each raw pixel.
     Raises LightFieldError when calibration and white image do not fit each other.
     """
 
-    def __init__(self, calibration: Calibration, white: RawFrame, views: int = VIEWS,
-                 size: tuple[int, int] | None = None) -> None:
-        self._begin(calibration, white.counts.shape, white.metadata.serial, 'the white image')
-        self._prepare(relative_light(white), views, size)
-
-    @classmethod
-    def from_light(cls, calibration: Calibration, light: NDArray[np.float32], serial: str = '',
-                 views: int = VIEWS, size: tuple[int, int] | None = None) -> 'Decoder':
-        """A decoder without a white image.
-
-        light: (height, width) float32, the light at each pixel, 1 at the centres of lenslets.
-        serial: serial number of its camera; empty: unknown.
-        """
-        decoder = cls.__new__(cls)
-        decoder._begin(calibration, light.shape, serial, 'the map of light')
-        decoder._prepare(light, views, size)
-        return decoder
+    def __init__(self, calibration: Calibration, white: RawFrame | NDArray[np.float32],
+                 views: int = VIEWS, size: tuple[int, int] | None = None) -> None:
+        self.calibration = calibration
+        shape = white.counts.shape if isinstance(white, RawFrame) else white.shape
+        if shape != (calibration.height * RAW_PITCH, calibration.width * RAW_PITCH):
+            raise LightFieldError(
+                f'calibration is for views of {calibration.width}x{calibration.height}, that is '
+                f'raw frames of {calibration.width * RAW_PITCH}x{calibration.height * RAW_PITCH}; '
+                f'the white image or the light has {"x".join(str(side) for side in shape[::-1])}')
+        if isinstance(white, RawFrame):
+            self._check_serial(white.metadata.serial, 'the white image')
+            white = relative_light(white)
+        self.light = white
+        self.plan = DecodePlan.make(calibration, white, views, size)
+        self._samples = np.empty(self.plan.factors.shape, np.float32)
+        self._busy = threading.Lock()  # guards the samples, which every picture overwrites
 
     @property
     def grid(self) -> ViewGrid:
@@ -192,23 +193,6 @@ class Decoder:
             self.plan.resample(self._samples, views)
         return LightField(frame.header, views, self.grid, metadata.image.color.gamma,
                           Colour.from_metadata(metadata))
-
-    def _begin(self, calibration: Calibration, shape: tuple[int, ...], serial: str,
-               what: str) -> None:
-        self.calibration = calibration
-        if shape != (calibration.height * RAW_PITCH, calibration.width * RAW_PITCH):
-            raise LightFieldError(
-                f'calibration is for views of {calibration.width}x{calibration.height}, that is '
-                f'raw frames of {calibration.width * RAW_PITCH}x{calibration.height * RAW_PITCH}; '
-                f'{what} has {"x".join(str(side) for side in shape[::-1])}')
-        self._check_serial(serial, what)
-
-    def _prepare(self, light: NDArray[np.float32], views: int,
-                 size: tuple[int, int] | None) -> None:
-        self.light = light
-        self.plan = DecodePlan.make(self.calibration, light, views, size)
-        self._samples = np.empty(self.plan.factors.shape, np.float32)
-        self._busy = threading.Lock()  # guards the samples, which every picture overwrites
 
     def _check_serial(self, serial: str, what: str) -> None:
         expected = self.calibration.serial

@@ -92,7 +92,5 @@ def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: 
               fit.lattice)
     height, width = (side // RAW_PITCH for side in frame.counts.shape)
     calibration = Calibration.aligned(fit.lattice, width, height)
-    if white is not None:
-        return Decoder(calibration, white, views, size)
-    light = light_from_picture(frame, fit.lattice)
-    return Decoder.from_light(calibration, light, frame.metadata.serial, views, size)
+    return Decoder(calibration, light_from_picture(frame, fit.lattice) if white is None else white,
+                   views, size)

@@ -1,7 +1,6 @@
 """LightField: the rectified views of one capture, their geometry, and their integer encoding."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numba import prange
@@ -127,32 +126,18 @@ def _zeros_of(values):  # type: ignore[no-untyped-def]
     return total
 
 
-def linear_views(counts: NDArray[np.uint8] | NDArray[np.uint16], white: float
-                 ) -> NDArray[np.float32]:
-    """Float32 counts / white of views (rows, columns, height, width, 3)."""
-    lines: NDArray[Any] = np.ascontiguousarray(counts).reshape(-1, counts.shape[3] * 3)
-    return _linear(lines, np.arange(len(lines)), white).reshape(counts.shape)
-
-
 def views_of_mosaic(mosaic: NDArray[np.uint16], rows: int, columns: int) -> NDArray[np.float32]:
     """(rows, columns, height, width, 3) linear views of a mosaic (rows height, columns width, 3).
 
     Its counts are VIEW_WHITE at 1.
     """
     height, width = mosaic.shape[0] // rows, mosaic.shape[1] // columns
-    lines = np.arange(mosaic.shape[0] * columns).reshape(rows, height, columns)
-    linear = _linear(np.ascontiguousarray(mosaic).reshape(-1, width * 3),
-                     lines.transpose(0, 2, 1).ravel(), VIEW_WHITE)
-    return linear.reshape(rows, columns, height, width, 3)
-
-
-def _linear(lines: NDArray[np.uint8] | NDArray[np.uint16], order: NDArray[np.int64], white: float
-            ) -> NDArray[np.float32]:
-    """Lines (n, m) in the given order, divided by `white`."""
+    lines = np.ascontiguousarray(mosaic).reshape(-1, width * 3)
+    order = np.arange(len(lines)).reshape(rows, height, columns).transpose(0, 2, 1).ravel()
     linear = np.empty(lines.shape, np.float32)
     with LOCK:
-        _scale(lines, order, np.float32(1 / white), linear)
-    return linear
+        _scale(lines, order, np.float32(1 / VIEW_WHITE), linear)
+    return linear.reshape(rows, columns, height, width, 3)
 
 
 @compiled(parallel=True)

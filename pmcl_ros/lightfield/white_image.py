@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.camera.white_images import BRIGHTEST_WHITE, DARKEST_WHITE
+from pmcl_ros.lightfield.lenslets import DARKEST
 from pmcl_ros.runtime.errors import LightFieldError
 
-# Least share of a lenslet centre's light that is compensated for: darker pixels hold more noise
-# than signal.
-_DARKEST = 0.05
 _BLOCK = 40  # raw px, even: some twenty lenslets
 # Relative unevenness of blocks about a smooth surface: about 1 % in a white image, from cut
 # lenslets; some ten times as much in other pictures.
@@ -28,7 +27,7 @@ def relative_light(white: RawFrame) -> NDArray[np.float32]:
         for column in (0, 1):
             phase = light[row::2, column::2]
             brightest = float(np.percentile(phase[::4, ::4], 99))
-            if not 0.02 < brightest < 0.99:
+            if not DARKEST_WHITE < brightest < BRIGHTEST_WHITE:
                 raise LightFieldError(
                     f'white image is at {100 * brightest:.0f} % of the range of the sensor where '
                     'it is brightest; it must be exposed well above black and below saturation')
@@ -44,7 +43,7 @@ def devignette(frame: RawFrame, light: NDArray[np.float32]) -> NDArray[np.float3
     if frame.counts.shape != light.shape:
         raise LightFieldError(
             f'raw frame {frame.counts.shape} and white image {light.shape} differ in size')
-    return frame.linear() / np.maximum(light, np.float32(_DARKEST))
+    return frame.linear() / np.maximum(light, np.float32(DARKEST))
 
 
 def is_white_image(frame: RawFrame) -> bool:

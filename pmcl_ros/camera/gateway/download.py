@@ -69,7 +69,7 @@ class Download:
         self._total = int(length)
         if self._total > self._largest:
             raise CameraError(f'{self._name} has {self._total} bytes, at most {self._largest} '
-                              'make sense')
+                              'are allowed')
         try:
             self._digest = base64.b64decode(digest[1], validate=True)
         except binascii.Error:

@@ -136,11 +136,6 @@ class Service:
         self._captures: OrderedDict[str, Future[CapturedPicture]] = OrderedDict()
         self._known: dict[str, Picture] = {}
 
-    @property
-    def capturing(self) -> bool:
-        """Whether a capture is in progress."""
-        return self._capturing
-
     def status(self) -> CameraStatus:
         """Identity and state of the camera."""
         return self._camera().status()

@@ -27,13 +27,12 @@ from pmcl_ros.camera.lytro.protocol import (
     decode_files,
     decode_picture_list,
     decode_time,
-    encode_time,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.runtime.errors import CameraError, LinkError
 from pmcl_ros.runtime.progress import BytesProgress
 
-_PAUSE = 0.2  # seconds between two looks at the picture list
+_PAUSE = 0.2  # seconds between two requests of the picture list
 
 _LOG = logging.getLogger(__name__)
 
@@ -88,7 +87,7 @@ class LytroClient:
 
     def capture(self) -> Picture:
         """Take a picture; returns when it can be fetched. CameraError when none comes."""
-        return self.wait_for_picture(shot=self.take_picture())
+        return self.wait_for_picture(self.take_picture())
 
     def fetch(self, picture: Picture, progress: BytesProgress | None = None) -> tuple[bytes, str]:
         """The .RAW (12 bits, packed) and the .TXT (JSON).
@@ -96,7 +95,7 @@ class LytroClient:
         The text must be a camera's metadata, and the .RAW of the length that it states.
         progress: of the .RAW.
         """
-        record = self._record(picture)
+        record = self.record(picture)
         path = record.path('TXT')
         try:
             text = self.download(path).rstrip(b'\0').decode()
@@ -124,11 +123,6 @@ class LytroClient:
 
     # more
 
-    @property
-    def connected(self) -> bool:
-        """Whether the callback connection is up, that is, the camera in reach."""
-        return self._arrivals.connected
-
     def hardware_info(self) -> HardwareInfo:
         """Identity of the camera."""
         return HardwareInfo.decode(self._link.load(protocol.LOAD_HARDWARE_INFO, 'hardware info'))
@@ -141,12 +135,6 @@ class LytroClient:
         """The camera's clock, UTC; a real camera's has a resolution of a second."""
         return decode_time(self._link.ask(protocol.CAMERA_TIME))
 
-    def set_time(self, moment: datetime | None = None) -> None:
-        """Set the camera's clock to `moment`, by default now."""
-        self._link.ask(Request(Command.SET_TIME,
-                               encode_time(moment or datetime.now(timezone.utc))))
-        self._compare_clocks()
-
     def records(self) -> list[PictureRecord]:
         """The picture list, newest first; LinkError when another camera answers now."""
         listed = self._link.load(protocol.LOAD_PICTURE_LIST, 'the picture list', grows=True)
@@ -155,19 +143,25 @@ class LytroClient:
             self._known = made
         return decode_picture_list(listed)
 
+    def record(self, picture: Picture) -> PictureRecord:
+        """The record of a picture; CameraError when it is not on the card."""
+        for record in self.records():
+            if record.id == picture.id:
+                return record
+        raise CameraError(f'the camera has no picture {picture.id} (any more)')
+
     def calibration(self) -> dict[str, bytes]:
         """The camera's calibration files, path -> content."""
         return decode_files(self._link.load(protocol.LOAD_CALIBRATION, 'the calibration'))
 
-    def download(self, path: str, progress: BytesProgress | None = None) -> bytes:
+    def download(self, path: str) -> bytes:
         r"""A file by its path on the camera (I:\DCIM\100PHOTO\IMG_0001.RAW)."""
-        return self._link.load(protocol.load_file(path), path, progress=progress)
+        return self._link.load(protocol.load_file(path), path)
 
     def take_picture(self) -> Shot:
         """Press the shutter without waiting for the picture.
 
-        The command is sent once: `confirmed` is False when the reply was lost, and the picture may
-        have been taken.
+        The command is sent once: where its reply is lost, the picture may have been taken.
         """
         self.battery()  # detects and replaces a dead connection before the command
         shot = self._arrivals.commanded(time.time_ns())
@@ -175,35 +169,28 @@ class LytroClient:
             self._link.ask_once(protocol.TAKE_PICTURE)
         except LinkError as error:
             _LOG.warning('a picture may have been taken: %s', error)
-            shot.confirmed = False
         except BaseException:
             self._arrivals.given_up(shot)
             raise
         return shot
 
-    def wait_for_picture(self, timeout: float | None = None, shot: Shot | None = None) -> Picture:
-        """Wait for the picture of `shot`, or for the next picture that nobody waited for.
-
-        timeout: seconds, by default `settings.picture_timeout`. CameraError when none comes.
-        """
-        seconds = self._settings.picture_timeout if timeout is None else timeout
+    def wait_for_picture(self, shot: Shot) -> Picture:
+        """The picture of `shot`; CameraError when none comes within the picture timeout."""
+        seconds = self._settings.picture_timeout
         deadline = time.monotonic() + seconds
         while True:
             last = time.monotonic() >= deadline
             if last or self._arrivals.pending:
                 records = self.records()
                 self._arrivals.listed(records, all_complete=last)
-            picture = self._arrivals.take(shot)
-            if picture is not None:
-                return picture
+            if shot.picture is not None:
+                return shot.picture
             if last:
                 break
             if self._arrivals.pending:
                 self._closed.wait(_PAUSE)
             else:
                 self._arrivals.wait(max(0.0, deadline - time.monotonic()))
-        if shot is None:
-            raise CameraError(f'no new picture within {seconds:g} s')
         self._arrivals.given_up(shot)
         heard = 'pressed the shutter' if shot.pressed_ns else 'did not press the shutter'
         raise CameraError(
@@ -213,7 +200,7 @@ class LytroClient:
 
     def delete(self, picture: Picture) -> None:
         """Delete a picture from the card; CameraError when it stays in the list."""
-        self._link.ask(Request(Command.DELETE_PICTURE, self._record(picture).key))
+        self._link.ask(Request(Command.DELETE_PICTURE, self.record(picture).key))
         deadline = time.monotonic() + self._settings.timeout
         while picture.id in {each.id for each in self.records()}:
             if time.monotonic() > deadline:
@@ -227,12 +214,6 @@ class LytroClient:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
         self.close()
-
-    def _record(self, picture: Picture) -> PictureRecord:
-        for record in self.records():
-            if record.id == picture.id:
-                return record
-        raise CameraError(f'the camera has no picture {picture.id} (any more)')
 
     def _recognize(self) -> None:
         """Check the serial number: all cameras have one address, another one may answer now."""

@@ -4,7 +4,6 @@ import logging
 import socket
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
@@ -143,12 +142,11 @@ class Shot:
 
     sent_ns: just before the command was sent; None: the camera's own button was pressed.
     pressed_ns: arrival of the ShutterPressed callback; None: not yet.
-    confirmed: whether the command was answered. picture: the resulting picture; None: not yet.
+    picture: the resulting picture; None: not yet.
     """
 
     sent_ns: int | None = None
     pressed_ns: int | None = None
-    confirmed: bool = True
     picture: Picture | None = None
 
     @property
@@ -170,7 +168,6 @@ class Arrivals:
         self._pictures: dict[str, Picture] | None = None  # on the card and complete, oldest first
         self._announced: dict[str, float] = {}  # not in the list yet: time of the announcement
         self._shots: list[Shot] = []  # without a picture so far
-        self._new: deque[Picture] = deque()
         self._connected, self._gap = True, False
 
     @property
@@ -178,11 +175,6 @@ class Arrivals:
         """Whether the list should be read."""
         with self.changed:
             return bool(self._announced) or self._gap
-
-    @property
-    def connected(self) -> bool:
-        """Whether the callback connection is up."""
-        return self._connected
 
     def commanded(self, sent_ns: int) -> Shot:
         """Record that a capture command is about to be sent."""
@@ -224,7 +216,7 @@ class Arrivals:
     def listed(self, records: list[PictureRecord], *, all_complete: bool = False) -> list[Picture]:
         """Record the camera's list (newest first); the complete pictures, oldest first.
 
-        Pictures of the first list are not new. all_complete: include pictures that were not
+        All pictures of the first list are complete. all_complete: include pictures that were not
         announced.
         """
         with self.changed:
@@ -238,23 +230,12 @@ class Arrivals:
                     pictures[record.id] = known[record.id]
                 elif everything or record.id in self._announced:
                     pictures[record.id] = self._arrived(record)
-                    if not first:
-                        self._new.append(pictures[record.id])
             self._pictures = pictures
             oldest = time.monotonic() - _PATIENCE
             self._announced = {each: since for each, since in self._announced.items()
                                if each not in pictures and since > oldest}
             self._gap = not self._connected
             return list(pictures.values())
-
-    def take(self, shot: Shot | None = None) -> Picture | None:
-        """Take the oldest new picture, or that of `shot`; None: there is none yet."""
-        with self.changed:
-            if shot is None:
-                return self._new.popleft() if self._new else None
-            if shot.picture is not None and shot.picture in self._new:
-                self._new.remove(shot.picture)
-            return shot.picture
 
     def wait(self, seconds: float) -> None:
         """Wait until `pending`, at most so long."""

@@ -25,7 +25,6 @@ _FILE_ENTRY = struct.Struct('<I32s')
 _MOST_FILES = 4096  # a camera has some hundreds; a longer table is damaged
 # Offsets of the fields of a record, which the header of the list repeats.
 _FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
-_ROTATIONS = {0: 0, 1: 0, 8: 90, 3: 180, 6: 270}
 # Names become paths, on the camera and on this machine's disk.
 _NAME = re.compile(r'[A-Za-z0-9_]*')
 
@@ -184,7 +183,8 @@ class PictureRecord:
     """A record of the picture list.
 
     id: "sha1-" and 40 hexadecimal digits. date: of the camera's clock, ISO 8601, UTC.
-    focus: the lambda selected on the camera. orientation: the camera's code, see `rotation`.
+    focus: the lambda selected on the camera. orientation: counter-clockwise, as EXIF codes it:
+    1 (or 0) none, 8 90, 3 180, 6 270 degrees.
     """
 
     folder: int
@@ -205,11 +205,6 @@ class PictureRecord:
     def path(self, extension: str) -> str:
         r"""Path of its file on the camera, as in I:\DCIM\100PHOTO\IMG_0001.RAW."""
         return rf'I:\DCIM\{self.folder:03d}{self.folder_postfix}\{self.name}.{extension}'
-
-    @property
-    def rotation(self) -> int | None:
-        """Degrees counter-clockwise; None for unknown codes."""
-        return _ROTATIONS.get(self.orientation)
 
     @property
     def taken(self) -> datetime | None:

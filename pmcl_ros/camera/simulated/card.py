@@ -63,19 +63,13 @@ class StoredPicture:
     metadata: CameraMetadata
 
     def file(self, extension: str) -> bytes:
-        """The file with this extension; KeyError for extensions that a camera does not have."""
-        content = {'RAW': self._raw, 'JPG': self._jpeg, '128': self._thumbnail,
-                   'TXT': self.metadata.text.encode}[extension.upper()]
-        return content()
-
-    def _raw(self) -> bytes:
-        return _raw_bytes(self.path)
-
-    def _jpeg(self) -> bytes:
-        return jpeg(self._raw(), self.metadata.image.width, self.metadata.image.height)
-
-    def _thumbnail(self) -> bytes:
-        return thumbnail(self._raw(), self.metadata.image.width, self.metadata.image.height)
+        """The file with this upper-case extension; KeyError where a camera has none."""
+        if extension == 'TXT':
+            return self.metadata.text.encode()
+        raw, image = _raw_bytes(self.path), self.metadata.image
+        if extension == 'RAW':
+            return raw
+        return {'JPG': jpeg, '128': thumbnail}[extension](raw, image.width, image.height)
 
 
 @lru_cache(maxsize=4)

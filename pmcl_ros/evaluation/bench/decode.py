@@ -43,9 +43,9 @@ def bench_decode(repeats: int = 9) -> Bench:
     def decode() -> None:
         decoder.decode(RawFrame(Header(), unpack12(data, _SIDE, _SIDE), metadata))
 
-    Decoder.from_light(calibration, light)  # compiles
+    Decoder(calibration, light)  # compiles
     tracemalloc.start()
-    decoder = Decoder.from_light(calibration, light)
+    decoder = Decoder(calibration, light)
     kept = tracemalloc.get_traced_memory()[0]
     decode()
     peak = tracemalloc.get_traced_memory()[1]

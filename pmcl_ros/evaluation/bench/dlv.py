@@ -18,7 +18,7 @@ from pmcl_ros.evaluation.bench.timing import Bench, best_ms
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid, linear_views, nominal_positions
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.runtime.gl import GlContext
 
 _PLAIN_LABELS = 3  # that the reference is run on
@@ -117,4 +117,4 @@ def _noise(side: int) -> NDArray[np.uint8]:
 
 def _light_field(grid: ViewGrid, counts: NDArray[np.uint8]) -> LightField:
     """Of pictures as displays show them: their values are encoded."""
-    return LightField(Header(), linear_views(counts, 255) ** np.float32(1 / ENCODING), grid)
+    return LightField(Header(), (counts / np.float32(255)) ** np.float32(1 / ENCODING), grid)

@@ -84,7 +84,7 @@ class Fit:
 
 
 def bundle_adjust(observations: Observations, model: Model, camera: NDArray[np.float64],
-           poses: NDArray[np.float64], noise: float = 1.0) -> Fit:
+                  poses: NDArray[np.float64], noise: float = 1.0) -> Fit:
     """The most likely camera and poses, from a start, by Gauss-Newton steps.
 
     noise: as in `Fit`; residuals beyond three standard deviations have a linear cost (Huber).
@@ -120,7 +120,7 @@ def bundle_adjust(observations: Observations, model: Model, camera: NDArray[np.f
 
 
 def select_model(observations: Observations, camera: NDArray[np.float64],
-             poses: NDArray[np.float64]) -> tuple[Fit, dict[Model, float]]:
+                 poses: NDArray[np.float64]) -> tuple[Fit, dict[Model, float]]:
     """The fit of the best model by Schwarz's criterion (BIC), and the gain of every model.
 
     First, corners beyond six standard deviations from the smallest model are dropped, the worst
@@ -186,7 +186,7 @@ class Linearization:
 
 
 def linearize(observations: Observations, model: Model, camera: NDArray[np.float64],
-               poses: NDArray[np.float64], noise: float) -> Linearization:
+              poses: NDArray[np.float64], noise: float) -> Linearization:
     """About a camera and poses; numpy's LinAlgError when a board's pose is open."""
     of_camera, of_pose = _derivatives(observations, camera, poses)
     residuals = _residuals(observations, camera, poses)
@@ -233,11 +233,11 @@ def _cost(residuals: NDArray[np.float64], noise: float) -> float:
 
 
 def initial_guess(observations: Observations, width: int,
-          height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+                  height: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The camera (8,) and the poses (n, 6), nearly right; width, height: of a view.
 
-    A plane seen from afar looks nearly the same tilted to the other side: which one it is follows
-    from the disparities. Raises LightFieldError when the positions of the corners are those of no
+    A distant plane looks nearly the same when it is tilted to the other side: the disparities
+    decide. Raises LightFieldError when the positions of the corners are those of no
     planes.
     """
     seen = [(observations.points[valid].astype(np.float32),

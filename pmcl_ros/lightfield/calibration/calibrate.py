@@ -145,8 +145,8 @@ class Calibrator:
             observations = Observations.from_corners([each.corners for each in boards],
                                                      self._board.square)
             try:
-                fit, gains = select_model(observations,
-                                      *initial_guess(observations, pinhole.width, pinhole.height))
+                guess = initial_guess(observations, pinhole.width, pinhole.height)
+                fit, gains = select_model(observations, *guess)
             except LightFieldError as error:
                 raise CalibrationError(f'{error}; {_ADVICE}') from None
             odd = fit.observations.valid.mean(axis=1) < _LEAST_USED
@@ -182,7 +182,7 @@ def calibrate_folder(white: RawFrame, folder: Path | str, board: Checkerboard,
     paths = list_pictures(folder)
     seen: dict[int, str] = {}
     for path in paths:
-        name = _name(path, Path(folder))
+        name = str(path.relative_to(folder))
         try:
             frame = read_raw_frame(path)
             same = seen.setdefault(hash(frame.counts.tobytes()), name)
@@ -196,14 +196,6 @@ def calibrate_folder(white: RawFrame, folder: Path | str, board: Checkerboard,
         if looked is not None:
             looked(path, len(paths), found)
     return calibrator.calibrate(boards, left_out)
-
-
-def _name(path: Path, folder: Path) -> str:
-    """Short unique name of a picture in the folder."""
-    try:
-        return str(path.relative_to(folder))
-    except ValueError:
-        return path.name
 
 
 def _of_one_setting(boards: Sequence[BoardView]) -> tuple[list[BoardView], list[LeftOut]]:

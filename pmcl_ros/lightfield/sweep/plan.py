@@ -67,10 +67,11 @@ class SweepPlan(Settings):
 
     @classmethod
     def from_grid(cls, rows: int, columns: int, baseline: float,
-           middle: NDArray[np.float64] | None = None, frame: str = '') -> 'SweepPlan':
+                  middle: NDArray[np.float64] | None = None, frame: str = '') -> 'SweepPlan':
         """A plan about `middle` (4, 4), every second row from right to left."""
         middle = np.eye(4) if middle is None else middle
-        steps = nominal_positions(rows, columns) - nominal_positions(rows, columns).mean((0, 1))
+        steps = nominal_positions(rows, columns)
+        steps -= steps.mean((0, 1))
         x, y, z, w = Rotation.from_matrix(middle[:3, :3]).as_quat(canonical=True).tolist()
         poses = []
         for row in range(rows):

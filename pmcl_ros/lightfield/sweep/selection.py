@@ -28,7 +28,7 @@ class Layout:
 
     @classmethod
     def from_poses(cls, poses: Sequence[NDArray[np.float64]], settings: SweepSettings,
-           middle: NDArray[np.float64] | None = None) -> 'Layout':
+                   middle: NDArray[np.float64] | None = None) -> 'Layout':
         """The layout of cameras at `poses` (n, 4, 4).
 
         middle: (4, 4) pose of the grid, x along its rows, y along its columns; None: the medoid

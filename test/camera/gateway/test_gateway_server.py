@@ -188,10 +188,11 @@ def test_a_capture(folder):
         assert len(ids(gateway)) == 2
 
 
-def test_captures_at_the_same_time(folder):
+def test_captures_at_the_same_time(folder, caplog):
+    caplog.set_level(logging.DEBUG, 'pmcl_ros.camera.simulated.server')
     with gateway_of(folder, empty=True, delay=4) as gateway, ThreadPoolExecutor(4) as pool:
         answers = [pool.submit(capture, gateway, 'same') for _ in range(4)]
-        until(lambda: gateway.service.capturing)
+        until(lambda: 'C000' in caplog.text)  # the command to take a picture has come
         busy = capture(gateway, 'other')
         assert busy.status_code == 409
         assert int(busy.headers['Retry-After']) > 0
