@@ -3,8 +3,8 @@
     python tools/compare_poses.py run CAPTURES --checkout DIR --out poses.json    # once for each
     python tools/compare_poses.py compare before.json after.json
 
-`run` calls `DIR/.venv/bin/pmcl localize` on every capture of a folder that tells an object and
-a region, with several seeds, in both modes. `compare` exits with 1 where anything differs.
+`run` calls `DIR/.venv/bin/pmcl localize` on every capture with an object and a region
+in a folder, with several seeds, in both modes. `compare` exits with 1 where anything differs.
 """
 
 import argparse
@@ -18,7 +18,7 @@ FILTER = 'faithful_iterations=20'  # enough that any difference shows
 
 
 def run(captures: Path, checkout: Path, seeds: int) -> dict[str, object]:
-    """What `pmcl localize --json` prints, by capture, mode and seed."""
+    """The output of `pmcl localize --json`, by capture, mode and seed."""
     found: dict[str, object] = {}
     pmcl = [checkout / '.venv' / 'bin' / 'python', '-m', 'pmcl_ros.cli']
     cameras = checkout / 'config' / 'cameras'
@@ -45,7 +45,7 @@ def run(captures: Path, checkout: Path, seeds: int) -> dict[str, object]:
 
 
 def compare(before: dict[str, object], after: dict[str, object]) -> list[str]:
-    """The names of what differs, or is in one only."""
+    """The names of localisations that differ, or are in one file only."""
     return [name for name in sorted(before | after) if before.get(name) != after.get(name)]
 
 

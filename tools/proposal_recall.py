@@ -1,6 +1,6 @@
 """How often proposals hold the true pose, and the search finds it: docs/results/poses.md.
 
-python tools/proposal_recall.py FOLDER, of scenes that `pmcl scenes` made.
+python tools/proposal_recall.py FOLDER, of scenes that `pmcl scenes render` made.
 """
 
 import sys
@@ -12,20 +12,18 @@ from numpy.typing import NDArray
 
 from pmcl_ros.cli.learn import examples_of
 from pmcl_ros.evaluation.captures import find_captures
-from pmcl_ros.geometry.pose_error import RIGHT_ANGLE, RIGHT_DISTANCE, pose_error
+from pmcl_ros.geometry.pose_error import PoseError, pose_error
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _VIEWS = 5
-_PROPOSED = 0.03, np.deg2rad(20)  # m, rad
-_RIGHT = RIGHT_DISTANCE, RIGHT_ANGLE
+_DISTANCE, _ANGLE = 0.03, np.deg2rad(20)  # m, rad: of a proposal that counts
 
 
-def _near(example: Example, pose: NDArray[np.float64], limits: tuple[float, float]) -> bool:
-    error = pose_error(pose, example.pose, example.model.symmetry)
-    return error.translation < limits[0] and error.rotation < limits[1]
+def _error(example: Example, pose: NDArray[np.float64]) -> PoseError:
+    return pose_error(pose, example.pose, example.model.symmetry)
 
 
 def _result(example: Example) -> tuple[bool, bool, bool, float]:
@@ -37,8 +35,9 @@ def _result(example: Example) -> tuple[bool, bool, bool, float]:
         begin = time.process_time()
         found = localizer.localize(example.edges, np.random.default_rng(0), watch=seen.append)
         took = time.process_time() - begin
-    proposed = any(_near(example, each, _PROPOSED) for each in seen[0].poses)
-    right = _near(example, found.pose, _RIGHT)
+    errors = [_error(example, each) for each in seen[0].poses]
+    proposed = any(each.translation < _DISTANCE and each.rotation < _ANGLE for each in errors)
+    right = _error(example, found.pose).right
     return proposed, right, not right and not found.lost, took
 
 

@@ -16,11 +16,11 @@ _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'drive
 @click.argument('name', type=click.Choice(sorted(_MODULES)))
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
 @click.option('--back-end', type=click.Choice(['auto', 'numba', 'gl']), default='numba',
-              show_default=True, help='What makes the volume; of dlv alone.')
+              show_default=True, help='What computes the volume; of dlv alone.')
 def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     """Time a stage against its plain form, run beside it.
 
-    chain: a raw picture's bytes to views, volume and pose, of a shipped bag.
+    chain: a raw picture's bytes to views, evidence and pose, of a shipped bag.
     dlv: from uint8 views to likelihoods, stage by stage; with gl the time on the GPU alone, too.
     driver: takes and downloads 200 pictures from a simulated camera, over a link that drops.
     graph: from shutter to pose through the nodes, beside the same without ROS (needs ROS).

@@ -1,6 +1,7 @@
 """`pmcl evaluate`: measures errors over a folder of captures with truth."""
 
 import contextlib
+import json
 import os
 import signal
 import threading
@@ -18,13 +19,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_jobs
-from pmcl_ros.evaluation.records import (
-    TrialsFile,
-    settings,
-    write_bop,
-    write_settings,
-    write_trials,
-)
+from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
 from pmcl_ros.evaluation.results import by_row, markdown, pictures
 from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
@@ -53,7 +48,7 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
               'row for each value, and a drawing of accuracy over time.')
 @click.option('--trials', type=click.IntRange(1), default=10, show_default=True, help='Seeds.')
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
-@click.option('--wrong-objects', is_flag=True, help='Look also, in each capture, for the objects '
+@click.option('--wrong-objects', is_flag=True, help='Search each capture also for the objects '
               'of the others, with each seed for another one: they should be lost.')
 @click.option('--processes', type=click.IntRange(1, 256), help='Default: as many as there are '
               'cores. With 1 the times are those of a quiet machine.')
@@ -78,8 +73,7 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     camera = _camera(captures, chosen, calibration, white, corners, square)
-    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
-                tuple(others), camera)
+    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)), tuple(others))
     jobs = plan.jobs()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
@@ -92,8 +86,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
             _report(plan, done, out)
             if out is not None:
                 files = [each for each in (calibration, white) if each is not None]
-                write_settings(out / 'settings.json', settings(
-                    plan, files, count, time.perf_counter() - started))
+                used = settings(plan, files, count, time.perf_counter() - started)
+                (out / 'settings.json').write_text(json.dumps(used, indent=1) + '\n')
     if stop.is_set():
         STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')
         raise SystemExit(_INTERRUPTED)
@@ -152,7 +146,9 @@ def _report(plan: Plan, done: list[Trial], out: Path | None) -> None:
     click.echo(table)
     if out is not None:
         (out / 'results.md').write_text(table + '\n')
-        write_trials(out / 'results.csv', done)
+        with TrialsFile(out / 'results.csv') as file:
+            for each in done:
+                file.add(each)
         for mode, rows in by_row(done).items():
             write_bop(out / f'bop_{_file_name(mode)}.csv', rows, plan)
         for name, picture in pictures(done, plan.variants).items():

@@ -8,13 +8,13 @@ from pmcl_ros.warm_up import CHAIN, OTHER_MODES, compile_ahead
 
 
 @click.command('warm-up')
-@click.option('--all', 'everything', is_flag=True, help='Also what few users need: the mode '
-              'faithful, layers by superposition, generated scenes.')
+@click.option('--all', 'everything', is_flag=True, help='Also kernels that few users need: mode '
+              'faithful, joint layers, generated scenes.')
 def warm_up(everything: bool) -> None:
     """Compile the kernels of the chain from picture to pose, so that no later start waits.
 
     On all cores, each kernel once, into NUMBA_CACHE_DIR if that is set. After an update, or on
-    another kind of processor, it is needed again; what is compiled already takes no time.
+    another kind of processor, it is needed again. Kernels on disk are not compiled again.
     """
     if not everything:
         compile_ahead(STDERR)

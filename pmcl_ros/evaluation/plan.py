@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evaluation.trials import Camera, Job
+from pmcl_ros.evaluation.trials import Job
 from pmcl_ros.evaluation.variants import Variant
 
 
@@ -12,14 +12,13 @@ class Plan:
     """Trials to be made.
 
     others: captures whose objects are looked for too, where they are not: with each seed another
-    one. Empty: none. camera: of raw pictures; None where all captures are light fields.
+    one. Empty: none.
     """
 
     captures: tuple[Capture, ...]
     variants: tuple[Variant, ...]
     seeds: tuple[int, ...]
     others: tuple[Capture, ...] = ()
-    camera: Camera | None = None
 
     def jobs(self) -> list[Job]:
         """All trials; those of one volume follow each other."""

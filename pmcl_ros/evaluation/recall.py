@@ -46,7 +46,11 @@ def found(trials: Sequence[Trial], name: str) -> NDArray[np.float64]:
 
 def within(trials: Sequence[Trial], mm: float, degrees: float) -> float:
     """The share found within both bounds; flips are errors."""
-    return share((found(trials, 'translation_mm') <= mm) & (found(trials, 'axis_deg') <= degrees))
+    return share(_within(trials, mm, degrees))
+
+
+def _within(trials: Sequence[Trial], mm: float, degrees: float) -> NDArray[np.bool_]:
+    return (found(trials, 'translation_mm') <= mm) & (found(trials, 'axis_deg') <= degrees)
 
 
 def success(trials: Sequence[Trial], mm: float, dots: ArrayLike, forgiving: bool
@@ -98,7 +102,6 @@ def coverage(trials: Sequence[Trial], level: float) -> float:
 
 def in_time(trials: Sequence[Trial], seconds: ArrayLike, mm: float = 10, degrees: float = 10
             ) -> NDArray[np.float64]:
-    """(k,) the share found within the bounds and after at most `seconds` (k,) from the volume."""
-    good = ((found(trials, 'translation_mm') <= mm) & (found(trials, 'axis_deg') <= degrees))
-    taken = np.where(good, values(present(trials), 'seconds'), np.inf)
+    """(k,) the share found within the bounds at most `seconds` (k,) after the evidence."""
+    taken = np.where(_within(trials, mm, degrees), values(present(trials), 'seconds'), np.inf)
     return cumulative(taken, seconds)

@@ -3,7 +3,6 @@
 import csv
 import hashlib
 import importlib.metadata
-import json
 import os
 import platform
 import sys
@@ -44,13 +43,6 @@ class TrialsFile:
         """Write one row, at once to the disk."""
         self._writer.writerow(asdict(trial) | {'pose': _numbers(trial.pose)})
         self._stream.flush()
-
-
-def write_trials(path: Path, trials: Sequence[Trial]) -> None:
-    """Write a CSV of all trials."""
-    with TrialsFile(path) as file:
-        for each in trials:
-            file.add(each)
 
 
 def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
@@ -124,11 +116,6 @@ def libraries() -> dict[str, str]:
         with suppress(importlib.metadata.PackageNotFoundError):
             found[each] = importlib.metadata.version(each)
     return found
-
-
-def write_settings(path: Path, values: dict[str, Any]) -> None:
-    """Write JSON that people can read too."""
-    path.write_text(json.dumps(values, indent=1) + '\n')
 
 
 def _digests(capture: Capture) -> dict[str, str]:

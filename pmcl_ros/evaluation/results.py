@@ -70,7 +70,7 @@ def captures_table(trials: Trials) -> str:
             errors = [f'{np.median(mm):.1f} mm', f'{mm.max():.1f} mm',
                       f'{median(rows, "ray_mm"):+.1f} mm', f'{median(rows, "axis_deg"):.1f}°',
                       f'{sum(each.flipped for each in rows)}', lost,
-                      _percent(coverage(rows, 0.9))]
+                      percent(coverage(rows, 0.9))]
         else:
             errors = [f'({"another object" if wrong else "nothing"} there)', '', '', '', '', lost,
                       '']
@@ -85,13 +85,13 @@ def recall_table(trials: Trials) -> str:
         there = present(rows)
         mssd, mspd = average_recall(rows)
         return [
-            str(len(there)), *(_percent(within(rows, *bound)) for bound in BOUNDS),
+            str(len(there)), *(percent(within(rows, *bound)) for bound in BOUNDS),
             f'{median(there, "translation_mm"):.1f} mm', f'{median(there, "axis_deg"):.1f}°',
-            _percent(share([e.flipped for e in there])), _percent(add_s_recall(rows)),
-            _percent(mssd), _percent(mspd), _percent(coverage(rows, 0.9)),
-            _percent(coverage(rows, 0.5)), _percent(share([e.lost for e in there])),
-            _percent(share([e.lost for e in rows if e.empty])),
-            _percent(share([e.lost for e in rows if e.wrong])),
+            percent(share([e.flipped for e in there])), percent(add_s_recall(rows)),
+            percent(mssd), percent(mspd), percent(coverage(rows, 0.9)),
+            percent(coverage(rows, 0.5)), percent(share([e.lost for e in there])),
+            percent(share([e.lost for e in rows if e.empty])),
+            percent(share([e.lost for e in rows if e.wrong])),
             f'{median(there, "evaluations"):.0f}', f'{median(there, "seconds"):.2f} s']
 
     return _row_table(trials, [
@@ -122,7 +122,7 @@ def scenes_table(trials: Trials) -> str:
 def ladder_table(trials: Trials) -> str:
     """A line for each row, a column for each bound on MSSD."""
     return _row_table(trials, [f'{mm} mm' for mm in LADDER], lambda rows: [
-        _percent(each) for each in cumulative(found(rows, 'mssd_mm'), LADDER)])
+        percent(each) for each in cumulative(found(rows, 'mssd_mm'), LADDER)])
 
 
 def _row_table(trials: Trials, heads: Sequence[str], cells: Callable[[Trials], list[str]]
@@ -137,7 +137,8 @@ def table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
                       *(f'| {" | ".join(each)} |' for each in lines)])
 
 
-def _percent(part: float) -> str:
+def percent(part: float) -> str:
+    """A share, 0 to 1, as text; empty for NaN."""
     return '' if np.isnan(part) else f'{100 * part:.0f} %'
 
 
@@ -151,8 +152,7 @@ def pictures(trials: Trials, variants: Sequence[Variant]) -> dict[str, Picture]:
     if not rows:
         return {}
     return {'success': success_picture(rows), 'errors': errors_picture(rows),
-            'coverage': coverage_picture({mode: levels(each) for mode, each in rows.items()}),
-            'time': time_picture(rows, variants)}
+            'coverage': coverage_picture(rows), 'time': time_picture(rows, variants)}
 
 
 def success_picture(rows: dict[str, list[Trial]]) -> Picture:
@@ -185,18 +185,19 @@ def errors_picture(rows: dict[str, list[Trial]]) -> Picture:
         for name, x_name in names.items()]])
 
 
-def coverage_picture(levels_by_row: dict[str, NDArray[np.float64]]) -> Picture:
+def coverage_picture(rows: dict[str, list[Trial]]) -> Picture:
     """How many credible regions of each level hold the truth, and where in them it lies.
 
-    levels_by_row: (n,) the level that reaches the truth, of each trial. On the right is their
-    histogram (PIT): flat if calibrated; high at its right end if the regions are too small.
+    On the right is a histogram of the levels that reach the truth (PIT): flat if calibrated; high
+    at its right end if the regions are too small.
     """
     parts, bins = np.linspace(0, 1, 101), np.linspace(0, 1, 11)
     held, shares = [], []
-    for colour, (mode, each) in enumerate(levels_by_row.items()):
-        if len(each):
-            counts = 100 * np.histogram(each, bins)[0] / len(each)
-            held.append(Line(mode, parts, 100 * cumulative(each, parts), colour))
+    for colour, (mode, each) in enumerate(rows.items()):
+        reached = levels(each)
+        if len(reached):
+            counts = 100 * np.histogram(reached, bins)[0] / len(reached)
+            held.append(Line(mode, parts, 100 * cumulative(reached, parts), colour))
             shares.append(Line(mode, np.repeat(bins, 2)[1:-1], np.repeat(counts, 2), colour))
     top = max([40.0, *(float(np.max(each.y)) for each in shares)])
     held.append(Line('calibrated', [0, 1], [0, 100], -1, dashed=True))
@@ -210,14 +211,14 @@ def coverage_picture(levels_by_row: dict[str, NDArray[np.float64]]) -> Picture:
 def time_picture(rows: dict[str, list[Trial]], variants: Sequence[Variant]) -> Picture:
     """The share found over time; of each swept parameter, the share found over its cost."""
     longest = max(1e-3, *(float(values(each, 'seconds').max()) for each in rows.values()))
-    charts = [Chart('found within 1 cm, 10 degrees', 'seconds from the volume', '%', [
+    charts = [Chart('found within 1 cm, 10 degrees', 'seconds from the evidence', '%', [
         Line(mode, _STEPS * longest, 100 * in_time(each, _STEPS * longest), colour)
         for colour, (mode, each) in enumerate(rows.items())], (0, longest))]
     for group in dict.fromkeys(each.group for each in variants if each.group):
         swept = [rows[each.name] for each in variants
                  if each.group == group and each.name in rows]
         if len(swept) > 1:
-            for name, label in (('seconds', 'median seconds from the volume'),
+            for name, label in (('seconds', 'median seconds from the evidence'),
                                 ('evaluations', 'poses drawn and scored, the median')):
                 spent = [median(each, name) for each in swept]
                 charts.append(Chart(f'with more {group}', label, '%', [

@@ -4,17 +4,16 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.surface_errors import Surface
-from pmcl_ros.evaluation.variants import Base, Variant
+from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.lightfield.calibration.calibration import Calibration
@@ -23,9 +22,9 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.settings import PmclSettings
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
+Value = TypeVar('Value')
 
 
 @dataclass(frozen=True)
@@ -121,6 +120,29 @@ class Job:
     seed: int
 
 
+class _Last(Generic[Value]):
+    """The last value that was made, and the time it took; kept until another key is wanted."""
+
+    def __init__(self, release: Callable[[Value], None] = lambda _: None) -> None:
+        self._release = release
+        self._key: object = None
+        self._value: Value | None = None
+        self.seconds = 0.0
+
+    def get(self, key: object, make: Callable[[], Value]) -> Value:
+        if self._value is None or self._key != key:
+            self.clear()  # its memory is free before the next value is made
+            started = time.perf_counter()
+            self._value, self._key = make(), key
+            self.seconds = time.perf_counter() - started
+        return self._value
+
+    def clear(self) -> None:
+        if self._value is not None:
+            self._release(self._value)
+            self._value = None
+
+
 class Worker:
     """Does jobs one after the other, in the thread that made it.
 
@@ -133,21 +155,22 @@ class Worker:
 
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
         self._camera, self._stopped = camera, stopped
-        self._decoders: Decoders | None = None
-        self._source: Path | None = None  # of the light field
-        self._light_field: LightField | None = None
-        self._decode_seconds = 0.0
-        self._recipe: tuple[Path, Base, DlvSettings] | None = None  # of the evidence
-        self._evidence: Evidence | None = None
-        self._dlv_seconds = 0.0
-        self._search: tuple[Path, PmclSettings] | None = None  # of the localizer
-        self._localizer: AnyLocalizer[PoseEstimate] | None = None
+        self._light_field = _Last[LightField]()
+        self._evidence = _Last[Evidence]()
+        self._localizer = _Last[AnyLocalizer[PoseEstimate]](lambda localizer: localizer.close())
 
     def run(self, job: Job) -> Trial | None:
         """Do one job; None when it was stopped."""
+        capture, variant = job.capture, job.variant
         model, surface = _model(job.sought.model)
-        evidence = self._evidence_of(job, model)
-        localizer = self._localizer_of(job, model)
+        decoders = self._decoders  # made once, not timed
+        light_field = self._light_field.get(capture.source, lambda: capture.light_field(decoders))
+        settings = variant.volume(capture, model, light_field.grid)
+        evidence = self._evidence.get((capture.source, variant.base, settings),
+                                      lambda: variant.build(light_field, settings))
+        search = variant.search(capture)
+        localizer = self._localizer.get((job.sought.model, search),
+                                        lambda: make_localizer(model, search))
         started = time.perf_counter()
         estimate = localizer.localize(evidence, np.random.default_rng(job.seed),
                                       lambda _: not self._stopped())
@@ -155,43 +178,16 @@ class Worker:
         if self._stopped():
             return None
         return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
-                      dlv_seconds=self._dlv_seconds, decode_seconds=self._decode_seconds,
-                      renderer=localizer.renderer)
+                      dlv_seconds=self._evidence.seconds,
+                      decode_seconds=self._light_field.seconds, renderer=localizer.renderer)
 
     def close(self) -> None:
         """Release the GL context."""
-        if self._localizer is not None:
-            self._localizer.close()
-            self._localizer = None
+        self._localizer.clear()
 
-    def _light_field_of(self, capture: Capture) -> LightField:
-        if self._light_field is None or self._source != capture.source:
-            if self._camera is not None and self._decoders is None:
-                self._decoders = Decoders(*self._camera)
-            started = time.perf_counter()
-            self._light_field = capture.light_field(self._decoders)
-            self._decode_seconds = time.perf_counter() - started
-            self._source = capture.source
-        return self._light_field
-
-    def _evidence_of(self, job: Job, model: ObjectModel) -> Evidence:
-        light_field = self._light_field_of(job.capture)
-        settings = job.variant.volume(job.capture, model, light_field.grid)
-        recipe = job.capture.source, job.variant.base, settings
-        if self._evidence is None or self._recipe != recipe:
-            self._evidence = None  # its memory is free before the next one is made
-            started = time.perf_counter()
-            self._evidence = job.variant.build(light_field, settings)
-            self._dlv_seconds = time.perf_counter() - started
-            self._recipe = recipe
-        return self._evidence
-
-    def _localizer_of(self, job: Job, model: ObjectModel) -> AnyLocalizer[PoseEstimate]:
-        search = job.sought.model, job.variant.search(job.capture)
-        if self._localizer is None or self._search != search:
-            self.close()
-            self._localizer, self._search = make_localizer(model, search[1]), search
-        return self._localizer
+    @cached_property
+    def _decoders(self) -> Decoders | None:
+        return None if self._camera is None else Decoders(*self._camera)
 
 
 @lru_cache(maxsize=64)

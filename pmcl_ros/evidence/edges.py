@@ -29,7 +29,7 @@ from pmcl_ros.runtime.kernels import LOCK, compiled
 # 0.8 px, about the resolution of the lenslets.
 _SIGMA = 0.7
 _REACH = 4  # px: of the smoothing's weights
-_NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
+NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 _TILE = 336  # pixels of a row processed at once: their sums at all labels stay in the cache
 
 
@@ -109,7 +109,7 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
                  _node_weights(runs.time.astype(float)) * gain[:, None, None].astype(np.float32),
                  refocused)
         _differentiate(refocused, *_gaussian(), tensor, energy)
-    around = np.stack([cv2.GaussianBlur(each, (0, 0), _NEIGHBOURHOOD) for each in energy])
+    around = np.stack([cv2.GaussianBlur(each, (0, 0), NEIGHBOURHOOD) for each in energy])
     normalised = np.empty((pinhole.height, pinhole.width, count, 3), np.float32)
     with LOCK:
         _normalise(tensor, around, np.float32(np.median(energy)), normalised)
@@ -141,7 +141,7 @@ def edges_from_likelihood(volume: DepthLikelihoodVolume, labels: int = 25) -> Ed
     likelihood = volume.likelihood[:, :, ::step]
     likelihood = np.maximum(likelihood - likelihood.mean(axis=2, keepdims=True), 0)
     mean = likelihood.mean(axis=2)
-    around = cv2.GaussianBlur(mean, (0, 0), _NEIGHBOURHOOD) + np.median(mean)
+    around = cv2.GaussianBlur(mean, (0, 0), NEIGHBOURHOOD) + np.median(mean)
     energy = (likelihood / np.maximum(around, 1e-12)[..., None]) ** 2
     tensor = np.zeros((*energy.shape, 3), np.float32)
     tensor[..., 0] = tensor[..., 1] = energy

@@ -18,7 +18,7 @@ from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.edges import NEIGHBOURHOOD, EdgeVolume
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -38,7 +38,6 @@ _WALL, _INSIDE = 0.35, (2.5, 8.0)  # an inner wall: strength relative to that, h
 _BACKGROUND, _GRAIN = 0.12, 1.3  # energy of noise, and its correlation length [px]
 _TEXTURE, _PATCHES = 0.7, 20.0  # scatter of the noise's logarithm, over patches of so many px
 _CLUTTER = 25  # other edges
-_NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 
 
 @dataclass(frozen=True)
@@ -174,7 +173,7 @@ def _strength(rng: np.random.Generator) -> NDArray[np.float64]:
 def _normalised(tensor: NDArray[np.float64]) -> NDArray[np.float32]:
     """The tensor over its mean in a neighbourhood plus its median, as in `evidence.edges`."""
     energy = tensor[..., 0] + tensor[..., 1]
-    around = cv2.GaussianBlur(energy, (0, 0), _NEIGHBOURHOOD) + np.median(energy)
+    around = cv2.GaussianBlur(energy, (0, 0), NEIGHBOURHOOD) + np.median(energy)
     return (tensor / around[..., None]).astype(np.float32)
 
 

@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.recall import median, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
@@ -179,11 +178,10 @@ def _share(flags: Sequence[bool]) -> str:
 def _edges(capture: SyntheticCapture, models: Sequence[ObjectModel], search: PmclSettings
            ) -> EdgeVolume:
     """The evidence for all of the models in the region."""
-    region = Region(search.roi_center, search.roi_size)
-    labels = depth_labels(*region.grown(max(each.radius for each in models)),
-                          DlvSettings().edge_labels)
+    near, far = Region(search.roi_center, search.roi_size).grown(
+        max(each.radius for each in models))
     views = capture.light_field.views.shape[0]
-    return edge_volume(capture.light_field, labels, views)
+    return build_edges(capture.light_field, DlvSettings(near=near, far=far, views=views))
 
 
 def _picture(capture: SyntheticCapture, found: SceneEstimate, models: Sequence[ObjectModel]

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.drawing.charts import Chart, Line, draw
 from pmcl_ros.evaluation.recall import median, share, values
+from pmcl_ros.evaluation.results import percent
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.evidence.edges import EdgeVolume, edge_volume
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -66,8 +66,8 @@ def _trial(localize: Callable[[], PoseEstimate], frame: Frame, model: ObjectMode
 def edges_of(sequence: Sequence, frame: Frame) -> EdgeVolume:
     """The evidence of a frame."""
     near, far = Region(sequence.roi_center, sequence.roi_size).grown(sequence.model.radius)
-    labels = depth_labels(near, far, DlvSettings().edge_labels)
-    return edge_volume(frame.light_field, labels, max(frame.light_field.grid.shape))
+    views = max(frame.light_field.grid.shape)
+    return build_edges(frame.light_field, DlvSettings(near=near, far=far, views=views))
 
 
 def recovery(trials: list[Trial]) -> int | None:
@@ -111,13 +111,13 @@ def row(name: str, sequences: list[list[Trial]]) -> dict[str, str]:
         'more [mm]': _difference(both),
         'axis tracked [deg]': _median(tracked, 'axis_deg'),
         'single [deg]': _median(single, 'axis_deg'),
-        'right tracked': _share([each.found for each in tracked]),
-        'single': _share([each.found for each in single]),
+        'right tracked': percent(share([each.found for each in tracked])),
+        'single': percent(share([each.found for each in single])),
         'followed': f'{len(followed)} of {len(seen)}',
         'lost': str(sum(each.lost for each in seen)),
         'wrong': str(sum(not each.lost and not each.found for each in seen)),
         'claimed while hidden': f'{sum(not each.lost for each in hidden)} of {len(hidden)}',
-        'in the 90 % region': _share([each.inside_90 for each in followed]),
+        'in the 90 % region': percent(share([each.inside_90 for each in followed])),
         'tracked [ms]': _median(seen, 'seconds', 1e3),
         'single [ms]': _median(single, 'seconds', 1e3),
         'times as fast': _ratio(single, seen, lambda each: each.seconds),
@@ -171,6 +171,3 @@ def _ratio(slow: list[Trial], fast: list[Trial], seconds: Callable[[Trial], floa
     first, last = (float(typical([seconds(each) for each in of])) for of in (slow, fast))
     return f'{first / last:.1f}'
 
-
-def _share(flags: list[bool]) -> str:
-    return f'{100 * share(flags):.0f} %' if flags else ''
