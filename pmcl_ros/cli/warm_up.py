@@ -1,15 +1,14 @@
 """`pmcl warm-up`: compiles kernels ahead, for container images and robots."""
 
 import click
-import numpy as np
 
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.warm_up import CHAIN, OTHER_MODES, compile_ahead
 
 
 @click.command('warm-up')
-@click.option('--all', 'everything', is_flag=True, help='Also kernels that few users need: mode '
-              'faithful, joint layers, generated scenes.')
+@click.option('--all', 'everything', is_flag=True, help='Also what few users need: the mode '
+              'faithful, layers by superposition, generated scenes.')
 def warm_up(everything: bool) -> None:
     """Compile the kernels of the chain from picture to pose, so that no later start waits.
 
@@ -19,12 +18,6 @@ def warm_up(everything: bool) -> None:
     if not everything:
         compile_ahead(STDERR)
         return
-    # Imported here: the kernels of imported modules are those that count.
-    from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
-    from pmcl_ros.simulation.scenes.render import render
-
-    def scenes() -> None:
-        rng = np.random.default_rng(0)
-        render(random_scene(rng, SceneSettings(views=3, size=64)), rng, samples=1)
-
+    # Imported here: the progress counts the kernels of imported modules.
+    from pmcl_ros.simulation.scenes.render import warm_up as scenes
     compile_ahead(STDERR, (*CHAIN, *OTHER_MODES, scenes))

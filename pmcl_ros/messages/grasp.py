@@ -1,4 +1,4 @@
-"""Grasps: `grasps`, `pre_grasps`, `grasps/details`, `grasps/markers`."""
+"""Grasps: `grasps`, `pre_grasps`, `grasps/details`, `grasp_markers`."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

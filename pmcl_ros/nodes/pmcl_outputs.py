@@ -153,8 +153,7 @@ class SeveralObjects:
                         node.publisher(PoseWithCovarianceStamped,
                                        f'objects/{name}/pose_with_covariance', SMALL))
                        for name in self.names]
-        self._frames = [ObjectFrame(node, name) for name in self.names
-                        ] if broadcast_tf else []
+        self._frames = [ObjectFrame(node, name) for name in self.names if broadcast_tf]
         self._meshes: list[Marker] = []  # made for the first subscriber
         self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
 

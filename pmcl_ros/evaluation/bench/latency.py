@@ -39,9 +39,9 @@ _WHITE = _ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz'
 def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict[str, object]:
     """Take `captures` pictures by the graph, each followed by the same without ROS.
 
-    Both read the picture from a file (not compressed), decode, build the volume and search, with
-    the settings of `pmcl localize` and the same random numbers. The first two are not counted.
-    quick: hardly a search, which shows the nodes' own share better.
+    Both read the picture from a file (not compressed), decode, compute the evidence and search,
+    with the settings of `pmcl localize` and the same random numbers. The first two are not
+    counted. quick: hardly a search, which shows the nodes' own share better.
     Times are from the shutter to the pose in another process, and from reading to the pose [ms].
     """
     result: dict[str, object] = {}

@@ -115,7 +115,8 @@ class Supervisor:
         try:
             self._activate(name)
         except PmclError as error:
-            self._node.get_logger().error(f'{name} was started again and is of no use: {error}')
+            self._node.get_logger().error(
+                f'{name} was started again and cannot be activated: {error}')
             each.process.stop()  # the next look starts it again, later
             return
         self._health.recovered()

@@ -15,6 +15,7 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, trace, uniform
@@ -202,3 +203,9 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
         frames.append(SweepFrame(f'{number:03d}', stamp_ns + number * _PERIOD_NS, image,
                                  Lens(pinhole), np.asarray(pose, float)))
     return frames
+
+
+def warm_up() -> None:
+    """Compile the kernels, or load them from disk."""
+    rng = np.random.default_rng(0)
+    render(random_scene(rng, SceneSettings(views=3, size=64)), rng, samples=1)
