@@ -1,5 +1,6 @@
 """`pmcl scenes`: light fields of generated scenes, with truth."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
@@ -8,11 +9,16 @@ from rich.progress import Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.simulation.files import write_capture, write_sequence
+from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
+from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
+from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _SEQUENCE = SequenceSettings.model_fields
+_PRESETS: dict[str, Callable[[np.random.Generator, SceneSettings], Scene]] = {
+    'standard': random_scene, 'broad': broad_scene}
 
 
 @click.group()
@@ -36,9 +42,12 @@ def scenes() -> None:
               help='Rays per pixel and view.')
 @click.option('--noise', type=click.FloatRange(0), default=1.0, show_default=True,
               help=SceneSettings.model_fields['noise'].description)
+@click.option('--preset', type=click.Choice(list(_PRESETS)), default='standard',
+              show_default=True, help='Distributions: broad ones have other surroundings, clutter '
+              'and cameras, as those of `pmcl scenes pictures`.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
 def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, size: int,
-                  targets: int, samples: int, noise: float, out: Path) -> None:
+                  targets: int, samples: int, noise: float, preset: str, out: Path) -> None:
     """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
     values = {'views': views, 'size': size, 'targets': targets, 'noise': noise}
     settings = SceneSettings.make(values | ({'kinds': kinds} if kinds else {}), 'pmcl scenes')
@@ -47,7 +56,7 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
         task = bar.add_task('', total=float(count))
         for number in range(count):
             rng = np.random.default_rng(seed + number)
-            scene = random_scene(rng, settings)
+            scene = _PRESETS[preset](rng, settings)
             bar.update(task, description=scene.name)
 
             def show(part: float, done: int = number) -> None:
@@ -56,6 +65,30 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, siz
             capture = render(scene, rng, samples, show)
             write_capture(out / f'{seed + number:06d}', scene, capture, seed + number)
             click.echo(f'{out / f"{seed + number:06d}"}: {scene.name}')
+
+
+@scenes.command('pictures')
+@click.option('--first-seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Picture k is that of first-seed + k.')
+@click.option('--count', type=click.IntRange(1), default=100, show_default=True, help='Pictures.')
+@click.option('--jobs', type=click.IntRange(1), default=1, show_default=True, help='Processes.')
+@click.option('--backend', type=click.Choice(['loky', 'dask']), default='loky', show_default=True,
+              help='Of joblib: processes of this machine, or a Dask cluster.')
+@click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. Its '
+              'workers write to the same folder.')
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a file SEED.npz per '
+              'picture. Pictures that it has are kept.')
+def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: str | None,
+             out: Path) -> None:
+    """Write pictures of generated scenes, with the labels that a contour map is learned from."""
+    seeds = range(first_seed, first_seed + count)
+    with Progress(console=STDERR, transient=True) as bar:
+        task = bar.add_task('pictures', total=count)
+        made = 0
+        for path in write_many(out, seeds, PictureSettings(), jobs, backend, scheduler):
+            made += 1
+            bar.update(task, completed=made, description=path.name)
+    click.echo(f'{out}: {made} pictures made, {count - made} were there')
 
 
 @scenes.command('sequence')

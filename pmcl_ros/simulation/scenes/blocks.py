@@ -9,7 +9,7 @@ from scipy.spatial import HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.simulation.scenes.materials import random_glass
-from pmcl_ros.simulation.scenes.objects import SceneObject, random_finish
+from pmcl_ros.simulation.scenes.objects import Finish, SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
@@ -17,13 +17,17 @@ Block = tuple[trimesh.Trimesh, NDArray[np.float64]]  # mesh, rotations (k, 3, 3)
 _HOLLOW = 0.6  # share of the convex glass blocks that are hollow
 
 
-def random_block(rng: np.random.Generator, glass: bool) -> SceneObject:
-    """A block of glass, massive or hollow, or an opaque one."""
+def random_block(rng: np.random.Generator, glass: bool, finish: Finish | None = None
+                 ) -> SceneObject:
+    """A block of glass, massive or hollow, or an opaque one.
+
+    finish: draws what an opaque one is made of; default: `random_finish`.
+    """
     name = list(BLOCKS)[int(rng.integers(len(BLOCKS)))]
     outer, turns = BLOCKS[name](rng)
     outer.apply_translation(-outer.bounds.mean(axis=0))
     corners, kind = outer.triangles, 'massive'
-    medium = random_glass(rng) if glass else random_finish(rng)
+    medium = random_glass(rng) if glass else (finish or random_finish)(rng)
     wall = float(np.exp(rng.uniform(np.log(0.0015), np.log(0.005))))
     if glass and outer.is_convex and rng.random() < _HOLLOW:
         corners, kind = np.concatenate([corners, _inset(outer, wall).triangles[:, ::-1]]), 'hollow'

@@ -1,5 +1,6 @@
 """Draws random objects: vessels of glass (empty, filled, massive), opaque bodies, boxes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,8 @@ from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import random_texture
 from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
+
+Finish = Callable[[np.random.Generator], Opaque]
 
 
 @dataclass(frozen=True)
@@ -66,12 +69,16 @@ def random_transparent(rng: np.random.Generator) -> SceneObject:
                       upright=kind in ('filled', 'glass with content'))
 
 
-def random_opaque(rng: np.random.Generator) -> SceneObject:
-    """A body of a vessel's shape, closed (75 %) or open, matt or glossy."""
+def random_opaque(rng: np.random.Generator, finish: Finish | None = None) -> SceneObject:
+    """A body of a vessel's shape, closed (75 %) or open, matt or glossy.
+
+    finish: draws what it is made of; default: `random_finish`.
+    """
     vessel = random_vessel(rng)
     is_open = rng.random() < 0.25
     profile = np.concatenate([vessel.outer, vessel.inner[1:]]) if is_open else vessel.closed
-    solid = Solid(Frusta.from_profile(profile, 0, 1), (random_finish(rng),), np.eye(4))
+    solid = Solid(Frusta.from_profile(profile, 0, 1), ((finish or random_finish)(rng),),
+                  np.eye(4))
     return _of_vessel(f'opaque {vessel.kind}', vessel, (solid,))
 
 

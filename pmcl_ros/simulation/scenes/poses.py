@@ -32,13 +32,15 @@ def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str) 
 
 
 def camera_above(rng: np.random.Generator, aim: NDArray[np.floating], distance: float,
-                 aside: tuple[float, float]) -> Pose:
+                 aside: tuple[float, float], heights: tuple[float, float] = (0.15, 1.15),
+                 roll: float = 0.1) -> Pose:
     """Draw a camera that looks down at a point of the world; returns camera from world (4, 4).
 
     aim: (3,) the point [m]. distance: of the camera from it [m]. aside: angles to the right and
-    down at which the camera sees it [rad].
+    down at which the camera sees it [rad]. heights: limits of the angle at which it looks down
+    [rad]. roll: standard deviation of its turn about the optical axis [rad].
     """
-    height = np.arcsin(rng.uniform(np.sin(0.15), np.sin(1.15)))
+    height = np.arcsin(rng.uniform(np.sin(heights[0]), np.sin(heights[1])))
     azimuth = rng.uniform(0, 2 * np.pi)
     back = np.array([np.cos(height) * np.cos(azimuth), np.cos(height) * np.sin(azimuth),
                      np.sin(height)])
@@ -46,6 +48,6 @@ def camera_above(rng: np.random.Generator, aim: NDArray[np.floating], distance: 
     right /= np.linalg.norm(right)
     rows = np.stack([right, -np.cross(back, right), -back])  # x right, y down, z forward
     looking = (Rotation.from_euler('y', aside[0]) * Rotation.from_euler('x', -aside[1])
-               * Rotation.from_euler('z', rng.normal(0, 0.1)) * Rotation.from_matrix(rows))
+               * Rotation.from_euler('z', rng.normal(0, roll)) * Rotation.from_matrix(rows))
     place = np.asarray(aim) + distance * back
     return pose_of(looking, -looking.apply(place))

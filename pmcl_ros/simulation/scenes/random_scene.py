@@ -14,7 +14,9 @@ from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.blocks import random_block
 from pmcl_ros.simulation.scenes.environment import random_environment
+from pmcl_ros.simulation.scenes.handles import random_handled
 from pmcl_ros.simulation.scenes.objects import (
+    Finish,
     SceneObject,
     random_box,
     random_opaque,
@@ -26,7 +28,8 @@ from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 from pmcl_ros.simulation.scenes.textures import random_texture
 
 Kind = Literal['glass', 'opaque', 'glass film', 'opaque film', 'glass block', 'opaque block',
-               'glass block film', 'opaque block film']
+               'glass block film', 'opaque block film', 'glass handle', 'opaque handle',
+               'glass handle film', 'opaque handle film']
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _TABLE = 3.0  # m
 _WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
@@ -40,8 +43,9 @@ class SceneSettings(Settings):
 
     kinds: tuple[Kind, ...] = Field(
         ('glass', 'glass', 'opaque', 'glass film', 'opaque film', 'opaque film'), min_length=1,
-        description='kinds of scenes, one of which is drawn: glass or opaque, vessels or blocks '
-        'with sharp edges, with or without a translucent film before everything')
+        description='kinds of scenes, one of which is drawn: glass or opaque, vessels, '
+        'blocks with sharp edges or vessels with handles, with or without a translucent film '
+        'before everything')
     empty: float = Field(0.1, ge=0, le=1, description='share of scenes without their object')
     targets: int = Field(1, ge=1, le=8, description='objects to look for in a scene')
     outside: float = Field(0.15, ge=0, le=1,
@@ -75,7 +79,7 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
     """
     of = settings or SceneSettings()
     kind = of.kinds[int(rng.integers(len(of.kinds)))]
-    objects = objects or tuple(_object(rng, kind) for _ in range(of.targets))
+    objects = objects or tuple(random_object(rng, kind) for _ in range(of.targets))
     empty = bool(rng.random() < of.empty)
     spots = _spots(rng, objects, of.clutter)
     sensor = random_sensor(rng, of)
@@ -84,7 +88,7 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
               for each, spot in zip(objects, spots, strict=False)]
     camera = _camera(rng, of, sensor.grid.pinhole, worlds)
     poses = [camera @ each for each in worlds]
-    targets = tuple(_target(rng, each, pose, of.roi, empty)
+    targets = tuple(random_target(rng, each, pose, of.roi, empty)
                     for each, pose in zip(objects, poses, strict=True))
     solids, owners = ([], []) if empty else placed(objects, poses)
     sheets = random_room(rng, camera)
@@ -112,11 +116,15 @@ def nearest_depth(objects: Sequence[SceneObject], poses: Sequence[Pose]) -> floa
                for each, pose in zip(objects, poses, strict=True))
 
 
-def _object(rng: np.random.Generator, kind: Kind) -> SceneObject:
+def random_object(rng: np.random.Generator, kind: Kind, finish: Finish | None = None
+                  ) -> SceneObject:
+    """An object of a kind of scene. finish: draws what opaque ones are made of."""
     glass = kind.startswith('glass')
+    if 'handle' in kind:
+        return random_handled(rng, glass, finish)
     if 'block' in kind:
-        return random_block(rng, glass)
-    return random_transparent(rng) if glass else random_opaque(rng)
+        return random_block(rng, glass, finish)
+    return random_transparent(rng) if glass else random_opaque(rng, finish)
 
 
 def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
@@ -172,8 +180,10 @@ def _camera(rng: np.random.Generator, of: SceneSettings, pinhole: Pinhole, world
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]))
 
 
-def _target(rng: np.random.Generator, of: SceneObject, pose: Pose, side: float, empty: bool
-            ) -> Target:
+def random_target(rng: np.random.Generator, of: SceneObject, pose: Pose, side: float, empty: bool
+                  ) -> Target:
+    """An object at a pose, with a region of interest of a side [m] about it, up to 0.2 sides off.
+    """
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
     return Target(of.vertices, of.faces, of.axis, pose, (x, y, z), (side,) * 3, empty,
                   of.discrete)

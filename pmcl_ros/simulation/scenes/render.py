@@ -48,18 +48,20 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
     return picture
 
 
-def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64]
-                   ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64],
+                   with_sheets: bool = False) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Owner and depth of the first solid at each pixel of the centre view, (height, width) each.
 
     owners: (solids,) a number for each solid; -1 where no solid is. The depth is in metres, 0
-    where no solid is. Sheets are ignored.
+    where nothing is. Sheets are ignored, or with_sheets: opaque ones hide what is behind them and
+    have a depth.
     """
     label = np.full((pinhole.height, pinhole.width), -1, np.int64)
     depth = np.zeros((pinhole.height, pinhole.width), np.float32)
-    clear = world._replace(sheets=world.sheets[:0])
+    seen = with_sheets & (world.sheets[:, 16] >= 1)
     with LOCK:
-        _first(clear, np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), label, depth)
+        _first(world._replace(sheets=world.sheets[seen]),
+               np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), label, depth)
     return np.append(owners, -1)[label], depth
 
 
@@ -113,9 +115,10 @@ def _first(world, numbers, label, depth):  # type: ignore[no-untyped-def]
             length = np.sqrt(dx * dx + dy * dy + 1)
             kind, t, number, _, _ = nearest(world, hit, stack, 0.0, 0.0, 0.0, dx / length,
                                             dy / length, dz / length)
+            if kind > 0:
+                depth[i, j] = t / length
             if kind == 1:
                 label[i, j] = number
-                depth[i, j] = t / length
 
 
 @dataclass(frozen=True)

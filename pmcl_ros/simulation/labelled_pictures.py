@@ -1,0 +1,211 @@
+"""Draws pictures with the labels that a contour map learns from, many at once, onto disk."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.colour import Colour
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.simulation.occluding import contour_labels
+from pmcl_ros.simulation.photograph import MARGIN, photograph
+from pmcl_ros.simulation.scenes.broad_scene import broad_scene
+from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_sensor
+from pmcl_ros.simulation.scenes.render import light_of_view
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.world import World
+
+_SIZE = 0.12  # m: of an object, for its apparent size
+_APPARENT = 40, 400  # px
+_DISTANCES = 0.2, 2.5  # m
+_GAMMA = 1 / 2.2
+_AIMED = 0.8  # share of crops that hold the middle of an object
+_KINDS: tuple[Kind, ...] = (
+    'glass', 'glass', 'glass', 'glass', 'opaque', 'glass handle', 'glass handle', 'opaque handle',
+    'glass block', 'glass block', 'opaque block', 'glass film', 'glass film', 'opaque film',
+    'glass block film', 'glass handle film')
+
+
+class PictureSettings(Settings):
+    """Parameters of `labelled_picture`."""
+
+    f01: float = Field(0.4, ge=0, le=1, description='share of pictures by a light-field camera: '
+                       'its centre view, the noise averaged over 1 to 40 views; others are by '
+                       'ordinary cameras')
+    largest: int = Field(328, ge=32, le=2000, description='side of the square whose number of '
+                         'pixels no picture exceeds; larger pictures are cropped [px]')
+    samples: int = Field(2, ge=1, le=64, description='rays per pixel')
+    clutter: int = Field(7, ge=0, le=20, description='other objects at most')
+    empty: float = Field(0.08, ge=0, le=1, description='share of scenes without their object')
+
+
+@dataclass(frozen=True)
+class LabelledPicture:
+    """A picture and what a contour map is to say of it.
+
+    picture: (height, width, 3) uint8 RGB, gamma encoded as a camera gives it; of a grey camera
+        three equal channels. direction (int8), inside (bool): as in `ContourLabels`.
+    """
+
+    picture: NDArray[np.uint8]
+    direction: NDArray[np.int8]
+    inside: NDArray[np.bool_]
+
+
+def labelled_picture(seed: int, settings: PictureSettings | None = None) -> LabelledPicture:
+    """Draw a scene, a camera and its picture. The same seed gives the same bytes."""
+    of = settings or PictureSettings()
+    rng = np.random.default_rng(seed)
+    is_f01 = bool(rng.random() < of.f01)
+    scenes = SceneSettings(kinds=_KINDS, views=3, clutter=of.clutter, empty=of.empty,
+                           outside=0.4)
+    sensor = random_sensor(rng, scenes) if is_f01 else _ordinary(rng)
+    whole = sensor.grid.pinhole
+    distance = _distance(rng, whole)
+    scene = broad_scene(rng, scenes.model_copy(update={'near': distance, 'far': distance}), sensor)
+    part = _crop(rng, whole, scene, of.largest)
+    sensor = replace(sensor, grid=replace(sensor.grid, pinhole=part),
+                     blur=float(rng.uniform(0.5, 1.4)))
+    world = World.from_scene(scene)
+    light = light_of_view(world, sensor, *sensor.grid.centre, MARGIN, of.samples,
+                          int(rng.integers(2 ** 62)))
+    picture = (_centre_view(rng, light, sensor) if is_f01 else
+               photograph(rng, light, _off_axis(part, whole)))
+    labels = contour_labels(world, part)
+    return LabelledPicture(picture, labels.direction, labels.inside)
+
+
+def _ordinary(rng: np.random.Generator) -> Sensor:
+    """A camera 25 to 75 degrees wide of 200 to 1,280 px; its aperture is small."""
+    width = int(np.exp(rng.uniform(np.log(200), np.log(1280))))
+    height = int(width * rng.choice([0.5625, 0.75, 0.75, 1.0]))
+    focal = width / 2 / np.tan(np.deg2rad(rng.uniform(25, 75)) / 2)
+    middle = (np.array([width, height]) - 1) / 2 + rng.normal(0, 0.01, 2) * width
+    pinhole = Pinhole(width, height, focal, focal, *middle.tolist())
+    aperture = float(np.exp(rng.uniform(np.log(5e-5), np.log(6e-4))))
+    grid = ViewGrid(pinhole, aperture, nominal_positions(1, 1), np.ones((1, 1), np.float32))
+    return Sensor(grid, 0.6, 4.2, 1.0, 0.3, 0.0, 0.0, (1.0, 1.0, 1.0))
+
+
+def _distance(rng: np.random.Generator, pinhole: Pinhole) -> float:
+    """At which an object of an ordinary size has a random apparent size [m]."""
+    largest = min(_APPARENT[1], 1.2 * max(pinhole.width, pinhole.height))
+    size = np.exp(rng.uniform(np.log(_APPARENT[0]), np.log(largest)))
+    return float(np.clip(pinhole.fx * _SIZE / size, *_DISTANCES))
+
+
+def _crop(rng: np.random.Generator, whole: Pinhole, scene: Scene, largest: int) -> Pinhole:
+    """A window of at most largest ** 2 pixels, mostly with an object in it."""
+    if whole.width * whole.height <= largest ** 2:
+        return whole
+    aspect = np.exp(rng.uniform(-0.3, 0.3))
+    width = min(int(largest * aspect), whole.width)
+    height = min(int(largest / aspect), whole.height)
+    room = np.array([whole.width - width, whole.height - height])
+    corner = rng.uniform(0, 1, 2) * room
+    if rng.random() < _AIMED:
+        seen = whole.project(scene.targets[0].pose[:3, 3])
+        corner = seen - rng.uniform(0.1, 0.9, 2) * [width, height]
+    left, top = np.clip(np.nan_to_num(corner), 0, room).astype(int).tolist()
+    return whole.crop(left, top, width, height)
+
+
+def _off_axis(part: Pinhole, whole: Pinhole) -> NDArray[np.float32]:
+    """(height, width) distance of a crop's pixels from the axis, 1 at the whole's corners."""
+    x, y = np.arange(part.width) - part.cx, np.arange(part.height) - part.cy
+    half = np.hypot(whole.width, whole.height) / 2
+    return (np.hypot(x, y[:, None]) / half).astype(np.float32)
+
+
+def _centre_view(rng: np.random.Generator, light: NDArray[np.float32], sensor: Sensor
+                 ) -> NDArray[np.uint8]:
+    """As a decoder gives it, or averaged over several views; with or without white balance."""
+    view = sensed(light, exposure(light, sensor.level), sensor.blur, MARGIN)
+    view = noisy(view, float(np.exp(rng.uniform(0, np.log(40)))), sensor, rng)
+    red, green, blue = (1 / each for each in sensor.gains)
+    colour = Colour((red, green, blue)) if rng.random() < 0.7 else Colour()
+    return colour.displayed(np.maximum(view, 0), _GAMMA)
+
+
+def path_of(folder: Path, seed: int) -> Path:
+    """Where the picture of a seed lies."""
+    return folder / f'{seed:06d}.npz'
+
+
+def read_labelled(path: Path) -> LabelledPicture:
+    """Read a picture that `write_labelled` wrote; PmclError where the file is none."""
+    try:
+        with np.load(path) as values:
+            made = LabelledPicture(values['picture'], values['direction'], values['inside'])
+    except (OSError, ValueError, KeyError, BadZipFile, EOFError) as error:
+        raise PmclError(f'{path} is not a labelled picture ({error}): remove it and make it '
+                        'again with `pmcl scenes pictures`') from error
+    size = made.picture.shape[:2]
+    if (made.picture.shape != (*size, 3) or made.picture.dtype != np.uint8
+            or made.direction.shape != size or made.direction.dtype != np.int8
+            or made.inside.shape != size or made.inside.dtype != np.bool_):
+        raise PmclError(f'{path}: picture {made.picture.shape} {made.picture.dtype}, direction '
+                        f'{made.direction.shape} {made.direction.dtype} and inside '
+                        f'{made.inside.shape} {made.inside.dtype} do not belong together: remove '
+                        'it and make it again with `pmcl scenes pictures`')
+    return made
+
+
+def write_labelled(folder: Path, seed: int, settings: PictureSettings) -> Path:
+    """Make the picture of a seed, unless it is there; a reader never sees half a file."""
+    path = path_of(folder, seed)
+    if not path.exists():
+        made = labelled_picture(seed, settings)
+        part = path.with_suffix('.part')
+        with part.open('wb') as file:
+            np.savez_compressed(file, picture=made.picture, direction=made.direction,
+                                inside=made.inside)
+        part.replace(path)
+    return path
+
+
+def write_many(folder: Path, seeds: range, settings: PictureSettings, jobs: int = 1,
+               backend: str = 'loky', scheduler: str | None = None) -> Iterator[Path]:
+    """Make the pictures of all seeds that are not there, in `jobs` processes; yields each path.
+
+    backend: of joblib, 'loky' (processes of this machine) or 'dask' (workers of the cluster at
+    the address `scheduler`, which see the same folder). Raises PmclError where a library lacks.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    missing = [seed for seed in seeds if not path_of(folder, seed).exists()]
+    if backend == 'loky' and jobs == 1:
+        yield from (write_labelled(folder, seed, settings) for seed in missing)
+        return
+    joblib = _library('joblib')
+    options: dict[str, Any] = {'n_jobs': jobs, 'inner_max_num_threads': 1}
+    if backend == 'dask':
+        if not scheduler:
+            raise PmclError('the backend dask needs the address of a scheduler, as '
+                            '--scheduler tcp://HOST:8786')
+        distributed = _library('distributed')
+        try:
+            distributed.Client(scheduler, timeout='10s')
+        except OSError as error:
+            raise PmclError(f'no Dask scheduler answers at {scheduler}: {error}') from error
+        options = {}
+    with joblib.parallel_config(backend=backend, **options):
+        yield from joblib.Parallel(return_as='generator_unordered')(
+            joblib.delayed(write_labelled)(folder.resolve(), seed, settings) for seed in missing)
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise PmclError(f'{name} is not installed: pip install joblib "dask[distributed]", or '
+                        'use one process and no cluster') from error

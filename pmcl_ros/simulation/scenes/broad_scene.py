@@ -1,0 +1,246 @@
+"""Draws scenes of great variety: any camera, surroundings, clutter and material."""
+
+from collections.abc import Callable
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.simulation.scenes.blocks import random_block
+from pmcl_ros.simulation.scenes.environment import random_environment
+from pmcl_ros.simulation.scenes.handles import random_handled
+from pmcl_ros.simulation.scenes.materials import Opaque
+from pmcl_ros.simulation.scenes.objects import (
+    Finish,
+    SceneObject,
+    random_opaque,
+    random_transparent,
+)
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
+from pmcl_ros.simulation.scenes.random_scene import (
+    SceneSettings,
+    nearest_depth,
+    placed,
+    random_film,
+    random_object,
+    random_sensor,
+    random_target,
+    random_way,
+)
+from pmcl_ros.simulation.scenes.scene import Scene, Sheet
+from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.scenes.textures import SIZE, Texture, random_texture
+
+_PLAIN = 0.4  # share of surroundings of one colour without any texture
+_ROLLED = 0.15  # share of cameras that are turned any way about their axis
+
+
+class _Palette:
+    """The textures of one scene: few, tinted and scaled in many ways."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+        self._known = [random_texture(rng) for _ in range(int(rng.integers(2, 5)))]
+
+    def texture(self) -> Texture:
+        """One colour, often pale, or a pattern in a tint."""
+        rng = self._rng
+        if rng.random() < _PLAIN:
+            return _of_one_colour(rng)
+        known = self._known[int(rng.integers(len(self._known)))]
+        tint = np.exp(rng.normal(0, 0.2) + rng.normal(0, 0.1, 3)).astype(np.float32)
+        return np.minimum(known * tint, np.float32(0.95))
+
+    def finish(self, rng: np.random.Generator) -> Opaque:
+        """Matt or glossy, as `Finish`."""
+        coat = float(rng.uniform(1.3, 1.7)) if rng.random() < 0.5 else 1.0
+        return Opaque(self.texture(), float(np.exp(rng.uniform(np.log(0.04), np.log(0.5)))), coat)
+
+
+def _of_one_colour(rng: np.random.Generator) -> Texture:
+    tone = rng.uniform(0.55, 0.92) if rng.random() < 0.6 else rng.uniform(0.03, 0.55)
+    colour = np.clip(tone * (1 + rng.choice([0.02, 0.08, 0.3]) * rng.standard_normal(3)),
+                     0.02, 0.95)
+    return np.broadcast_to(colour.astype(np.float32), (SIZE, SIZE, 3))
+
+
+def broad_scene(rng: np.random.Generator, settings: SceneSettings,
+                sensor: Sensor | None = None, objects: tuple[SceneObject, ...] = ()) -> Scene:
+    """Draw a scene as `random_scene`, from broad distributions.
+
+    sensor: the camera; default: like an F01. objects: the targets. Clutter stands beside, behind
+    and before them; all of it is solid. The table may end in view.
+    """
+    kind = settings.kinds[int(rng.integers(len(settings.kinds)))]
+    palette = _Palette(rng)
+    objects = objects or tuple(random_object(rng, kind, palette.finish)
+                               for _ in range(settings.targets))
+    empty = bool(rng.random() < settings.empty)
+    sensor = sensor or random_sensor(rng, settings)
+    worlds, circles = _beside_each_other(rng, objects)
+    camera = _camera(rng, settings, sensor, worlds)
+    poses = [camera @ each for each in worlds]
+    targets = tuple(random_target(rng, each, pose, settings.roi, empty)
+                    for each, pose in zip(objects, poses, strict=True))
+    things, places = ([], []) if empty else ([*objects], [*poses])
+    for _ in range(int(rng.integers(settings.clutter + 1))):
+        thing = _clutter(rng, palette.finish)
+        rest = resting(rng, thing.vertices, random_way(rng, thing))
+        spot = _spot(rng, thing, rest, circles, camera)
+        if spot is not None:
+            things.append(thing)
+            places.append(camera @ pose_of(Rotation.identity(), spot) @ rest)
+    solids, owners = placed(things, places)
+    if empty:
+        owners = [len(objects)] * len(owners)
+    sheets = _room(rng, camera, palette, circles)
+    if kind.endswith('film'):
+        sheets.append(random_film(rng, nearest_depth(objects, poses)))
+    name = f'{kind}: {objects[0].name}' + (', empty' if empty else '')
+    return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
+                 sensor, targets, tuple(min(each, len(objects)) for each in owners))
+
+
+Circle = tuple[NDArray[np.float64], float]  # middle (2,) and radius of a footprint [m]
+
+
+def _footprint(thing: SceneObject, rest: Pose) -> Circle:
+    """The circle on the table about a thing at rest above the origin."""
+    flat = (thing.vertices @ rest[:3, :3].T + rest[:3, 3])[:, :2]
+    middle = (flat.min(axis=0) + flat.max(axis=0)) / 2
+    return middle, float(np.linalg.norm(flat - middle, axis=1).max())
+
+
+def _beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
+                       ) -> tuple[list[Pose], list[Circle]]:
+    """Poses (4, 4), object to world, of the targets, and their footprints."""
+    worlds: list[Pose] = []
+    circles: list[Circle] = []
+    for each in objects:
+        rest = resting(rng, each.vertices, random_way(rng, each))
+        middle, radius = _footprint(each, rest)
+        spot = np.zeros(2)
+        while any(np.linalg.norm(spot - other) < radius + reach for other, reach in circles):
+            spot = spot + rng.normal(0, 0.05, 2)
+        circles.append((spot, radius))
+        worlds.append(pose_of(Rotation.identity(), np.append(spot - middle, 0)) @ rest)
+    return worlds, circles
+
+
+def _camera(rng: np.random.Generator, of: SceneSettings, sensor: Sensor, worlds: list[Pose]
+            ) -> Pose:
+    """Anywhere from level with the table to right above it; the targets are mostly in view."""
+    pinhole = sensor.grid.pinhole
+    aim = np.mean([each[:3, 3] for each in worlds], axis=0)
+    half = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy]) / 2
+    spread = (1.0 if rng.random() < of.outside else 0.6) * half
+    aside = np.arctan(spread * rng.uniform(-1, 1, 2))
+    roll = np.pi if rng.random() < _ROLLED else 0.08
+    return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]),
+                        (0.08, 1.5), roll)
+
+
+def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
+    makers: tuple[tuple[float, Callable[[], SceneObject]], ...] = (
+        (0.28, lambda: random_transparent(rng)),
+        (0.14, lambda: random_opaque(rng, finish)),
+        (0.1, lambda: random_block(rng, bool(rng.random() < 0.6), finish)),
+        (0.1, lambda: random_handled(rng, bool(rng.random() < 0.6), finish)),
+        (0.2, lambda: SceneObject.from_mesh(trimesh.creation.box(
+            np.exp(rng.uniform(np.log(0.01), np.log(0.2), 3))), finish(rng), 'box')),
+        (0.1, lambda: SceneObject.from_mesh(trimesh.creation.cylinder(
+            rng.uniform(0.002, 0.012), rng.uniform(0.05, 0.2), sections=48), finish(rng), 'rod')),
+        (0.08, lambda: SceneObject.from_mesh(trimesh.creation.icosphere(
+            4, rng.uniform(0.01, 0.04)), finish(rng), 'ball')))
+    shares = np.array([share for share, _ in makers])
+    return makers[int(rng.choice(len(makers), p=shares / shares.sum()))][1]()
+
+
+def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: list[Circle],
+          camera: Pose) -> NDArray[np.float64] | None:
+    """A free place (3,) on the table [m]: beside what is there, behind it, or anywhere.
+
+    Its footprint is appended to `circles`. None where no place is found, or where it would be
+    nearer than 10 cm to the camera.
+    """
+    middle, radius = _footprint(thing, rest)
+    ahead = _ahead(camera)
+    eye = -camera[:3, :3].T @ camera[:3, 3]
+    for _ in range(30):
+        at, reach = circles[int(rng.integers(len(circles)))]
+        draw = rng.random()
+        if draw < 0.4:
+            turn = rng.uniform(0, 2 * np.pi)
+            way = np.array([np.cos(turn), np.sin(turn)])
+            spot = at + (reach + radius + np.exp(rng.uniform(-6.5, -3))) * way
+        elif draw < 0.7:
+            spot = at + rng.uniform(0.05, 0.6) * ahead + rng.normal(0, 0.04, 2)
+        elif draw < 0.78:
+            spot = at - rng.uniform(0.05, 0.2) * ahead + rng.normal(0, 0.05, 2)
+        else:
+            spot = rng.normal(0, 0.25, 2)
+        clear = np.linalg.norm(np.append(spot, 0.05) - eye) > radius + 0.15
+        if clear and all(np.linalg.norm(spot - other) > radius + size + 0.001
+                         for other, size in circles):
+            circles.append((spot, radius))
+            return np.append(spot - middle, 0)
+    return None
+
+
+def _ahead(camera: Pose) -> NDArray[np.float64]:
+    """(2,) the way along the table in which the camera looks."""
+    return np.asarray(camera[2, :2] / max(float(np.linalg.norm(camera[2, :2])), 1e-9))
+
+
+def _room(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: list[Circle]
+          ) -> list[Sheet]:
+    """A table, which may end in view above a floor, and mostly a wall behind it."""
+    turn = rng.uniform(0, 2 * np.pi)
+    rotation = Rotation.from_euler('z', turn)
+    sheets = []
+    if rng.random() < 0.5:
+        size, middle = np.full(2, 4.0), np.zeros(2)
+    else:
+        footing = rotation.inv().apply([[*at, 0] for at, _ in circles])[:, :2]
+        reach = np.array([[radius] for _, radius in circles])
+        margins = np.exp(rng.uniform(np.log(0.03), np.log(1.2), (2, 2)))
+        low = (footing - reach).min(axis=0) - margins[0]
+        high = (footing + reach).max(axis=0) + margins[1]
+        size, middle = high - low, (low + high) / 2
+        floor = np.array([0, 0, -rng.uniform(0.3, 0.9)])
+        sheets.append(Sheet(camera @ pose_of(rotation, floor), (8.0, 8.0), palette.texture(),
+                            float(rng.uniform(0.3, 2.0))))
+        edge = rng.uniform(0.015, 0.05)
+        texture = palette.texture()
+        for axis in range(2):
+            for sign in (-1, 1):
+                aside = np.zeros(3)
+                aside[axis] = sign * size[axis] / 2
+                place = rotation.apply(np.append(middle, -edge / 2) + aside)
+                tilt = Rotation.from_euler('x', np.pi / 2)
+                upright = rotation * (Rotation.from_euler('z', np.pi / 2) if axis == 0
+                                      else Rotation.identity()) * tilt
+                sheets.append(Sheet(camera @ pose_of(upright, place), (size[1 - axis], edge),
+                                    texture, float(rng.uniform(0.2, 0.6))))
+    place = np.append(middle, 0)
+    sheets.append(Sheet(camera @ pose_of(rotation, rotation.apply(place)),
+                        (float(size[0]), float(size[1])), palette.texture(),
+                        float(np.exp(rng.uniform(np.log(0.1), np.log(1.0))))))
+    if rng.random() < 0.65:
+        sheets.append(_wall(rng, camera, palette, circles))
+    return sheets
+
+
+def _wall(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: list[Circle]
+          ) -> Sheet:
+    """Upright, behind everything on the table."""
+    ahead = _ahead(camera)
+    angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-0.6, 0.6)
+    way = np.array([np.cos(angle), np.sin(angle)])
+    behind = max(float(at @ way) + radius for at, radius in circles)
+    away = behind + np.exp(rng.uniform(np.log(0.02), np.log(2.0)))
+    upright = Rotation.from_matrix(np.stack(
+        [[-way[1], way[0], 0], [0, 0, 1], [way[0], way[1], 0]], axis=1))
+    return Sheet(camera @ pose_of(upright, np.append(away * way, 0.5)), (8.0, 3.0),
+                 palette.texture(), float(np.exp(rng.uniform(np.log(0.2), np.log(2.0)))))

@@ -1,0 +1,100 @@
+"""Labelled pictures: the same for a seed, written whole, made again where they lack."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from pmcl_ros.cli import main
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.simulation.labelled_pictures import (
+    PictureSettings,
+    labelled_picture,
+    path_of,
+    read_labelled,
+    write_labelled,
+    write_many,
+)
+
+_SMALL = PictureSettings(largest=64, samples=1, clutter=3)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_same_seed_gives_the_same_picture(seed):
+    one, two = labelled_picture(seed, _SMALL), labelled_picture(seed, _SMALL)
+    size = one.picture.shape[:2]
+    assert one.picture.dtype == np.uint8
+    assert one.picture.shape == (*size, 3)
+    assert one.direction.shape == one.inside.shape == size
+    assert one.direction.min() >= -1
+    assert one.direction.max() < 32
+    assert np.ptp(one.picture) > 5
+    for name in ('picture', 'direction', 'inside'):
+        assert np.array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_many_are_made_once_and_again_where_one_lacks(tmp_path):
+    made = list(write_many(tmp_path, range(3, 7), _SMALL))
+    assert made == [path_of(tmp_path, seed) for seed in range(3, 7)]
+    before = {path: path.read_bytes() for path in made}
+    made[1].unlink()
+    assert list(write_many(tmp_path, range(3, 7), _SMALL)) == [made[1]]
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    read = read_labelled(made[0])
+    again = labelled_picture(3, _SMALL)
+    assert np.array_equal(read.picture, again.picture)
+    assert np.array_equal(read.direction, again.direction)
+    assert np.array_equal(read.inside, again.inside)
+
+
+def test_what_was_interrupted_is_made_again(tmp_path):
+    path_of(tmp_path, 3).with_suffix('.part').write_bytes(b'half')
+    write_labelled(tmp_path, 3, _SMALL)
+    assert [path.name for path in tmp_path.iterdir()] == ['000003.npz']
+    read_labelled(path_of(tmp_path, 3))
+
+
+def test_a_broken_file_is_named(tmp_path):
+    path = write_labelled(tmp_path, 3, _SMALL)
+    whole = path.read_bytes()
+    for broken in (b'', b'no archive', whole[:len(whole) // 2]):
+        path.write_bytes(broken)
+        with pytest.raises(PmclError, match=r'000003\.npz is not a labelled picture'):
+            read_labelled(path)
+    np.savez(path, picture=np.zeros((4, 4, 3), np.uint8), direction=np.zeros((4, 4), np.int8),
+             inside=np.zeros((4, 5), bool))
+    with pytest.raises(PmclError, match='do not belong together'):
+        read_labelled(path)
+    with pytest.raises(PmclError, match=r'000004\.npz'):
+        read_labelled(path_of(tmp_path, 4))
+
+
+def test_processes_and_a_cluster_make_the_same(tmp_path):
+    pytest.importorskip('joblib')
+    distributed = pytest.importorskip('distributed')
+    list(write_many(tmp_path / 'one', range(4), _SMALL))
+    list(write_many(tmp_path / 'two', range(4), _SMALL, jobs=2))
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None
+                                  ) as cluster:
+        list(write_many(tmp_path / 'three', range(4), _SMALL, backend='dask',
+                        scheduler=cluster.scheduler_address))
+    for seed in range(4):
+        one, two, three = (path_of(tmp_path / name, seed).read_bytes()
+                           for name in ('one', 'two', 'three'))
+        assert one == two == three
+
+
+def test_what_lacks_is_one_line(tmp_path):
+    with pytest.raises(PmclError, match='--scheduler'):
+        list(write_many(tmp_path, range(1), _SMALL, backend='dask'))
+    with pytest.raises(PmclError, match=r'no Dask scheduler answers at tcp://127\.0\.0\.1:9'):
+        list(write_many(tmp_path, range(1), _SMALL, backend='dask',
+                        scheduler='tcp://127.0.0.1:9'))
+
+
+def test_the_command_makes_pictures_and_keeps_them(tmp_path):
+    arguments = ['scenes', 'pictures', '--first-seed', '8', '--count', '1', '-o', str(tmp_path)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    assert '1 pictures made, 0 were there' in result.output
+    assert '0 pictures made, 1 were there' in CliRunner().invoke(main, arguments).output
+    read_labelled(path_of(tmp_path, 8))
