@@ -1,9 +1,10 @@
-"""Source -> LightField -> evidence -> pose in one process, for commands and studies.
+"""Source -> evidence -> pose in one process, for commands and studies.
 
     with Pipeline.for_object(model, settings) as pipeline:
-        run = pipeline.run(read_light_field, np.random.default_rng(settings.seed))
+        run = pipeline.run(lambda: read_source(path), np.random.default_rng(settings.seed))
     print(run.estimate.describe())
 
+The source is a LightField, or a PosedView of an ordinary camera.
 The evidence is an EdgeVolume, which the contour search reads, or in the mode faithful the
 DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the same stages
 themselves; of this module they use `make_localizer`.
@@ -20,8 +21,9 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume, build_edges
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges, view_edges
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
@@ -30,6 +32,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
 Evidence = EdgeVolume | DepthLikelihoodVolume
@@ -63,14 +66,19 @@ def make_localizer(model: ObjectModel, settings: PmclSettings
     return Localizer(model, settings)
 
 
-def build_evidence(light_field: LightField, settings: DlvSettings, mode: Mode) -> Evidence:
+def build_evidence(source: Source, settings: DlvSettings, mode: Mode) -> Evidence:
     """What the localizer of a mode reads of a capture. Raises VolumeError, RenderError."""
+    if isinstance(source, LightField):
+        if mode == 'faithful':
+            return build_volume(source, settings)
+        return build_edges(source, settings)
     if mode == 'faithful':
-        return build_volume(light_field, settings)
-    return build_edges(light_field, settings)
+        raise VolumeError('the mode faithful needs a light field: one picture has no depth '
+                          'likelihood volume; choose the mode default')
+    return view_edges(source, settings)
 
 
-def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
+def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
                     changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
                     ) -> DlvSettings:
     """The settings of evidence and volume for depths `near` to `far` [m].
@@ -78,12 +86,16 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
     In the mode faithful those of the paper: views shifted by phase, truncated, not weighted. There
     are as many labels as by default, or more where the views are farther apart, `MOST_LABELS` at
     most.
+    grid: None: a single picture, whose labels nobody sets.
     changes: values that are wanted otherwise. origin: of them, for errors (SettingsError).
     """
     default = DlvSettings()
-    needed = min(StereoPairs.from_grid(grid, default.views).labels_needed(near, far), MOST_LABELS)
-    values: dict[str, Any] = {'near': near, 'far': far, 'labels': max(default.labels, needed),
-                              'edge_labels': max(default.edge_labels, needed)}
+    values: dict[str, Any] = {'near': near, 'far': far}
+    if grid is not None:
+        pairs = StereoPairs.from_grid(grid, default.views)
+        needed = min(pairs.labels_needed(near, far), MOST_LABELS)
+        values |= {'labels': max(default.labels, needed),
+                   'edge_labels': max(default.edge_labels, needed)}
     if mode == 'faithful':
         values |= {'interpolation': 'phase', 'truncate': True, 'view_weights': 'equal'}
     return DlvSettings.make(values | dict(changes or {}), origin)
@@ -93,11 +105,11 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid,
 class Run(Generic[Estimate]):
     """One capture's way through the pipeline.
 
-    settings: of evidence and volume. volume: None where nothing asked for it.
+    settings: of evidence and volume. volume: None where nothing asked for it, or of one picture.
     seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
     """
 
-    light_field: LightField
+    source: Source
     settings: DlvSettings
     evidence: Evidence
     volume: DepthLikelihoodVolume | None
@@ -106,7 +118,7 @@ class Run(Generic[Estimate]):
 
 
 class Pipeline(Generic[Estimate]):
-    """Finds an object, or several, in light fields; use and close it in one thread.
+    """Finds an object, or several, in light fields or pictures; use and close it in one thread.
 
     localizer: closed with this. near, far: depths that can hold a part of an object [m].
     changes: parameters of evidence and volume that differ from `volume_settings`; origin: where
@@ -145,17 +157,17 @@ class Pipeline(Generic[Estimate]):
     def __exit__(self, *_: object) -> None:
         self.localizer.close()
 
-    def settings_for(self, grid: ViewGrid) -> DlvSettings:
-        """The settings of evidence and volume for views of a grid."""
+    def settings_for(self, grid: ViewGrid | None) -> DlvSettings:
+        """The settings of evidence and volume for views of a grid; None: of a single picture."""
         return volume_settings(self.mode, self.near, self.far, grid, self._changes, self._origin)
 
-    def run(self, read: Callable[[], LightField], rng: np.random.Generator,
+    def run(self, read: Callable[[], Source], rng: np.random.Generator,
             progress: StageProgress = lambda *_: None, watch: Watch | None = None,
             with_volume: bool = False) -> Run[Estimate]:
-        """Read a light field and find the objects in it.
+        """Read a light field or a picture, and find the objects in it.
 
-        watch: as of `Localizer.localize`, for one object. with_volume: make the volume too where
-        the mode reads none. Raises what the stages raise.
+        watch: as of `Localizer.localize`, for one object. with_volume: make the volume of a light
+        field too where the mode reads none. Raises what the stages raise.
         """
         seconds: dict[str, float] = {}
         begun = time.perf_counter()
@@ -170,19 +182,19 @@ class Pipeline(Generic[Estimate]):
             return True
 
         progress('views', 0.0)
-        light_field = read()
+        source = read()
         finished('views')
         progress('evidence', 0.0)
-        settings = self.settings_for(light_field.grid)
-        evidence = build_evidence(light_field, settings, self.mode)
+        settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
+        evidence = build_evidence(source, settings, self.mode)
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
-        if with_volume and volume is None:
+        if with_volume and volume is None and isinstance(source, LightField):
             progress('volume', 0.0)
-            volume = build_volume(light_field, settings)
+            volume = build_volume(source, settings)
             finished('volume')
         progress('pose', 0.0)
         options = {} if watch is None else {'watch': watch}
         estimate = self.localizer.localize(evidence, rng, show, **options)
         finished('pose')
-        return Run(light_field, settings, evidence, volume, estimate, seconds)
+        return Run(source, settings, evidence, volume, estimate, seconds)

@@ -1,4 +1,7 @@
-"""One way for the data: a light field in, evidence and a pose out; a volume only where asked."""
+"""One way for the data: a light field or a picture in, evidence and a pose out.
+
+A volume is made only where one is asked for.
+"""
 
 from dataclasses import replace
 
@@ -8,12 +11,13 @@ from pmcl_scenes import CAMERA, cup, model_of
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume, build_edges
+from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
 from pmcl_ros.pipeline import Pipeline, make_localizer, volume_settings
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import SettingsError, VolumeError
 
 CUP = model_of(cup(), [0, 0, 1])
 FEW = {'labels': 9, 'edge_labels': 5, 'views': 3}
@@ -28,11 +32,16 @@ def light_field():
     return LightField(Header(stamp_ns=5), views, grid)
 
 
-def run(mode, **options):
+def picture():
+    encoded = light_field().centre_view ** np.float32(1 / GAMMA)
+    return PosedView(Header(stamp_ns=5, frame_id='wrist'), encoded, CAMERA)
+
+
+def run(mode, read=light_field, **options):
     stages = []
     settings = SETTINGS.model_copy(update={'mode': mode})
     with Pipeline.for_object(CUP, settings, FEW) as pipeline:
-        found = pipeline.run(light_field, np.random.default_rng(1),
+        found = pipeline.run(read, np.random.default_rng(1),
                              lambda stage, _: stages.append(stage), **options)
     return found, list(dict.fromkeys(stages)), settings
 
@@ -62,6 +71,28 @@ def test_a_volume_that_is_asked_for_changes_no_pose():
                                   build_edges(light_field(), found.settings).tensor)
 
 
+def test_a_picture_has_the_evidence_of_a_centre_view():
+    found, stages, settings = run('default', picture, with_volume=True)
+    assert stages == list(found.seconds) == ['views', 'evidence', 'pose']
+    assert found.volume is None
+    assert (found.source.picture == picture().picture).all()
+    assert found.estimate.header == Header(5, 'wrist')
+    edges = found.evidence
+    assert (edges.pinhole, edges.tensor.shape[2]) == (CAMERA, 2)
+    np.testing.assert_array_equal(edges.tensor[:, :, 0], edges.tensor[:, :, 1])
+    centre = edge_volume(light_field(), edges.depths, views=1)
+    np.testing.assert_allclose(edges.tensor, centre.tensor, rtol=1e-3, atol=1e-4)
+    assert edges.depths == pytest.approx([found.settings.far, found.settings.near])
+    with make_localizer(CUP, settings) as localizer:
+        again = localizer.localize(edges, np.random.default_rng(1))
+    np.testing.assert_array_equal(again.pose, found.estimate.pose)
+
+
+def test_the_papers_filter_needs_a_light_field():
+    with pytest.raises(VolumeError, match='the mode faithful needs a light field'):
+        run('faithful', picture)
+
+
 def test_several_objects_are_found_in_one_edge_volume():
     other = replace(model_of(cup().apply_scale(0.6), [0, 0, 1]), name='other')
     with Pipeline.for_objects([CUP, other], SETTINGS, FEW) as pipeline:
@@ -81,5 +112,6 @@ def test_settings_reach_around_the_region_with_labels_as_close_as_views_need():
     wide = ViewGrid(CAMERA, 0.05, grid.positions, grid.weights)
     assert volume_settings('default', 0.3, 0.5, wide).edge_labels > 24
     assert volume_settings('default', 0.3, 0.5, grid, {'window': 7}).window == 7
+    assert volume_settings('default', 0.3, 0.5, None, {'crop': (1, 2, 3, 4)}).crop == (1, 2, 3, 4)
     with pytest.raises(SettingsError, match='--set'):
         volume_settings('default', 0.3, 0.5, grid, {'window': 4}, '--set')

@@ -111,5 +111,5 @@ def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterat
         truth = each.truth
         region = Region(truth.roi_center, truth.roi_size)
         labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)
-        yield Example(edge_volume(each.light_field(None), labels, views),
+        yield Example(edge_volume(each.light_field(), labels, views),
                       ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -11,11 +11,11 @@ from rich.progress import Progress
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.cli.sources import open_source, source_options
-from pmcl_ros.drawing.pictures import depth_picture, outlines, overlay, write_png
+from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
@@ -42,11 +42,12 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
              objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode, changes: str | None,
              seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
-    """Find the object's pose in SOURCE, a raw picture or a light field.
+    """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
-    folder of the 4D Light Field Benchmark.
+    folder of the 4D Light Field Benchmark. A picture of an ordinary camera is a views.yaml, or the
+    folder with it.
     """
     changed = None if changes is None else Variant.parse(changes)
     if changed is not None and changed.base != 'default':
@@ -74,17 +75,16 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        picture = run.light_field.picture()
+        picture = displayed(run.source)
         write_png(out / 'centre.png', picture)
         if run.volume is not None:
             write_png(out / 'depth.png', depth_picture(run.volume.depth_map(), pipeline.near,
                                                        pipeline.far))
-        write_png(out / 'overlay.png', overlay(picture, run.light_field.grid.pinhole, model,
-                                              estimate.pose))
+        write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, model, estimate.pose))
         click.echo(f'pictures in {out}', err=True)
 
 
-def _localize_several(read: Callable[[], LightField], objects: Sequence[Path],
+def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
                       settings: PmclSettings, of_volume: dict[str, Any], as_json: bool,
                       out: Path | None) -> None:
     """Find objects together, print their poses, and draw their outlines.
@@ -101,12 +101,11 @@ def _localize_several(read: Callable[[], LightField], objects: Sequence[Path],
         out.mkdir(parents=True, exist_ok=True)
         there = [(model, each.pose, name) for model, each, name
                  in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
-        write_png(out / 'overlay.png', outlines(run.light_field.picture(),
-                                                run.light_field.grid.pinhole, there))
+        write_png(out / 'overlay.png', outlines(displayed(run.source), run.source.pinhole, there))
         click.echo(f'picture in {out}', err=True)
 
 
-def _run(pipeline: Pipeline[Estimate], read: Callable[[], LightField], seed: int,
+def _run(pipeline: Pipeline[Estimate], read: Callable[[], Source], seed: int,
          with_volume: bool = False) -> Run[Estimate]:
     """Run and close a pipeline, with a progress bar."""
     with Progress(console=STDERR, transient=True) as bar, pipeline:

@@ -16,6 +16,7 @@ from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -99,8 +100,8 @@ def _object(source: Path, folder: Path) -> Path:
 
 
 def _open(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int
-          ) -> tuple[Callable[[], LightField], str]:
-    """A function that makes the light field, and the camera's serial number, if known."""
+          ) -> tuple[Callable[[], Source], str]:
+    """A function that makes or reads the source, and the camera's serial number, if known."""
     if not is_bag(source):
         serial = read_metadata(source).serial if is_picture(source) else ''
         return open_source(source, calibration, white, every, shrink), serial

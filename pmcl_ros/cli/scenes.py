@@ -1,4 +1,4 @@
-"""`pmcl scenes`: light fields of generated scenes, with truth."""
+"""`pmcl scenes`: light fields and pictures of generated scenes, with truth."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,18 +7,18 @@ import click
 import numpy as np
 from rich.progress import Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.simulation.files import write_capture, write_sequence
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.simulation.files import write_capture, write_sequence, write_view
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
+from pmcl_ros.simulation.scenes.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _SEQUENCE = SequenceSettings.model_fields
-_PRESETS: dict[str, Callable[[np.random.Generator, SceneSettings], Scene]] = {
-    'standard': random_scene, 'broad': broad_scene}
+_PRESETS: dict[str, Callable[..., Scene]] = {'standard': random_scene, 'broad': broad_scene}
 
 
 @click.group()
@@ -32,39 +32,60 @@ def scenes() -> None:
               help='Scene k is that of seed + k.')
 @click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS),
               help='Only this kind; may be repeated.')
-@click.option('--views', type=click.IntRange(3), default=7, show_default=True,
-              help='Side of the square of views, odd.')
-@click.option('--size', type=click.IntRange(16), default=328, show_default=True,
-              help='Side of a view [px].')
+@click.option('--camera', type=FILE, help='An ordinary camera, YAML: width, height, fx, cx, cy, '
+              'and as you like fy, model, distortion, gamma, noise, blur. It takes one picture of '
+              'each scene; default: a light-field camera.')
+@click.option('--views', type=click.IntRange(1), show_default='7; with --camera 1',
+              help='Side of the square of views, odd; with --camera the number of pictures, 1.')
+@click.option('--size', type=click.IntRange(16), show_default='328',
+              help="Side of a view [px]; with --camera it is the camera's.")
 @click.option('--targets', type=click.IntRange(1, 8), default=1, show_default=True,
               help='Objects to look for in a scene.')
-@click.option('--samples', type=click.IntRange(1), default=2, show_default=True,
+@click.option('--samples', type=click.IntRange(1), show_default='2; with --camera 16',
               help='Rays per pixel and view.')
 @click.option('--noise', type=click.FloatRange(0), default=1.0, show_default=True,
-              help=SceneSettings.model_fields['noise'].description)
+              help=f"{SceneSettings.model_fields['noise'].description}; with --camera in units of "
+              "that camera's")
 @click.option('--preset', type=click.Choice(list(_PRESETS)), default='standard',
               show_default=True, help='Distributions: broad ones have other surroundings, clutter '
               'and cameras, as those of `pmcl scenes pictures`.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
-def render_scenes(count: int, seed: int, kinds: tuple[str, ...], views: int, size: int,
-                  targets: int, samples: int, noise: float, preset: str, out: Path) -> None:
+def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None,
+                  views: int | None, size: int | None, targets: int, samples: int | None,
+                  noise: float, preset: str, out: Path) -> None:
     """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
-    values = {'views': views, 'size': size, 'targets': targets, 'noise': noise}
-    settings = SceneSettings.make(values | ({'kinds': kinds} if kinds else {}), 'pmcl scenes')
+    given = {'views': views, 'size': size, 'kinds': kinds}
+    values = {'targets': targets, 'noise': noise} | {
+        name: value for name, value in given.items() if value}
+    ordinary = None
+    if camera is not None:
+        if size is not None or views not in (None, 1):
+            raise click.UsageError(f'--camera {camera}: it has its own size and takes one picture '
+                                   'of each scene; leave out --size, and --views or say 1')
+        ordinary = OrdinaryCamera.load(camera)
+        ordinary = ordinary.model_copy(update={'noise': noise * ordinary.noise})
+        values |= {'views': 3, 'field': min(ordinary.field, 1.5)}
+    settings = SceneSettings.make(values, 'pmcl scenes')
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:
         task = bar.add_task('', total=float(count))
         for number in range(count):
             rng = np.random.default_rng(seed + number)
-            scene = _PRESETS[preset](rng, settings)
+            sensor = None if ordinary is None else ordinary.sensor(rng)
+            scene = _PRESETS[preset](rng, settings, sensor=sensor)
             bar.update(task, description=scene.name)
+            folder = out / f'{seed + number:06d}'
 
             def show(part: float, done: int = number) -> None:
                 bar.update(task, completed=done + part)
 
-            capture = render(scene, rng, samples, show)
-            write_capture(out / f'{seed + number:06d}', scene, capture, seed + number)
-            click.echo(f'{out / f"{seed + number:06d}"}: {scene.name}')
+            if ordinary is None:
+                capture = render(scene, rng, samples or 2, show)
+                write_capture(folder, scene, capture, seed + number)
+            else:
+                picture = take_picture(scene, ordinary, rng, samples or 16, show)
+                write_view(folder, scene, picture, ordinary, seed + number)
+            click.echo(f'{folder}: {scene.name}')
 
 
 @scenes.command('pictures')

@@ -1,4 +1,4 @@
-"""Opens the source of a light field: a raw picture with its camera, or views."""
+"""Opens a source: a raw picture with its camera, views, or an ordinary picture."""
 
 from collections.abc import Callable
 from functools import partial
@@ -11,8 +11,7 @@ from pmcl_ros.cli.base import FILE, PATH, STDERR
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
+from pmcl_ros.lightfield.readers.read import Source, is_light_field, read_source
 
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -27,19 +26,19 @@ def source_options(command: Callable[..., None]) -> Callable[..., None]:
             click.option('--every', type=click.IntRange(1), default=1, metavar='K',
                          help='Of a light field: each K-th view alone.'),
             click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
-                         help='Of a light field: make NxN pixels one.')):
+                         help='Of a light field or an ordinary picture: make NxN pixels one.')):
         command = option(command)
     return command
 
 
 def open_source(source: Path, calibration: Path | None, white: Path | None, every: int,
-                shrink: int) -> Callable[[], LightField]:
-    """A function that makes the light field of a raw picture, or reads views.
+                shrink: int) -> Callable[[], Source]:
+    """A function that makes the light field of a raw picture, or reads views or a picture.
 
     Calibration and white image have been read when this returns.
     """
     if is_light_field(source):
-        return partial(read_light_field, source, every, shrink)
+        return partial(read_source, source, every, shrink)
     if calibration is None or white is None:
         raise click.UsageError(f'{source} is a raw picture: it needs --calibration and --white')
     if (every, shrink) != (1, 1):

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
 
@@ -18,6 +20,11 @@ _FARTHEST = 1e5  # px: points farther out are not drawn: OpenCV's integers canno
 _CONTOUR = (0, 255, 0)
 _COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240, 0))
 _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
+
+
+def displayed(source: Source) -> NDArray[np.uint8]:
+    """(height, width, 3) RGB for a screen: the centre view of a light field, or the picture."""
+    return source.picture() if isinstance(source, LightField) else source.displayed()
 
 
 def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,

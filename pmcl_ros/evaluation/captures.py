@@ -14,13 +14,13 @@ from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import read_light_field
+from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.runtime.errors import SettingsError
 
 
 @dataclass(frozen=True)
 class Capture:
-    """One object in one picture, which is a raw one or a light field (`read_light_field`).
+    """One object in one picture, which is a raw one, a light field or a view (`read_source`).
 
     folder: of the object's truth and model. source: of the picture. name: of the capture.
     """
@@ -53,15 +53,23 @@ class Capture:
 
     @property
     def picture(self) -> Path | None:
-        """The raw picture; None where the source is a light field."""
+        """The raw picture; None where the source is a light field or a view."""
         if not any(is_picture(path) for path in self.source.iterdir()):
             return None
         return list_pictures(self.source)[0]
 
-    def light_field(self, decoders: Decoders | None) -> LightField:
-        """The views. decoders: of the camera of a raw picture."""
+    def light_field(self, decoders: Decoders | None = None) -> LightField:
+        """The views, as `read` makes them; SettingsError for an ordinary picture."""
+        read = self.read(decoders)
+        if not isinstance(read, LightField):
+            raise SettingsError(f'{self.source} is a picture of an ordinary camera; a light field '
+                                'is needed here')
+        return read
+
+    def read(self, decoders: Decoders | None) -> Source:
+        """The light field or the view. decoders: of the camera of a raw picture."""
         if self.picture is None:
-            return read_light_field(self.source)
+            return read_source(self.source)
         if decoders is None:
             raise SettingsError(f'{self.picture} is a raw picture: its calibration is needed')
         return decoders.decode(read_raw_frame(self.picture))

@@ -18,7 +18,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -146,16 +146,16 @@ class _Last(Generic[Value]):
 class Worker:
     """Does jobs one after the other, in the thread that made it.
 
-    camera: of raw pictures, calibration and white image; None where all are light fields.
+    camera: of raw pictures, calibration and white image; None where there are none.
     stopped: asked while a search goes on; when true, the search ends and counts as not done.
 
-    Keeps the light field, the evidence and the localizer of the last job for the next one: jobs
+    Keeps the source, the evidence and the localizer of the last job for the next one: jobs
     that share them should follow each other.
     """
 
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
         self._camera, self._stopped = camera, stopped
-        self._light_field = _Last[LightField]()
+        self._source = _Last[Source]()
         self._evidence = _Last[Evidence]()
         self._localizer = _Last[AnyLocalizer[PoseEstimate]](lambda localizer: localizer.close())
 
@@ -164,10 +164,10 @@ class Worker:
         capture, variant = job.capture, job.variant
         model, surface = _model(job.sought.model)
         decoders = self._decoders  # made once, not timed
-        light_field = self._light_field.get(capture.source, lambda: capture.light_field(decoders))
-        settings = variant.volume(capture, model, light_field.grid)
+        source = self._source.get(capture.source, lambda: capture.read(decoders))
+        settings = variant.volume(capture, model, source)
         evidence = self._evidence.get((capture.source, variant.base, settings),
-                                      lambda: variant.build(light_field, settings))
+                                      lambda: variant.build(source, settings))
         search = variant.search(capture)
         localizer = self._localizer.get((job.sought.model, search),
                                         lambda: make_localizer(model, search))
@@ -179,7 +179,7 @@ class Worker:
             return None
         return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
                       dlv_seconds=self._evidence.seconds,
-                      decode_seconds=self._light_field.seconds, renderer=localizer.renderer)
+                      decode_seconds=self._source.seconds, renderer=localizer.renderer)
 
     def close(self) -> None:
         """Release the GL context."""

@@ -11,7 +11,8 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evidence.edges import edge_volume
-from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Evidence, build_evidence, volume_settings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
@@ -77,18 +78,19 @@ class Variant:
         return PmclSettings.make({'mode': self.mode, 'roi_center': capture.truth.roi_center,
                                   'roi_size': capture.truth.roi_size} | dict(self.pmcl), self.name)
 
-    def volume(self, capture: Capture, model: ObjectModel, grid: ViewGrid) -> DlvSettings:
-        """The settings of the evidence, to look for a model's object in a capture."""
+    def volume(self, capture: Capture, model: ObjectModel, source: Source) -> DlvSettings:
+        """The settings of the evidence, to look for a model's object in a capture's source."""
         near, far = Region(capture.truth.roi_center, capture.truth.roi_size).grown(model.radius)
+        grid = source.grid if isinstance(source, LightField) else None
         return volume_settings(self.mode, near, far, grid, dict(self.dlv), self.name)
 
-    def build(self, light_field: LightField, settings: DlvSettings) -> Evidence:
+    def build(self, source: Source, settings: DlvSettings) -> Evidence:
         """The evidence that the row's search reads; of the centre view alone, labels are equal."""
-        if self.base != 'centre':
-            return build_evidence(light_field, settings, self.mode)
+        if self.base != 'centre' or not isinstance(source, LightField):
+            return build_evidence(source, settings, self.mode)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
-        return edge_volume(light_field, depths, views=1).on(
-            PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride))
+        return edge_volume(source, depths, views=1).on(
+            PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))
 
 
 def _of(settings: type[DlvSettings] | type[PmclSettings], values: Mapping[str, Any]

@@ -1,4 +1,4 @@
-"""LightField -> EdgeVolume: the structure tensor of the views refocused at every label.
+"""LightField or PosedView -> EdgeVolume: structure tensor of the views refocused at each label.
 
 A second layer behind glass biases the likelihood of the rays at a contour. The energy of an edge
 that is refocused at its own depth is sharp, and stays at the edge
@@ -18,10 +18,16 @@ from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import colour_planes, mirrored
 from pmcl_ros.dlv.sampling import TAPS, copy_row, sample_row
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, check_values, checked_labels
+from pmcl_ros.dlv.volume import (
+    DepthLikelihoodVolume,
+    check_values,
+    checked_labels,
+    depth_labels,
+)
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
@@ -76,6 +82,19 @@ def build_edges(light_field: LightField, settings: DlvSettings) -> EdgeVolume:
     lattice = PixelGrid.from_crop(pinhole, settings.crop, settings.stride)
     depths = checked_labels(light_field.grid, settings, pinhole, 'edge_labels', components=3)
     return edge_volume(light_field, depths, settings.views).on(lattice)
+
+
+def view_edges(view: PosedView, settings: DlvSettings) -> EdgeVolume:
+    """The edge volume of one picture, for the pixels of `PixelGrid.from_crop` the settings.
+
+    One view knows no depth: its two labels, `far` and `near`, are alike.
+    Raises VolumeError when the crop reaches out of the picture.
+    """
+    lattice = PixelGrid.from_crop(view.pinhole, settings.crop, settings.stride)
+    alone = ViewGrid(view.pinhole, 1.0, np.zeros((1, 1, 2)), np.ones((1, 1), np.float32))
+    light_field = LightField(view.header, view.linear()[None, None], alone)
+    depths = depth_labels(settings.near, settings.far, 2)
+    return edge_volume(light_field, depths, views=1).on(lattice)
 
 
 def edge_volume(light_field: LightField, depths: NDArray[np.floating],

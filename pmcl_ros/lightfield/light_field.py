@@ -98,6 +98,11 @@ class LightField:
             raise LightFieldError(f'gamma {self.gamma} must be positive')
 
     @property
+    def pinhole(self) -> Pinhole:
+        """Of each view."""
+        return self.grid.pinhole
+
+    @property
     def centre_view(self) -> NDArray[np.float32]:
         """(height, width, 3), linear."""
         return self.views[self.grid.centre]

@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import trimesh
 import yaml
+from numpy.typing import NDArray
 
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record
@@ -37,7 +39,26 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
     write_npz(folder / 'views.npz', replace(light_field, views=light_field.views.astype('f2')))
     write_png(folder / 'centre.png', light_field.picture())
     np.savez_compressed(folder / 'depth.npz', depth=capture.depth, labels=capture.labels)
-    for number, target in enumerate(capture.targets):
+    _write_targets(folder, scene, seed)
+
+
+def write_view(folder: Path, scene: Scene, picture: NDArray[np.uint8],
+               camera: posed_views.ViewCamera, seed: int) -> None:
+    """Write view.png, views.yaml, model.obj, truth.json into a folder, as `write_capture` does.
+
+    picture: (height, width, 3) RGB of the camera.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_png(folder / 'view.png', picture)
+    values = camera.model_dump(mode='json', exclude_none=True,
+                               include=set(posed_views.ViewCamera.model_fields))
+    written = {'cameras': {'camera': values}, 'views': [{'file': 'view.png', 'camera': 'camera'}]}
+    (folder / posed_views.NAME).write_text(yaml.safe_dump(written, sort_keys=False))
+    _write_targets(folder, scene, seed)
+
+
+def _write_targets(folder: Path, scene: Scene, seed: int) -> None:
+    for number, target in enumerate(scene.targets):
         place = folder if number == 0 else folder / str(number)
         place.mkdir(exist_ok=True)
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)

@@ -19,20 +19,20 @@ def capture(tmp_path):
     return Capture.load(write_capture(tmp_path / 'glass'))
 
 
-def settings(name, capture, grid):
+def settings(name, capture, source):
     variant = Variant.parse(name)
-    return variant, variant.volume(capture, ObjectModel.load(capture.model), grid)
+    return variant, variant.volume(capture, ObjectModel.load(capture.model), source)
 
 
 def test_values_go_where_they_belong(capture):
     field = light_field(pose(0), cup())
     variant, volume = settings('particles=7,views=5,truncate=true,edge_labels=9', capture,
-                               field.grid)
+                               field)
     search = variant.search(capture)
     assert (search.mode, search.particles, search.roi_size) == ('default', 7, (0.05, 0.05, 0.06))
     assert (volume.views, volume.truncate, volume.edge_labels) == (5, True, 9)
     assert volume.near < 0.4 - 0.03 < 0.4 + 0.03 < volume.far
-    variant, volume = settings('row=faithful,faithful_particles=9', capture, field.grid)
+    variant, volume = settings('row=faithful,faithful_particles=9', capture, field)
     assert (variant.search(capture).mode, variant.search(capture).faithful_particles
             ) == ('faithful', 9)
     assert volume.interpolation == 'phase'
@@ -57,7 +57,7 @@ def test_the_centre_view_alone_knows_no_depth(capture):
     """All labels are alike; and no other view has a part in it, whatever it shows."""
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4')
-    chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
+    chosen = variant.volume(capture, ObjectModel.load(capture.model), field)
     edges = variant.build(field, chosen)
     assert edges.tensor.max() > 0.5
     for label in range(1, 4):
@@ -79,7 +79,7 @@ def light_field_of(field, views):
 def test_a_crop_is_the_centre_views_too(capture):
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4,crop=[10,20,40,30],stride=2')
-    chosen = variant.volume(capture, ObjectModel.load(capture.model), field.grid)
+    chosen = variant.volume(capture, ObjectModel.load(capture.model), field)
     edges, whole = variant.build(field, chosen), build_edges(field, chosen)
     assert edges.tensor.shape == whole.tensor.shape
     assert edges.pinhole == whole.pinhole
@@ -100,7 +100,7 @@ def test_captures_are_found_by_name(tmp_path):
     targets = find_captures(tmp_path)
     assert [each.name for each in targets] == ['a', 'a/1', 'b']
     assert [each.source.name for each in targets] == ['a', 'a', 'b']
-    assert (targets[1].light_field(None).views == targets[0].light_field(None).views).all()
+    assert (targets[1].light_field().views == targets[0].light_field().views).all()
     with pytest.raises(SettingsError, match='no capture c; there are a, a/1, b'):
         find_captures(tmp_path, ['c'])
     with pytest.raises(SettingsError, match='no subfolder'):

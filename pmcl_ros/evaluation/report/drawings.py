@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 
-from pmcl_ros.drawing.pictures import depth_picture
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.drawing.pictures import depth_picture, displayed
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, spread
 from pmcl_ros.evaluation.report.slices import (
@@ -54,9 +55,9 @@ class Figure(NamedTuple):
 
 
 def centre_view(run: Localization) -> Markup:
-    """The centre view with outlines and axes."""
-    pinhole, pose = run.light_field.grid.pinhole, run.estimate.pose
-    made = over(run.light_field.picture())
+    """The centre view, or the picture, with outlines and axes."""
+    pinhole, pose = run.source.pinhole, run.estimate.pose
+    made = over(displayed(run.source))
     outline(made, outlines(pinhole, run.model, pose), 'on-estimate')
     if run.truth is not None and not run.truth.empty:  # dashed: the estimate shows between
         outline(made, outlines(pinhole, run.model, run.truth.pose), 'on-truth', (2, 4))
@@ -149,8 +150,8 @@ def evidence_classes(points: ContourPoints) -> list[str]:
 
 def evidence_figures(run: Localization, points: ContourPoints) -> list[Figure]:
     """The contour in the picture, coloured by its evidence, and unrolled."""
-    window = run.region.window(run.light_field.grid.pinhole, run.model.radius)
-    coloured = over(run.light_field.picture(), (window.left, window.top, *window.size))
+    window = run.region.window(run.source.pinhole, run.model.radius)
+    coloured = over(displayed(run.source), (window.left, window.top, *window.size))
     classes = np.array(evidence_classes(points))
     for name in _KINDS:
         dots(coloured, points.pixels[classes == name], name)
@@ -175,17 +176,18 @@ def evidence_figures(run: Localization, points: ContourPoints) -> list[Figure]:
                f'over {ARC:.0f} px. Dashed: the value that the weakest fifth has to reach.')]
 
 
-def epipolar_figures(run: Localization) -> list[Figure]:
+def epipolar_figures(run: Localization, light_field: LightField) -> list[Figure]:
     """Slices along x and y through the middle of the object; none where it is not in front."""
-    point = run.light_field.grid.pinhole.project(middle(run.model, run.estimate.pose))
+    point = run.source.pinhole.project(middle(run.model, run.estimate.pose))
     if not np.isfinite(point).all():
         return []
     x, y = point.tolist()
-    return [_epipolar(run, 'x', y, x), _epipolar(run, 'y', x, y)]
+    return [_epipolar(run, light_field, 'x', y, x), _epipolar(run, light_field, 'y', x, y)]
 
 
-def _epipolar(run: Localization, along: Along, line: float, centre: float) -> Figure:
-    grid = run.light_field.grid
+def _epipolar(run: Localization, light_field: LightField, along: Along, line: float,
+              centre: float) -> Figure:
+    grid = light_field.grid
     width, height = grid.pinhole.width, grid.pinhole.height
     length, other = (width, height) if along == 'x' else (height, width)
     pixel = int(np.clip(round(line), 0, other - 1))
@@ -194,7 +196,7 @@ def _epipolar(run: Localization, along: Along, line: float, centre: float) -> Fi
     beside = _MARGIN * float(np.ptp(ends)) + 8
     low = int(np.clip(ends.min() - beside, 0, length - 2))
     high = int(np.clip(ends.max() + beside, low + 2, length))
-    epi = epipolar_slice(run.light_field, along, pixel)
+    epi = epipolar_slice(light_field, along, pixel)
     first, last = float(epi.positions[0]), float(epi.positions[-1])
     half = (last - first) / max(len(epi.positions) - 1, 1) / 2
     made = axes((low - 0.5, high - 0.5), (last + half, first - half), f'{along} [px]', 'view',
@@ -222,22 +224,22 @@ def _epipolar(run: Localization, along: Along, line: float, centre: float) -> Fi
     return Figure(svg(made, f'epipolar slice along {along}'), f'{caption}.', wide=True)
 
 
-def volume_figures(run: Localization) -> list[Figure]:
+def volume_figures(run: Localization, volume: DepthLikelihoodVolume) -> list[Figure]:
     """Two slices through the middle of the object, and the depth picture."""
-    depth = over(depth_picture(run.volume.depth_map(), run.volume_settings.near,
+    depth = over(depth_picture(volume.depth_map(), run.volume_settings.near,
                                run.volume_settings.far))
-    outline(depth, outlines(run.volume.pinhole, run.model, run.estimate.pose), 'on-estimate')
-    return [Figure(svg(volume_axes(run, 'x'), 'likelihood from above'),
+    outline(depth, outlines(volume.pinhole, run.model, run.estimate.pose), 'on-estimate')
+    return [Figure(svg(volume_axes(run, volume, 'x'), 'likelihood from above'),
                    'From above, the camera below: across and depth.'),
-            Figure(svg(volume_axes(run, 'y'), 'likelihood from the side'),
+            Figure(svg(volume_axes(run, volume, 'y'), 'likelihood from the side'),
                    'From the side, the camera at the left: depth and down.'),
             Figure(svg(depth, 'most likely depth'), 'The most likely depth of each pixel; chance '
                    'where no view shows a difference.')]
 
 
-def volume_axes(run: Localization, along: Along) -> Axes:
+def volume_axes(run: Localization, volume: DepthLikelihoodVolume, along: Along) -> Axes:
     """A slice through the middle of the object, with the object's own cut."""
-    volume, pinhole = run.volume, run.volume.pinhole
+    pinhole = volume.pinhole
     window = run.region.window(pinhole, run.model.radius)
     point = np.nan_to_num(pinhole.project(middle(run.model, run.estimate.pose)))
     line, sides = (1, pinhole.height) if along == 'x' else (0, pinhole.width)
@@ -281,9 +283,9 @@ def stage_map(run: Localization, stage: Stage, name: str) -> Figure | None:
     if not generations:
         return None
     poses = generations[-1].poses
-    pinhole = run.light_field.grid.pinhole
+    pinhole = run.source.pinhole
     window = run.region.window(pinhole, run.model.radius)
-    grey = cv2.cvtColor(run.light_field.picture(), cv2.COLOR_RGB2GRAY)
+    grey = cv2.cvtColor(displayed(run.source), cv2.COLOR_RGB2GRAY)
     made = over(np.asarray(grey, np.uint8), (window.left, window.top, *window.size))
     dots(made, pinhole.project(poses[:, :3, 3]), 'on-particle', 1.8)
     return Figure(svg(made, f'particles: {stage}'), f'{name.capitalize()}: where {len(poses)} '

@@ -10,7 +10,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
@@ -24,26 +24,27 @@ from pmcl_ros.runtime.progress import StageProgress
 
 @dataclass(frozen=True)
 class Localization:
-    """The search for one object in one light field.
+    """The search for one object in one capture, a light field or a picture.
 
-    history: the search's generations. contour: of the estimate; None in the mode faithful.
+    volume: None of a picture. history: the search's generations.
+    contour: of the estimate; None in the mode faithful.
     seconds: wall time of each stage, in their order; those of the search by their names [s].
     renderer: the back end that scored poses.
-    source: of the picture, in words. serial: of the camera, empty if unknown.
+    name: of the picture, in words. serial: of the camera, empty if unknown.
     truth: None if unknown.
     """
 
-    light_field: LightField
+    source: Source
     model: ObjectModel
     volume_settings: DlvSettings
     settings: PmclSettings
-    volume: DepthLikelihoodVolume
+    volume: DepthLikelihoodVolume | None
     estimate: PoseEstimate
     history: tuple[Generation, ...]
     contour: ContourPoints | None
     seconds: dict[str, float]
     renderer: str
-    source: str = ''
+    name: str = ''
     serial: str = ''
     truth: Truth | None = None
 
@@ -53,10 +54,10 @@ class Localization:
         return Region(self.settings.roi_center, self.settings.roi_size)
 
 
-def localize(read: Callable[[], LightField], model: ObjectModel, settings: PmclSettings,
-             progress: StageProgress, source: str = '', serial: str = '',
+def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSettings,
+             progress: StageProgress, name: str = '', serial: str = '',
              truth: Truth | None = None) -> Localization:
-    """Find the object in the light field that `read` makes; keep all intermediate results.
+    """Find the object in the source that `read` makes; keep all intermediate results.
 
     The pose is that of `pmcl localize` with the same settings. Raises what the stages raise.
     """
@@ -71,9 +72,8 @@ def localize(read: Callable[[], LightField], model: ObjectModel, settings: PmclS
                    else None)
     seconds = dict(run.seconds)
     seconds |= _stages(ended - seconds.pop('pose'), history, ended)
-    assert run.volume is not None
-    return Localization(run.light_field, model, run.settings, settings, run.volume, run.estimate,
-                        tuple(history), contour, seconds, localizer.renderer, source, serial,
+    return Localization(run.source, model, run.settings, settings, run.volume, run.estimate,
+                        tuple(history), contour, seconds, localizer.renderer, name, serial,
                         truth)
 
 

@@ -20,6 +20,7 @@ from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.history import Stage
 from pmcl_ros.runtime.settings import Settings, default_of
 
@@ -50,13 +51,13 @@ def page(run: Localization) -> str:
         trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     found = coordinates(run)
     outside = (np.abs(found.particles) > drawings.REACH * found.sigma).any(axis=1)
-    near, far = run.volume_settings.near, run.volume_settings.far
     return environment.get_template('page.html').render(
         run=run, drawings=drawings, stages=_STAGES, image=image,
         known=run.truth is not None and not run.truth.empty, about=about(run),
         facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
         posterior=drawings.posterior_figures(run, found), outside=int(outside.sum()),
-        layers=layers_picture(run.volume.layers(), near, far),
+        light_field=run.source if isinstance(run.source, LightField) else None,
+        layers=_layers(run),
         maps=[each for stage in _MAPPED
               if (each := drawings.stage_map(run, stage, _STAGES[stage])) is not None],
         modes=_modes(run), search=_search(run),
@@ -71,19 +72,27 @@ def image(picture: NDArray[np.uint8], alternative: str) -> Markup:
         base64.b64encode(data.tobytes()).decode('ascii'), alternative, *picture.shape[1::-1])
 
 
+def _layers(run: Localization) -> NDArray[np.uint8] | None:
+    """The front surface of each ray and the next one behind it; None without a volume."""
+    of = run.volume_settings
+    return None if run.volume is None else layers_picture(run.volume.layers(), of.near, of.far)
+
+
 def about(run: Localization) -> dict[str, str]:
     """Names and values that say which picture it is."""
-    header, grid = run.estimate.header, run.light_field.grid
-    rows, columns = grid.shape
+    header, pinhole = run.estimate.header, run.source.pinhole
+    views = f'{pinhole.width} x {pinhole.height} px'
+    if isinstance(run.source, LightField):
+        grid = run.source.grid
+        rows, columns = grid.shape
+        views = f'{rows} x {columns} of {views}, {1e3 * grid.baseline:.3f} mm apart'
     taken = _UNKNOWN
     if header.stamp_ns:
         # To the microsecond: no float holds more, and no shutter.
         moment = datetime.fromtimestamp(header.stamp_ns // 10**9, timezone.utc)
         taken = f'{moment:%Y-%m-%d %H:%M:%S}.{header.stamp_ns % 10**9 // 1000:06d} UTC'
-    return {'picture': run.source or _UNKNOWN, 'taken': taken, 'camera': run.serial or _UNKNOWN,
-            'frame': header.frame_id,
-            'views': f'{rows} x {columns} of {grid.pinhole.width} x {grid.pinhole.height} px, '
-                     f'{1e3 * grid.baseline:.3f} mm apart'}
+    return {'picture': run.name or _UNKNOWN, 'taken': taken, 'camera': run.serial or _UNKNOWN,
+            'frame': header.frame_id, 'views': views}
 
 
 def _pose(run: Localization, found: Coordinates) -> list[Fact]:

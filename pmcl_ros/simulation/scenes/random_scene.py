@@ -72,17 +72,18 @@ class SceneSettings(Settings):
 
 
 def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None,
-                 objects: tuple[SceneObject, ...] = ()) -> Scene:
+                 objects: tuple[SceneObject, ...] = (), sensor: Sensor | None = None) -> Scene:
     """Draw a scene: targets and clutter on a table, a wall, a room, a camera, maybe a film.
 
     objects: the targets; by default as many as the settings say, of the kind that is drawn.
+    sensor: the camera; by default one like an F01 is drawn.
     """
     of = settings or SceneSettings()
     kind = of.kinds[int(rng.integers(len(of.kinds)))]
     objects = objects or tuple(random_object(rng, kind) for _ in range(of.targets))
     empty = bool(rng.random() < of.empty)
     spots = _spots(rng, objects, of.clutter)
-    sensor = random_sensor(rng, of)
+    sensor = sensor or random_sensor(rng, of)
     worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, each.vertices,
                                                            random_way(rng, each))
               for each, spot in zip(objects, spots, strict=False)]

@@ -149,8 +149,8 @@ def test_spread_tells_the_line_of_sight_from_across():
 
 
 def test_the_outline_at_the_truth_lies_on_the_pictures_silhouette(found):
-    picture = found.light_field.picture().astype(float).mean(axis=-1)
-    (line,) = outlines(found.light_field.grid.pinhole, MODEL, truth_of().pose)
+    picture = found.source.picture().astype(float).mean(axis=-1)
+    (line,) = outlines(found.source.pinhole, MODEL, truth_of().pose)
     # The cup is brighter than the wall: two pixels outwards it is dark, two inwards bright.
     middle = line.mean(axis=0)
     levels = []

@@ -1,0 +1,68 @@
+"""PosedView: one picture of an ordinary camera, and the camera's pose in a reference frame."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import LightFieldError
+
+GAMMA = 2.2  # linear light is a picture's value to the power of this
+_RIGID = 1e-3  # tolerance of orthogonality: poses in files are rounded
+
+
+@dataclass(frozen=True)
+class PosedView:
+    """A picture without distortion, taken from a known pose.
+
+    header: stamp of the shutter; frame_id is the reference frame.
+    picture: (height, width, 3) float32 RGB, gamma encoded (`GAMMA`), 0 to 1, at the full depth of
+        its file; a grey camera has three equal channels. It is kept encoded, as cameras give it:
+        the learned contour map reads encoded values, and dark and bright pixels are then about
+        equally noisy. `linear` gives the light.
+    camera_to_reference: (4, 4) pose of the camera's optical frame (x right, y down, z forward) in
+        the reference frame [m].
+    sigma: standard deviations of that pose on each axis: position [m], rotation [rad].
+    group: name of the views that share the errors of their poses; empty: this view alone.
+    Raises LightFieldError when these do not fit together.
+    """
+
+    header: Header
+    picture: NDArray[np.float32]
+    pinhole: Pinhole
+    camera_to_reference: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
+    sigma: tuple[float, float] = (0.0, 0.0)
+    group: str = ''
+
+    def __post_init__(self) -> None:
+        expected = (self.pinhole.height, self.pinhole.width, 3)
+        if self.picture.shape != expected or self.picture.dtype != np.float32:
+            raise LightFieldError(f'the picture is {self.picture.dtype} of shape '
+                                  f'{self.picture.shape}, its camera says float32 of {expected}: '
+                                  'height, width, red green blue')
+        if not (self.picture.min() >= 0 and self.picture.max() <= 1):  # NaN is neither
+            raise LightFieldError('the picture holds values that are not 0 to 1, or NaN')
+        pose = self.camera_to_reference
+        if pose.shape != (4, 4) or not np.isfinite(pose).all() or (pose[3] != [0, 0, 0, 1]).any():
+            raise LightFieldError(f'camera_to_reference {pose.tolist()} is no pose: expected a '
+                                  'finite (4, 4) matrix with the last row 0, 0, 0, 1')
+        turn = pose[:3, :3]
+        off = float(abs(turn @ turn.T - np.eye(3)).max())
+        if off > _RIGID or np.linalg.det(turn) < 0:
+            raise LightFieldError(
+                f'camera_to_reference {turn.tolist()} is no rotation: ' + (
+                    f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed'
+                    if off > _RIGID else 'it mirrors (its determinant is -1)'))
+        if not (np.isfinite(self.sigma).all() and min(self.sigma) >= 0):
+            raise LightFieldError(f'standard deviations of the pose {self.sigma} must be finite '
+                                  'and not negative')
+
+    def linear(self) -> NDArray[np.float32]:
+        """(height, width, 3) linear light, 1 at white."""
+        return self.picture ** np.float32(GAMMA)
+
+    def displayed(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8 RGB for a screen."""
+        return np.rint(255 * self.picture).astype(np.uint8)

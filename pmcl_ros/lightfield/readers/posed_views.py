@@ -1,0 +1,135 @@
+"""Pictures of ordinary cameras with known poses: `views.yaml`."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
+from pmcl_ros.lightfield.readers.pictures import Reduction, read_picture
+from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.settings import Settings
+
+NAME = 'views.yaml'
+
+
+class ViewCamera(CameraEntry):
+    """A camera, as calibrated by `camera_calibration` of ROS, and the size of its pictures."""
+
+    width: int = Field(ge=1, le=100_000, description='of its pictures [px]')
+    height: int = Field(ge=1, le=100_000, description='of its pictures [px]')
+    gamma: float = Field(GAMMA, gt=0, le=10, description="exponent that makes the files' values "
+                         'linear light; 1: they are')
+
+    @property
+    def pinhole(self) -> Pinhole:
+        """The camera without its distortion."""
+        return Pinhole(self.width, self.height, self.fx, self.fy or self.fx, self.cx, self.cy)
+
+    @property
+    def lens(self) -> Lens:
+        """The camera with its distortion. Raises LightFieldError for impossible coefficients."""
+        return Lens(self.pinhole, self.distortion, self.model)
+
+    def undistorted(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The picture (height, width, 3) that `pinhole` sees; it keeps the camera matrix and size.
+
+        Pixels that the camera did not see repeat the border.
+        """
+        lens = self.lens
+        if not self.distortion:
+            return picture
+        x, y = lens.places(np.eye(3), lens.pinhole)
+        seen = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.clip(np.asarray(seen, np.float32), 0, 1)
+
+
+class ViewEntry(Settings):
+    """One picture and the pose of its camera."""
+
+    file: str = Field(min_length=1, description='name of the picture, relative to views.yaml')
+    camera: str = Field(description='name of its camera')
+    camera_to_reference: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] = Field(
+        (1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.),
+        description='pose of its optical frame, 4x4, row by row [m]; may be left out of a single '
+        'view')
+    sigma_mm: float = Field(0.0, ge=0, le=1e4, description='standard deviation of the position on '
+                            'each axis [mm]')
+    sigma_deg: float = Field(0.0, ge=0, le=180, description='standard deviation of the rotation '
+                             'about each axis [deg]')
+    stamp: float | None = Field(None, ge=0, le=9e9, description='time of the exposure since 1970 '
+                                "[s]; default: the file's modification time")
+    group: str = Field('', description='name of the views that share the errors of their poses')
+
+
+class ViewsFile(Settings):
+    """views.yaml: cameras, views, and the frame of their poses."""
+
+    cameras: dict[str, ViewCamera] = Field(min_length=1, description='by name')
+    views: list[ViewEntry] = Field(min_length=1, description='in any order')
+    reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
+
+    @model_validator(mode='after')
+    def _whole(self) -> 'ViewsFile':
+        for each in self.views:
+            if each.camera not in self.cameras:
+                raise ValueError(f'{each.file} is of the camera {each.camera!r}, there are only '
+                                 f'{", ".join(self.cameras)}')
+            if len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set:
+                raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
+                                 'needs one')
+        files = [each.file for each in self.views]
+        repeated = sorted({each for each in files if files.count(each) > 1})
+        if repeated:
+            raise ValueError(f'{", ".join(repeated)} is there more than once')
+        return self
+
+
+def read_views(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
+    """The views of a views.yaml, whose pictures lie beside it, without distortion.
+
+    Pictures are PNG, JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
+    Raises SettingsError or LightFieldError saying which file or value is wrong.
+    """
+    of = ViewsFile.load(yaml)
+    if reduction.every != 1:
+        raise LightFieldError(f'{yaml} is no grid of which each {reduction.every}th view could be '
+                              'taken; leave out --every')
+    return tuple(_view(yaml, each, of, reduction) for each in of.views)
+
+
+def _view(yaml: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
+    camera, path = of.cameras[entry.camera], yaml.parent / entry.file
+    values = read_picture(path)
+    height, width = values.shape[:2]
+    try:
+        if (width, height) != (camera.width, camera.height):
+            raise LightFieldError(f'it has {width}x{height} px, its camera {entry.camera!r} '
+                                  f'{camera.width}x{camera.height}')
+        reduction.check_memory(1, 1, height, width)
+        picture = camera.undistorted(_encoded(values, camera.gamma))
+        stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
+                    else round(1e9 * entry.stamp))
+        return PosedView(Header(stamp_ns, of.reference), reduction.shrunk(picture),
+                         reduction.pinhole(camera.pinhole),
+                         np.array(entry.camera_to_reference).reshape(4, 4),
+                         (1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))), entry.group)
+    except LightFieldError as error:
+        raise LightFieldError(f'{path}: {error}') from None
+
+
+def _encoded(values: NDArray[Any], gamma: float) -> NDArray[np.float32]:
+    """0 to 1 as `PosedView.picture`, of uint8, uint16 or float32 of which `gamma` makes light."""
+    white = 1 if values.dtype == np.float32 else np.iinfo(values.dtype).max
+    picture = np.ascontiguousarray(values, np.float32) / np.float32(white)
+    if np.isfinite(picture).all():
+        picture = np.clip(picture, 0, 1)
+    return picture if gamma == GAMMA else picture ** np.float32(gamma / GAMMA)
+

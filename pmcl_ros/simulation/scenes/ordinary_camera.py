@@ -1,0 +1,121 @@
+"""Photographs of generated scenes by an ordinary camera, with the distortion of its lens."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.readers.posed_views import ViewCamera
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.simulation.scenes.render import light_of_view
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.world import World
+
+_APERTURE = 0.0003  # m: a quarter of its width
+_PUPIL = 4.0  # of these: none of the aperture is cut off
+_LARGEST = 9.0  # of the picture: the pinhole picture that its distortion needs
+_TRIES, _CLOSE = 100, 0.01  # steps of inverting a distortion, and the tolerance [px]
+
+
+class OrdinaryCamera(ViewCamera):
+    """camera.yaml: a camera as in views.yaml, its noise and its blur."""
+
+    noise: float = Field(0.006, ge=0, le=1, description='standard deviation of linear green at '
+                         'half of white [1]; it grows with the root of the light')
+    blur: float = Field(0.6, ge=0, le=10, description='standard deviation of the blur [px]')
+
+    def sensor(self, rng: np.random.Generator) -> Sensor:
+        """Its pixels, noise and blur; focus and exposure are random."""
+        grid = ViewGrid(self.pinhole, _APERTURE, nominal_positions(1, 1),
+                        np.ones((1, 1), np.float32))
+        return Sensor(grid, float(rng.uniform(0.4, 0.8)), _PUPIL, self.blur,
+                      float(rng.uniform(0.2, 0.42)), 2 * self.noise ** 2, self.noise / 3,
+                      (1.0, 1.0, 1.0))
+
+    @property
+    def field(self) -> float:
+        """The smaller side of a picture over the focal length."""
+        return min(self.width / self.fx, self.height / (self.fy or self.fx))
+
+
+@dataclass(frozen=True)
+class _Distortion:
+    """The pinhole picture that holds all that a lens sees, and where each pixel is in it.
+
+    x, y: (height, width) float32 [px].
+    """
+
+    pinhole: Pinhole
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+
+    @classmethod
+    def from_camera(cls, camera: OrdinaryCamera, margin: int) -> '_Distortion':
+        """Of the camera's pixels and `margin` more on each side.
+
+        Raises LightFieldError for a distortion that takes the picture too far out, as one does
+        that holds in the middle only.
+        """
+        lens, pinhole = camera.lens, camera.pinhole
+        v, u = np.mgrid[-margin:camera.height + margin, -margin:camera.width + margin]
+        places = np.stack([u, v], axis=-1).reshape(-1, 2).astype(float)
+        seen = places.copy()
+        with np.errstate(all='ignore'):
+            for _ in range(_TRIES):
+                off = places - _distorted(camera, seen)
+                seen += off
+                if not abs(off).max() > _CLOSE:
+                    break
+        seen = seen.reshape(*u.shape, 2)
+        low, high = np.floor(seen.min(axis=(0, 1))) - 2, np.ceil(seen.max(axis=(0, 1))) + 3
+        size = high - low
+        if not (abs(off).max() <= _CLOSE and size.prod() < _LARGEST * u.size):
+            raise LightFieldError(
+                f'{camera.model} distortion {list(lens.distortion)} cannot be undone over '
+                f'{camera.width}x{camera.height} px: is it of pictures of another size?')
+        left, top, width, height = (int(each) for each in (*low, *size))
+        x, y = np.moveaxis((seen - low).astype(np.float32), -1, 0)
+        return cls(pinhole.crop(left, top, width, height), x, y)
+
+
+def _distorted(camera: OrdinaryCamera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) where the lens shows what the pinhole shows at pixels (n, 2)."""
+    matrix = camera.pinhole.matrix
+    rays = np.stack([(pixels[:, 0] - matrix[0, 2]) / matrix[0, 0],
+                     (pixels[:, 1] - matrix[1, 2]) / matrix[1, 1], np.ones(len(pixels))], axis=-1)
+    of, still = np.array(camera.distortion, float), np.zeros(3)
+    project = cv2.fisheye.projectPoints if camera.model == 'equidistant' else cv2.projectPoints
+    shown = project(rays[None], still, still, matrix, of)[0]
+    return np.asarray(shown, np.float64).reshape(-1, 2)
+
+
+def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator, samples: int = 16,
+               progress: Callable[[float], None] = lambda _: None) -> NDArray[np.uint8]:
+    """(height, width, 3) RGB, 8 bits, encoded by the camera's gamma: the scene seen by a camera.
+
+    scene: its sensor is the camera's (`OrdinaryCamera.sensor`). samples: rays per pixel.
+    progress: called with the share done, 0 to 1. The same scene and generator state give the same
+    picture.
+    """
+    sensor, world = scene.sensor, World.from_scene(scene)
+    margin = math.ceil(3 * sensor.blur)
+    seed = int(rng.integers(2 ** 62))
+    if camera.distortion:
+        distortion = _Distortion.from_camera(camera, margin)
+        wide = replace(sensor, grid=replace(sensor.grid, pinhole=distortion.pinhole))
+        light = light_of_view(world, wide, 0, 0, 0, samples, seed)
+        light = np.maximum(np.asarray(cv2.remap(light, distortion.x, distortion.y,
+                                                cv2.INTER_CUBIC), np.float32), np.float32(0))
+    else:
+        light = light_of_view(world, sensor, 0, 0, margin, samples, seed)
+    progress(1.0)
+    linear = sensed(light, exposure(light, sensor.level), sensor.blur, margin)
+    linear = np.clip(noisy(linear, 1.0, sensor, rng), 0, 1)
+    return np.rint(255 * linear ** np.float32(1 / camera.gamma)).astype(np.uint8)

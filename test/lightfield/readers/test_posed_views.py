@@ -1,0 +1,178 @@
+"""views.yaml: pictures of known cameras, read without distortion, and what is refused."""
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
+from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.readers.posed_views import read_views
+from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field, read_source
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+
+WIDTH, HEIGHT = 60, 44
+CAMERA = {'fx': 50.0, 'fy': 51.0, 'cx': 30.5, 'cy': 21.0, 'width': WIDTH, 'height': HEIGHT}
+PINHOLE = Pinhole(WIDTH, HEIGHT, 50, 51, 30.5, 21)
+VALUES = np.random.default_rng(0).random((HEIGHT, WIDTH, 3))
+
+
+def write(folder, picture, name='one.png', **camera):
+    folder.mkdir(exist_ok=True)
+    cv2.imwrite(str(folder / name), picture if picture.ndim == 2 else picture[..., ::-1])
+    (folder / 'views.yaml').write_text(yaml.safe_dump(
+        {'cameras': {'wrist': CAMERA | camera}, 'views': [{'file': name, 'camera': 'wrist'}]}))
+    return folder
+
+
+def whole(values, white, dtype):
+    return np.rint(values * white).astype(dtype)
+
+
+@pytest.mark.parametrize(('name', 'white', 'dtype'), [
+    ('a.png', 255, np.uint8), ('a.png', 65535, np.uint16), ('a.tiff', 65535, np.uint16)])
+def test_a_picture_is_read_at_its_full_depth(tmp_path, name, white, dtype):
+    folder = write(tmp_path, whole(VALUES, white, dtype), name)
+    for source in (folder, folder / 'views.yaml', str(folder)):
+        assert is_light_field(source)
+        view = read_source(source)
+        assert isinstance(view, PosedView)
+        assert view.pinhole == PINHOLE
+        assert abs(view.picture - VALUES).max() <= 0.5 / white + 1e-7
+    assert view.header.stamp_ns == (folder / name).stat().st_mtime_ns
+
+
+def test_grey_and_jpeg_are_pictures_too(tmp_path):
+    grey = whole(VALUES[..., 0], 255, np.uint8)
+    view = read_source(write(tmp_path / 'grey', grey))
+    for channel in range(3):
+        np.testing.assert_allclose(view.picture[..., channel], grey / 255, rtol=1e-6)
+    smooth = cv2.GaussianBlur(VALUES, (0, 0), 5)
+    view = read_source(write(tmp_path / 'jpeg', whole(smooth, 255, np.uint8), 'a.jpg'))
+    assert abs(view.picture - smooth).mean() < 0.01
+
+
+def test_linear_files_are_encoded(tmp_path):
+    view = read_source(write(tmp_path, VALUES.astype(np.float32), 'a.tiff', gamma=1))
+    np.testing.assert_allclose(view.linear(), VALUES, atol=1e-5)
+    np.testing.assert_allclose(view.picture, VALUES ** (1 / GAMMA), atol=1e-5)
+
+
+@pytest.mark.parametrize(('model', 'numbers'), [
+    ('plumb_bob', (-0.2, 0.05, 0.003, -0.002, 0.01)),
+    ('rational_polynomial', (-0.1, 0.02, 0.0, 0.0, 0.0, 0.05, 0.0, 0.0)),
+    ('equidistant', (0.05, 0.01, 0.0, 0.0)), ('equidistant', (0.0, 0.0, 0.0, 0.0))])
+def test_distortion_is_undone_and_the_camera_matrix_stays(tmp_path, model, numbers):
+    """Marks lie where the lens puts points; in the view they lie where the pinhole does."""
+    points = np.array([[-0.3, -0.2, 1], [0.25, 0.1, 1], [0.0, 0.3, 1], [-0.2, 0.2, 1]])
+    big = Pinhole(240, 176, 200, 204, 122.0, 84.0)
+    project = cv2.fisheye.projectPoints if model == 'equidistant' else cv2.projectPoints
+    marks = project(points[None], np.zeros(3), np.zeros(3), big.matrix, np.array(numbers))[0]
+    v, u = np.mgrid[:big.height, :big.width]
+    picture = np.zeros((big.height, big.width))
+    for x, y in np.reshape(marks, (-1, 2)):
+        picture += np.exp(-((u - x) ** 2 + (v - y) ** 2) / 18)
+    folder = write(tmp_path, whole(np.clip(picture, 0, 1), 65535, np.uint16), width=240,
+                   height=176, fx=200.0, fy=204.0, cx=122.0, cy=84.0, model=model,
+                   distortion=list(numbers))
+    view = read_source(folder)
+    assert view.pinhole == big
+    for x, y in big.project(points):
+        near = view.picture[..., 0] * (np.hypot(u - x, v - y) < 9)
+        found = np.array([(near * u).sum(), (near * v).sum()]) / near.sum()
+        assert found == pytest.approx((x, y), abs=0.1)
+    expected = Lens(big, numbers, model).places(np.eye(3), big)
+    outside = (expected[0] < -1) | (expected[0] > 240) | (expected[1] < -1) | (expected[1] > 176)
+    assert np.isfinite(view.picture[outside]).all()
+
+
+def test_a_view_can_be_shrunk(tmp_path):
+    folder = write(tmp_path, whole(VALUES, 65535, np.uint16))
+    view = read_source(folder, shrink=2)
+    assert view.pinhole == Reduction(1, 2).pinhole(PINHOLE)
+    means = VALUES.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(view.picture, means, atol=1e-4)
+    with pytest.raises(LightFieldError, match='no grid'):
+        read_source(folder, every=2)
+
+
+def test_poses_and_their_errors_are_read(tmp_path):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8))
+    cv2.imwrite(str(folder / 'two.png'), whole(VALUES, 255, np.uint8))
+    pose = [0, -1, 0, 0.1, 1, 0, 0, 0.2, 0, 0, 1, 0.3, 0, 0, 0, 1]
+    here = np.eye(4).ravel().tolist()
+    views = [{'file': 'one.png', 'camera': 'wrist', 'camera_to_reference': here},
+             {'file': 'two.png', 'camera': 'wrist', 'camera_to_reference': pose, 'sigma_mm': 1.5,
+              'sigma_deg': 0.2, 'stamp': 12.25, 'group': 'hand-eye'}]
+    changed(folder, views=views, reference='base_link')
+    first, second = read_views(folder / 'views.yaml', Reduction())
+    np.testing.assert_array_equal(second.camera_to_reference, np.reshape(pose, (4, 4)))
+    assert second.sigma == pytest.approx((0.0015, np.deg2rad(0.2)))
+    assert (second.group, first.group) == ('hand-eye', '')
+    assert second.header.stamp_ns == 12_250_000_000
+    assert first.header.frame_id == second.header.frame_id == 'base_link'
+    with pytest.raises(LightFieldError, match='has 2 views: several are not yet supported'):
+        read_source(folder)
+
+
+def changed(folder, **values):
+    path = folder / 'views.yaml'
+    path.write_text(yaml.safe_dump(yaml.safe_load(path.read_text()) | values))
+
+
+def view(**values):
+    return {'views': [{'file': 'one.png', 'camera': 'wrist'} | values]}
+
+
+def camera(**values):
+    return {'cameras': {'wrist': {key: value for key, value in (CAMERA | values).items()
+                                  if value is not None}}}
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    (view(file='no.png'), 'there is no .*no.png'),
+    (view(file='views.yaml'), 'is no picture'),
+    (camera(width=61), "one.png: it has 60x44 px, its camera 'wrist' 61x44"),
+    (camera(model='barrel'), r"cameras.wrist.model: .*'plumb_bob', 'rational_polynomial' or"),
+    (camera(distortion=[0.1]), 'plumb_bob distortion .* has 1 coefficients'),
+    (camera(fx=-3.0), 'fx: .*greater than 1'), (camera(cx=np.nan), 'cx: .*finite'),
+    (camera(cy=None), 'cameras.wrist.cy: Field required'),
+    (camera(height=None), 'cameras.wrist.height: Field required'),
+    (camera(f=3), 'cameras.wrist.f: Extra inputs'), ({'view': []}, 'view: Extra inputs'),
+    ({'views': []}, 'views: .*at least 1'), ({'cameras': {}}, 'cameras: .*at least 1'),
+    (view(camera='arm'), "is of the camera 'arm', there are only wrist"),
+    (view(pose=[1]), 'views.0.pose: Extra inputs'),
+    (view(camera_to_reference=[1.0] * 15), 'camera_to_reference: .*16'),
+    (view(camera_to_reference=(1.002 * np.eye(4)).ravel().tolist()), 'is no pose'),
+    (view(camera_to_reference=np.diag([1.002, 1, 1, 1]).ravel().tolist()), 'is no rotation'),
+    (view(camera_to_reference=[float('nan')] * 16), 'finite'),
+    (view(sigma_mm=-1.0), 'sigma_mm: .*greater'),
+    ({'views': view()['views'] * 2}, 'has no camera_to_reference; of several'),
+    ({'views': view(camera_to_reference=np.eye(4).ravel().tolist())['views'] * 2},
+     'one.png is there more than once'),
+    (view(camera_to_reference=np.diag([-1.0, -1, 1, 1]).ravel().tolist()),
+     'found in the frame of its camera')])
+def test_what_is_wrong_is_said_in_one_line(tmp_path, change, reason):
+    folder = write(tmp_path, whole(VALUES, 255, np.uint8))
+    changed(folder, **change)
+    with pytest.raises((LightFieldError, SettingsError), match=reason) as caught:
+        read_source(folder)
+    assert '\n' not in str(caught.value)
+
+
+def test_where_a_light_field_is_needed_a_picture_is_refused(tmp_path):
+    with pytest.raises(LightFieldError, match='is a picture of an ordinary camera'):
+        read_light_field(write(tmp_path, whole(VALUES, 255, np.uint8)))
+
+
+def test_other_sources_are_read_as_before(tmp_path):
+    np.savez(tmp_path / 'a.npz', views=np.ones((1, 2, 4, 5, 3), np.float32), fx=9, fy=9, cx=2,
+             cy=2, baseline=0.1)
+    found = read_source(tmp_path / 'a.npz')
+    assert isinstance(found, LightField)
+    np.testing.assert_array_equal(found.views, read_light_field(tmp_path / 'a.npz').views)
+    with pytest.raises(LightFieldError, match='there is no'):
+        read_source(tmp_path / 'no')

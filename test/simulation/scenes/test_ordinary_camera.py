@@ -1,0 +1,102 @@
+"""Photographs by an ordinary camera, their files, and the command that writes them."""
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from pmcl_ros.cli import main
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.readers.read import read_source
+from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.simulation.files import write_view
+from pmcl_ros.simulation.scenes.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
+
+CAMERA = {'width': 96, 'height': 64, 'fx': 90.0, 'fy': 92.0, 'cx': 50.0, 'cy': 30.0}
+
+
+def taken(seed=2, samples=48, **values):
+    camera = OrdinaryCamera.make(CAMERA | values)
+    rng = np.random.default_rng(seed)
+    settings = SceneSettings(kinds=('opaque',), empty=0, outside=0, field=camera.field)
+    scene = random_scene(rng, settings, sensor=camera.sensor(rng))
+    return scene, camera, take_picture(scene, camera, rng, samples)
+
+
+def off(view, expected, seen):
+    """Mean difference of linear light, after the exposures, which differ, are made alike."""
+    of, like = view.linear()[seen], expected.linear()[seen]
+    return abs(of * (of * like).sum() / (of ** 2).sum() - like).mean()
+
+
+@pytest.mark.parametrize(('model', 'numbers'), [
+    ('plumb_bob', (-0.25, 0.08, 0.004, -0.003)), ('plumb_bob', (0.2, -0.02, 0.0, 0.0, 0.0)),
+    ('equidistant', (0.04, -0.01, 0.0, 0.0))])
+def test_distorted_pictures_are_read_as_the_pinhole_sees_the_scene(tmp_path, model, numbers):
+    """The rendering undoes a distortion by iteration, the reader by OpenCV's maps."""
+    sharp = {'noise': 0.0, 'blur': 1.0}
+    scene, camera, bent = taken(**sharp, model=model, distortion=numbers)
+    _, plain, straight = taken(**sharp)
+    write_view(tmp_path / 'bent', scene, bent, camera, 1)
+    write_view(tmp_path / 'straight', scene, straight, plain, 1)
+    write_view(tmp_path / 'unread', scene, bent, plain, 1)
+    found, expected = (read_source(tmp_path / each) for each in ('bent', 'straight'))
+    assert found.pinhole == expected.pinhole == plain.pinhole
+    x, y = camera.lens.places(np.eye(3), camera.pinhole)
+    seen = (x > 2) & (x < 93) & (y > 2) & (y < 61)
+    assert seen.mean() > 0.5
+    assert off(found, expected, seen) < 0.005
+    assert off(read_source(tmp_path / 'unread'), expected, seen) > 0.015
+
+
+def test_noise_and_exposure_are_those_of_the_camera():
+    clean, noisy = (taken(noise=each)[2] / 255. for each in (0.0, 0.02))
+    light, off = clean ** 2.2, noisy ** 2.2 - clean ** 2.2
+    middle = (light > 0.15) & (light < 0.85)
+    green = off[..., 1][middle[..., 1]] / np.sqrt(2 * light[..., 1][middle[..., 1]])
+    assert green.std() == pytest.approx(0.02, rel=0.2)
+    assert 0.15 < light.mean() < 0.45
+    again = taken(noise=0.02)[2] / 255.
+    np.testing.assert_array_equal(again, noisy)
+
+
+def test_an_impossible_distortion_is_refused():
+    with pytest.raises(LightFieldError, match='cannot be undone over 96x64 px'):
+        taken(samples=1, distortion=(-3.0, 0.0, 0.0, 0.0))
+
+
+def render(tmp_path, *options, **camera):
+    (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(CAMERA | camera))
+    return CliRunner().invoke(main, [
+        'scenes', 'render', '--camera', str(tmp_path / 'camera.yaml'), '--count', '1', '--seed',
+        '5', '--samples', '1', '-o', str(tmp_path / 'out'), *options])
+
+
+def test_the_command_writes_captures_of_one_view(tmp_path):
+    done = render(tmp_path, '--views', '1', '--targets', '2', '--kind', 'opaque block', gamma=2.0)
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / 'out' / '000005'
+    assert {each.name for each in folder.iterdir()} >= {'view.png', 'views.yaml', 'model.obj',
+                                                        'truth.json', '1'}
+    view, truth = read_source(folder), Truth.load(folder / '1' / 'truth.json')
+    assert view.pinhole == OrdinaryCamera.make(CAMERA).pinhole
+    pixel = view.pinhole.project(truth.pose[:3, 3])
+    assert (pixel > -20).all()
+    assert (pixel < (116, 84)).all()
+    written = yaml.safe_load((folder / 'views.yaml').read_text())['cameras']['camera']
+    assert written['gamma'] == 2
+    assert 'noise' not in written
+    stored = cv2.imread(str(folder / 'view.png'))[..., ::-1] / 255.
+    np.testing.assert_allclose(view.linear(), stored ** 2, atol=1e-3)
+
+
+@pytest.mark.parametrize(('options', 'camera', 'reason'), [
+    (('--views', '2'), {}, 'takes one picture'), (('--size', '64'), {}, 'its own size'),
+    ((), {'fx': 0.5}, 'fx'), ((), {'sparkle': 1}, 'sparkle'), ((), {'width': None}, 'width')])
+def test_what_a_camera_cannot_do_is_said(tmp_path, options, camera, reason):
+    done = render(tmp_path, *options, **camera)
+    assert done.exit_code != 0
+    assert reason in ' '.join(done.output.split())
+    assert 'Traceback' not in done.output
