@@ -96,8 +96,9 @@ def _distorted(camera: OrdinaryCamera, pixels: NDArray[np.float64]) -> NDArray[n
     return np.asarray(shown, np.float64).reshape(-1, 2)
 
 
-def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator, samples: int = 16,
-               progress: Callable[[float], None] = lambda _: None) -> NDArray[np.uint8]:
+def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator,
+                samples: int = 16, progress: Callable[[float], None] = lambda _: None
+                ) -> NDArray[np.uint8]:
     """(height, width, 3) RGB, 8 bits, encoded by the camera's gamma: the scene seen by a camera.
 
     scene: its sensor is the camera's (`OrdinaryCamera.sensor`). samples: rays per pixel.
