@@ -37,7 +37,8 @@ setup(
     python_requires='>=3.10',
     # The ROS wheels are an extra: they must not be pulled into a machine that has /opt/ros.
     install_requires=requirements('requirements.txt'),
-    extras_require={'ros': requirements('requirements-ros.txt')},
+    extras_require={'ros': requirements('requirements-ros.txt'),
+                    'learn': requirements('requirements-learn.txt')},
     zip_safe=True,
     entry_points={'console_scripts': [
         'lytro_driver = pmcl_ros.nodes.lytro_driver:main',

@@ -1,12 +1,14 @@
 """Numbers of the evidence that were learned from generated scenes: read once from data files.
 
-`config/learned/contour.yaml` and `creases.yaml` lie in the package's share folder or source tree.
+`config/learned/contour.yaml`, `creases.yaml` and `contour_map.yaml` lie in the package's share
+folder or source tree.
 The package can be imported, and a node started, where one of them is missing or wrong: what needs
 the numbers raises SettingsError.
 """
 
 from functools import cache
-from typing import Annotated, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -20,7 +22,7 @@ _Error = Annotated[float, Field(gt=0, le=100)]
 # Sizes that the renderers' scores are made for (`check_profile` of pmcl/render/contour.py).
 MOST_OFFSETS, MOST_KNOTS = 8, 9
 
-T = TypeVar('T', bound='LearnedProfile')
+T = TypeVar('T', bound=Settings)
 
 
 class LearnedProfile(Settings):
@@ -64,6 +66,32 @@ class LearnedContour(LearnedProfile):
     error_length: _Error = Field(description='correlation length along these stretches [px]')
 
 
+class Calibration(Settings):
+    """From a logit x of the network to a log odds ratio: scale x + bias - log odds of the rate."""
+
+    scale: float = Field(gt=0, description='of the logit [1]')
+    bias: float = Field(description='added to the scaled logit [nat]')
+    rate: float = Field(gt=0, lt=1, description='base rate of the pixels for which it is true [1]')
+
+    @property
+    def offset(self) -> float:
+        """What is added to the scaled logit in all [nat]."""
+        return self.bias - float(np.log(self.rate / (1 - self.rate)))
+
+
+class LearnedMap(Settings):
+    """What belongs to the network of the contour map, `contour_map.onnx`."""
+
+    version: str = Field(min_length=1, description='of the network, as logs give it')
+    sha256: str = Field(pattern='^[0-9a-f]{64}$', description='of the ONNX file')
+    positive_weight: float = Field(
+        gt=0, description="of contour pixels in the training's loss; the calibration has it [1]")
+    contour: Calibration = Field(
+        description='of a contour whose outward normal is within 22.5 degrees of a direction')
+    inside: Calibration = Field(description='of the inside of solids')
+    training: dict[str, Any] = Field(description='record: command, seeds, losses, versions')
+
+
 @cache
 def learned_contour() -> LearnedContour:
     """The numbers of `contour.yaml`; SettingsError names the file, and the field that is wrong."""
@@ -76,10 +104,21 @@ def learned_creases() -> LearnedProfile:
     return _load(LearnedProfile, 'creases.yaml')
 
 
-def _load(kind: type[T], name: str) -> T:
+@cache
+def learned_map() -> LearnedMap:
+    """The numbers of `contour_map.yaml`; SettingsError names the file, and the field."""
+    return _load(LearnedMap, 'contour_map.yaml')
+
+
+def learned_file(name: str) -> Path:
+    """Where a file of `config/learned` is; SettingsError when there is none."""
     tried = candidates(f'{_FOLDER}/{name}')
     for each in tried:
         if each.exists():
-            return kind.load(each)
+            return each
     raise SettingsError(f'learned numbers: there is no {tried[0]}; reinstall the package, or '
                         'learn them again with pmcl learn --out (docs/concepts/evidence.md)')
+
+
+def _load(kind: type[T], name: str) -> T:
+    return kind.load(learned_file(name))

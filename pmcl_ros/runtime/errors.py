@@ -24,6 +24,10 @@ class ProtocolError(LinkError):
     """What came from the camera is not what its protocol allows; the connection is given up."""
 
 
+class PictureError(PmclError):
+    """A picture, or a labelled picture, cannot be used."""
+
+
 class LightFieldError(PmclError):
     """A light field cannot be made from what was given."""
 

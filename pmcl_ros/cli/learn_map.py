@@ -1,0 +1,45 @@
+"""`pmcl learn-map`: train and calibrate the network of the contour map."""
+
+from pathlib import Path
+
+import click
+
+from pmcl_ros.cli.base import FOLDER
+
+
+@click.command()
+@click.argument('pictures', type=FOLDER)
+@click.option('-o', '--out', type=FOLDER, required=True, help='Folder of what is made: '
+              'contour_map.onnx, contour_map.yaml, reliability.png, and training.npz, from which '
+              'training goes on.')
+@click.option('--steps', type=click.IntRange(1), default=20000, show_default=True)
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--batch', type=click.IntRange(1), default=8, show_default=True,
+              help='Crops of a step.')
+@click.option('--crop', type=click.IntRange(32), default=192, show_default=True,
+              help='Side of a crop [px], a multiple of 16.')
+@click.option('--every', type=click.IntRange(1), default=500, show_default=True,
+              help='Steps between two lines and two states on disk.')
+@click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
+              'processor or the GPU has it.')
+def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
+              bfloat16: bool) -> None:
+    """Train the network of the contour map on labelled pictures, and calibrate it.
+
+    Needs TensorFlow: pip install 'pmcl_ros[learn]'. It uses a GPU where it sees one. Some pictures
+    are held out, by their seeds.
+    """
+    if crop % 16:
+        raise click.BadParameter(f'{crop} is no multiple of 16', param_hint='--crop')
+    try:
+        from pmcl_ros.learning.contour_net.learn import learn
+        from pmcl_ros.learning.contour_net.training import Plan
+    except ModuleNotFoundError as error:
+        raise click.ClickException(
+            f"there is no {error.name} here; pip install 'pmcl_ros[learn]'") from error
+    command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
+               f'--crop {crop}{" --bfloat16" * bfloat16}')
+    plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32')
+    learned = learn(pictures, out, plan, command, click.echo)
+    click.echo(f'contour: {learned.contour}')
+    click.echo(f'inside: {learned.inside}')

@@ -1,0 +1,1 @@
+"""Trains and calibrates the network of the contour map from labelled pictures."""

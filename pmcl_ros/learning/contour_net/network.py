@@ -1,0 +1,98 @@
+"""The network of the contour map in Keras, and its loss.
+
+A U-Net that begins at half resolution; its last layer gives four pixels at each place (as Shi et
+al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-Pixel CNN", 2016).
+It takes a third of the time of one that has layers at full resolution.
+"""
+
+import keras
+import numpy as np
+import tensorflow as tf
+from numpy.typing import NDArray
+
+from pmcl_ros.learning.contour_net.pictures import BINS
+
+WIDTHS = (32, 48, 64, 96)  # channels at 1/2, 1/4, 1/8, 1/16 of the resolution
+HALF_WIDTH = np.pi / 8  # rad: a direction stands for the normals within this angle
+DIRECTIONS = 16  # for which a contour's probability is defined; 22.5 degrees apart
+POSITIVE_WEIGHT = 20.0  # of contour pixels in the loss; calibration takes it out again
+_EVERY = 4  # of the label's 32 directions are in one batch's loss
+_CONTOUR_WEIGHT = 2.0  # of the contour's loss beside the inside's
+_MOMENTUM = 0.95  # of the means and variances that the network is used with
+_RATE = 0.001  # about that of a contour of a direction at a pixel: where training begins
+
+
+def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Model:
+    """(n, h, w, 3) to (n, h, w, 6), h and w multiples of 16.
+
+    Channels out: a0, c1, s1, c2, s2 of the contour's logit for a normal of angle t, a0 + c1 cos t
+    + s1 sin t + c2 cos 2t + s2 sin 2t; logit of the inside. dtype: 'float32', or 'mixed_bfloat16'.
+    """
+    layers = keras.layers
+
+    def convolved(x: keras.KerasTensor, width: int, kernel: int = 3, stride: int = 1
+                  ) -> keras.KerasTensor:
+        x = layers.Conv2D(width, kernel, strides=stride, padding='same', use_bias=False,
+                          dtype=dtype)(x)
+        x = layers.BatchNormalization(momentum=_MOMENTUM, dtype=dtype)(x)
+        return layers.ReLU(dtype=dtype)(x)
+
+    picture = keras.Input((None, None, 3))
+    x = convolved(convolved(picture, widths[0], kernel=4, stride=2), widths[0])
+    skipped = []
+    for width in widths[1:]:
+        skipped.append(x)
+        x = layers.MaxPool2D(dtype=dtype)(x)
+        x = convolved(convolved(x, width), width)
+    x = convolved(x, widths[-1])
+    for skip in reversed(skipped):
+        width = skip.shape[-1]
+        x = layers.Conv2DTranspose(width, 2, strides=2, dtype=dtype)(x)
+        x = convolved(layers.Concatenate(dtype=dtype)([x, skip]), width)
+    last = layers.Conv2DTranspose(6, 2, strides=2, dtype='float32')
+    network = keras.Model(picture, last(x))
+    last.bias.assign([np.log(_RATE * POSITIVE_WEIGHT), 0, 0, 0, 0, 0])
+    return network
+
+
+def fourier(angles: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(5, n): what a0, c1, s1, c2, s2 are multiplied with for the angles (n,) [rad]."""
+    return np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles), np.cos(2 * angles),
+                     np.sin(2 * angles)]).astype(np.float32)
+
+
+def direction_targets(directions: NDArray[np.integer]) -> NDArray[np.float32]:
+    """(33, n): the share of a label -1, 0, ..., 31 that lies within 22.5 degrees of a direction.
+
+    directions: (n,) of 32. A label stands for angles of 11.25 degrees, so those at 22.5 degrees
+    count half.
+    """
+    labels = np.arange(BINS)[:, None]
+    apart = np.abs((labels - directions + BINS // 2) % BINS - BINS // 2)
+    reach = round(HALF_WIDTH / (2 * np.pi / BINS))
+    shares = np.where(apart < reach, 1.0, np.where(apart == reach, 0.5, 0.0))
+    return np.concatenate([np.zeros((1, len(directions))), shares]).astype(np.float32)
+
+
+_TURNS = [_EVERY * np.arange(BINS // _EVERY) + offset for offset in range(_EVERY)]
+_BASES = np.stack([fourier(2 * np.pi * each / BINS) for each in _TURNS])
+_TARGETS = np.stack([direction_targets(each) for each in _TURNS])
+
+
+def losses(out: tf.Tensor, direction: tf.Tensor, inside: tf.Tensor, offset: tf.Tensor
+           ) -> tuple[tf.Tensor, tf.Tensor]:
+    """(contour's loss, inside's loss): cross entropies [nat] a pixel, the contour's weighted.
+
+    out: (n, h, w, 6) of the network; direction, inside: labels (n, h, w); offset: 0 to 3. The
+    contour's loss is that of 8 directions, which begin at `offset` of 32, added up.
+    """
+    logits = tf.matmul(out[..., :5], tf.gather(tf.constant(_BASES), offset))
+    targets = tf.gather(tf.gather(tf.constant(_TARGETS), offset), tf.cast(direction, tf.int32) + 1)
+    contour = tf.nn.weighted_cross_entropy_with_logits(targets, logits, POSITIVE_WEIGHT)
+    region = tf.nn.sigmoid_cross_entropy_with_logits(tf.cast(inside, tf.float32), out[..., 5])
+    return tf.reduce_mean(tf.reduce_sum(contour, -1)), tf.reduce_mean(region)
+
+
+def total(contour: tf.Tensor, inside: tf.Tensor) -> tf.Tensor:
+    """What training lowers."""
+    return _CONTOUR_WEIGHT * contour + inside

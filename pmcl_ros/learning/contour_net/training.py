@@ -1,0 +1,167 @@
+"""Trains the network of the contour map; goes on where it was stopped."""
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import keras
+import numpy as np
+import tensorflow as tf
+from numpy.typing import NDArray
+
+from pmcl_ros.learning.contour_net.network import build, losses, total
+from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
+from pmcl_ros.runtime.errors import SettingsError
+
+_RATE, _WARM_UP = 3e-3, 0.02  # of Adam, and the part of all steps in which it rises
+_CLIPPED = 1.0  # norm of the gradient of all weights
+_MOST_HELD_OUT = 64  # crops
+
+logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How to train.
+
+    size: crops of a batch; crop: px, a multiple of 16; every: steps between two states on disk.
+    """
+
+    steps: int = 20000
+    seed: int = 0
+    size: int = 8
+    crop: int = 192
+    every: int = 500
+    dtype: str = 'float32'
+
+
+@dataclass(frozen=True)
+class State:
+    """Where training is: weights and Adam's values, in the order Keras gives them.
+
+    history: rows of step, losses of contour and inside in training, and of held-out pictures.
+    """
+
+    step: int
+    weights: tuple[NDArray[np.float32], ...]
+    optimizer: tuple[NDArray[np.generic], ...] = ()
+    history: tuple[tuple[float, ...], ...] = ()
+    seconds: float = 0.0
+
+    @classmethod
+    def load(cls, path: Path) -> 'State':
+        """Read what `save` wrote; SettingsError when the file is something else."""
+        try:
+            with np.load(path) as file:
+                values = dict(file)
+            return cls(int(values['step']),
+                       tuple(values[f'weight{n}'] for n in range(values['weights'])),
+                       tuple(values[f'optimizer{n}'] for n in range(values['optimizers'])),
+                       tuple(tuple(map(float, row)) for row in values['history']),
+                       float(values['seconds']))
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise SettingsError(f'{path} is no state of a training: {error}; delete it to begin '
+                                'again') from None
+
+    def save(self, path: Path) -> None:
+        """Write the state; a file of that name is replaced when all is written."""
+        values: dict[str, Any] = {f'weight{n}': each for n, each in enumerate(self.weights)}
+        values |= {f'optimizer{n}': each for n, each in enumerate(self.optimizer)}
+        part = path.with_suffix('.part.npz')
+        np.savez(part, step=self.step, weights=len(self.weights), optimizers=len(self.optimizer),
+                 history=np.array(self.history), seconds=self.seconds, **values)
+        part.replace(path)
+
+
+@dataclass
+class Trainer:
+    """A network, its optimizer and one compiled step."""
+
+    plan: Plan
+    network: keras.Model = field(init=False)
+
+    def __post_init__(self) -> None:
+        keras.utils.set_random_seed(self.plan.seed)
+        self.network = build(dtype=self.plan.dtype)
+        self._adam = keras.optimizers.Adam(_RATE, global_clipnorm=_CLIPPED)
+        self._adam.build(self.network.trainable_variables)
+        self._step = tf.function(self._step_eagerly)
+        self._losses = tf.function(self._losses_eagerly)
+
+    def state(self, step: int) -> State:
+        """The values now."""
+        return State(step, tuple(self.network.get_weights()),
+                     tuple(each.numpy() for each in self._adam.variables))
+
+    def restore(self, state: State) -> None:
+        """Take over the values of a state; SettingsError when it is of another network."""
+        shapes = [each.shape for each in self.network.get_weights()]
+        if shapes != [each.shape for each in state.weights]:
+            raise SettingsError('the state of the training is that of another network; delete it '
+                                'to begin again')
+        self.network.set_weights(state.weights)
+        for variable, value in zip(self._adam.variables, state.optimizer, strict=True):
+            variable.assign(value)
+
+    def step(self, batch: Batch, number: int) -> NDArray[np.float32]:
+        """One step of Adam: (losses of contour and inside,) before it."""
+        part = (number + 1) / self.plan.steps
+        self._adam.learning_rate.assign(
+            _RATE * min(1.0, part / _WARM_UP) * 0.5 * (1 + np.cos(np.pi * min(part, 1.0))))
+        return np.stack(self._step(*_tensors(batch)))
+
+    def losses(self, batch: Batch) -> NDArray[np.float32]:
+        """(losses of contour and inside,) of the network as it is used."""
+        return np.stack(self._losses(*_tensors(batch)))
+
+    def _step_eagerly(self, picture: tf.Tensor, *labels: tf.Tensor) -> tuple[tf.Tensor, ...]:
+        with tf.GradientTape() as tape:
+            both = losses(self.network(picture, training=True), *labels)
+            lowered = total(*both)
+        variables = self.network.trainable_variables
+        self._adam.apply_gradients(zip(tape.gradient(lowered, variables), variables, strict=True))
+        return both
+
+    def _losses_eagerly(self, picture: tf.Tensor, *labels: tf.Tensor) -> tuple[tf.Tensor, ...]:
+        return losses(self.network(picture, training=False), *labels)
+
+
+def _tensors(batch: Batch) -> tuple[tf.Tensor, ...]:
+    return (tf.constant(batch.picture), tf.constant(batch.direction), tf.constant(batch.inside),
+            tf.constant(batch.offset))
+
+
+def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object]) -> State:
+    """Train on the labelled pictures of a folder until `plan.steps` are done.
+
+    path: the state's file; where it exists, training goes on from it. New pictures are used as
+    they come. report: called with a line now and then.
+    """
+    trainer = Trainer(plan)
+    state = trainer.state(0)
+    if path.exists():
+        state = State.load(path)
+        trainer.restore(state)
+        report(f'going on from step {state.step} of {path}')
+    files = Files.find(folder)
+    devices = [each.device_type for each in tf.config.list_physical_devices()]
+    report(f'{len(files.training)} pictures to train, {len(files.held_out)} held out, on '
+           f'{", ".join(devices)}; {trainer.network.count_params()} parameters')
+    source = batches(folder, state.step, plan.size, plan.crop, plan.seed)
+    while state.step < plan.steps:
+        start = time.monotonic()
+        numbers = range(state.step, min(plan.steps, state.step + plan.every))
+        trained = np.mean([trainer.step(next(source), number) for number in numbers], axis=0)
+        checked = np.mean([trainer.losses(batch) for batch in held_out(
+            files.held_out[:_MOST_HELD_OUT], plan.size, plan.crop)], axis=0)
+        step, seconds = numbers.stop, state.seconds + time.monotonic() - start
+        row = (step, *map(float, trained), *map(float, checked))
+        state = replace(trainer.state(step), history=(*state.history, row), seconds=seconds)
+        state.save(path)
+        report(f'step {step} of {plan.steps}: contour {row[1]:.4f}, inside {row[2]:.4f}; held out '
+               f'{row[3]:.4f}, {row[4]:.4f}; {seconds:.0f} s')
+    source.close()
+    return state

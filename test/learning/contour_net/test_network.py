@@ -1,0 +1,82 @@
+"""The network's loss is that of its definition; OpenCV computes what Keras does."""
+
+import cv2
+import keras
+import numpy as np
+import onnx
+import pytest
+
+from pmcl_ros.learning.contour_net.network import (
+    POSITIVE_WEIGHT,
+    build,
+    direction_targets,
+    fourier,
+    losses,
+)
+from pmcl_ros.learning.contour_net.onnx_file import write
+
+# All that is used; OpenCV 4.6's dnn has these (the written file was run there, docs/results).
+OPERATORS = {'Conv': {'kernel_shape', 'strides', 'pads'}, 'Relu': set(), 'Concat': {'axis'},
+             'MaxPool': {'kernel_shape', 'strides'}, 'ConvTranspose': {'kernel_shape', 'strides'}}
+
+
+@pytest.fixture(scope='module')
+def network():
+    keras.utils.set_random_seed(3)
+    built = build()
+    rng = np.random.default_rng(3)
+    built.set_weights([rng.uniform(0.5, 1.5, each.shape) if each.ndim == 1 else each
+                       for each in built.get_weights()])
+    return built
+
+
+@pytest.fixture(scope='module')
+def file(network, tmp_path_factory):
+    path = tmp_path_factory.mktemp('onnx') / 'map.onnx'
+    write(network, path)
+    return path
+
+
+@pytest.mark.parametrize('shape', [(32, 48), (176, 160)])
+def test_opencv_computes_what_keras_does(network, file, shape):
+    rng = np.random.default_rng(0)
+    picture = rng.random((1, *shape, 3), np.float32) - np.float32(0.5)
+    expected = network.predict(picture, verbose=0)[0]
+    net = cv2.dnn.readNetFromONNX(str(file))
+    net.setInput(picture.transpose(0, 3, 1, 2).copy())
+    out = net.forward()[0].transpose(1, 2, 0)
+    assert out.shape == (*shape, 6)
+    np.testing.assert_allclose(out, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_the_file_has_operators_of_opencv_4_6_alone(file):
+    model = onnx.load(file)
+    assert (model.ir_version, [each.version for each in model.opset_import]) == (6, [11])
+    for node in model.graph.node:
+        attributes = {each.name: list(each.ints) for each in node.attribute}
+        assert set(attributes) <= OPERATORS[node.op_type], node.name
+        assert len(set(attributes.get('pads', [0]))) == 1  # the same on all sides
+    assert file.stat().st_size < 3e6
+
+
+def test_each_label_counts_twice_in_16_directions():
+    shares = direction_targets(np.arange(0, 32, 2))
+    np.testing.assert_array_equal(shares[0], 0)
+    np.testing.assert_array_equal(shares[1:].sum(1), 2)
+    assert shares[1 + 4].tolist()[:5] == [0, 0.5, 1, 0.5, 0]  # 45 degrees
+
+
+def test_the_loss_is_the_weighted_cross_entropy_of_directions():
+    rng = np.random.default_rng(1)
+    out = rng.normal(size=(2, 3, 4, 6)).astype(np.float32)
+    direction = rng.integers(-1, 32, (2, 3, 4)).astype(np.int8)
+    inside = rng.random((2, 3, 4)) < 0.5
+    contour, region = losses(out, direction, inside, 3)
+    directions = np.arange(3, 32, 4)
+    chance = 1 / (1 + np.exp(-out[..., :5] @ fourier(2 * np.pi * directions / 32)))
+    share = direction_targets(directions)[direction + 1]
+    expected = -(POSITIVE_WEIGHT * share * np.log(chance) + (1 - share) * np.log(1 - chance))
+    assert float(contour) == pytest.approx(expected.sum(-1).mean(), rel=1e-5)
+    chance = 1 / (1 + np.exp(-out[..., 5]))
+    assert float(region) == pytest.approx(-np.log(np.where(inside, chance, 1 - chance)).mean(),
+                                          rel=1e-5)

@@ -1,0 +1,71 @@
+"""A few steps lower the loss; a training that was stopped goes on as if it had not been."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from labelled_discs import write
+
+from pmcl_ros.learning.contour_net.training import Plan, State, train
+from pmcl_ros.runtime.errors import SettingsError
+
+PLAN = Plan(steps=40, size=4, crop=64, every=20)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory):
+    return write(tmp_path_factory.mktemp('pictures'), range(40))
+
+
+@pytest.fixture(scope='module')
+def trained(folder, tmp_path_factory):
+    lines = []
+    path = tmp_path_factory.mktemp('state') / 'training.npz'
+    return train(folder, path, PLAN, lines.append), path, lines
+
+
+def test_the_loss_falls(trained):
+    state, _, lines = trained
+    (_, *first), (_, *last) = state.history
+    assert last[0] < 0.8 * first[0]  # contour
+    assert last[1] < first[1]
+    assert [each[0] for each in state.history] == [20, 40]
+    assert lines[0].startswith('36 pictures to train, 2 held out, on CPU')
+    assert lines[-1].startswith(f'step 40 of 40: contour {last[0]:.4f}')
+
+
+def test_it_goes_on_where_it_was_stopped(trained, folder, tmp_path):
+    class StopError(Exception):
+        pass
+
+    def stop(line):
+        if line.startswith('step 20 '):
+            raise StopError
+
+    state, _, _ = trained
+    path = tmp_path / 'training.npz'
+    with pytest.raises(StopError):
+        train(folder, path, PLAN, stop)
+    assert State.load(path).step == 20
+    again = train(folder, path, PLAN, [].append)
+    np.testing.assert_allclose(again.history, state.history, rtol=1e-3)
+    for one, other in zip(again.weights, state.weights, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-3)
+
+
+def test_a_finished_training_is_only_read(trained, folder):
+    state, path, _ = trained
+    again = train(folder, path, replace(PLAN, steps=30), [].append)
+    assert again.history == state.history
+    assert all(np.array_equal(*each) for each in zip(again.weights, state.weights, strict=True))
+
+
+def test_a_file_that_is_no_state_is_refused(folder, trained, tmp_path):
+    path = tmp_path / 'training.npz'
+    np.savez(path, step=3)
+    with pytest.raises(SettingsError, match=r'training\.npz is no state of a training'):
+        train(folder, path, PLAN, print)
+    state, _, _ = trained
+    replace(state, weights=state.weights[1:]).save(path)
+    with pytest.raises(SettingsError, match='that of another network'):
+        train(folder, path, PLAN, [].append)
