@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
-import numpy as np
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
@@ -19,7 +18,7 @@ from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.colour import shades_of_grey
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.decoders import uncalibrated_decoder
-from pmcl_ros.lightfield.readers.npz import write_npz
+from pmcl_ros.lightfield.readers.npz import save_npz, write_npz
 
 
 def _size(_context: click.Context, _option: click.Parameter,
@@ -75,9 +74,8 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
             light_field.colour, gains=tuple(gains.tolist())))
     out.mkdir(parents=True, exist_ok=True)
     if calibration is None:
-        np.savez_compressed(out / 'views.npz', views=light_field.views,
-                            weights=light_field.grid.weights,
-                            positions=light_field.grid.positions)
+        save_npz(out / 'views.npz', views=light_field.views, weights=light_field.grid.weights,
+                 positions=light_field.grid.positions)
         click.echo('no calibration: the views are lattice-aligned, their geometry is unknown',
                    err=True)
     else:

@@ -5,6 +5,7 @@ import zlib
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -14,6 +15,7 @@ from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
 _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
+_LEVEL = 1  # of zlib: numpy's 6 takes seven times as long on views and saves 5 % of the file
 
 
 def write_npz(path: Path | str, light_field: LightField) -> None:
@@ -23,10 +25,18 @@ def write_npz(path: Path | str, light_field: LightField) -> None:
     """
     grid, colour = light_field.grid, light_field.colour
     pinhole = grid.pinhole
-    np.savez_compressed(path, views=light_field.views, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx,
-                        cy=pinhole.cy, baseline=grid.baseline, weights=grid.weights,
-                        positions=grid.positions, gamma=light_field.gamma, gains=colour.gains,
-                        matrix=colour.matrix)
+    save_npz(path, views=light_field.views, fx=pinhole.fx, fy=pinhole.fy, cx=pinhole.cx,
+             cy=pinhole.cy, baseline=grid.baseline, weights=grid.weights,
+             positions=grid.positions, gamma=light_field.gamma, gains=colour.gains,
+             matrix=colour.matrix)
+
+
+def save_npz(path: Path | str, **arrays: ArrayLike) -> None:
+    """Like `numpy.savez_compressed`, for large arrays of measured light: quick to write."""
+    with zipfile.ZipFile(path, 'w', zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as file:
+        for name, values in arrays.items():
+            with file.open(f'{name}.npy', 'w', force_zip64=True) as stream:
+                np.lib.format.write_array(stream, np.asarray(values), allow_pickle=False)
 
 
 def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
