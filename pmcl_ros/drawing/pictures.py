@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -10,9 +11,11 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
+
+if TYPE_CHECKING:  # they import trimesh and scipy, which who draws depth maps does not need
+    from pmcl_ros.lightfield.readers.read import Source
+    from pmcl_ros.pmcl.object_model import ObjectModel
 
 _ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pixels
 _FRACTION = 4  # bits of a pixel's fraction in OpenCV's drawing functions
@@ -22,12 +25,12 @@ _COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240
 _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
 
 
-def displayed(source: Source) -> NDArray[np.uint8]:
+def displayed(source: 'Source') -> NDArray[np.uint8]:
     """(height, width, 3) RGB for a screen: the centre view of a light field, or the picture."""
     return source.picture() if isinstance(source, LightField) else source.displayed()
 
 
-def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
+def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
             pose: NDArray[np.floating]) -> NDArray[np.uint8]:
     """The model's outline and axes at a pose (4, 4) on the centre view, three times its size.
 
@@ -48,7 +51,7 @@ def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: ObjectModel,
 
 
 def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
-             things: Sequence[tuple[ObjectModel, NDArray[np.floating], str]]
+             things: Sequence[tuple['ObjectModel', NDArray[np.floating], str]]
              ) -> NDArray[np.uint8]:
     """Outlines of models at poses (4, 4), each in its colour and with a word; see `overlay`."""
     canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
@@ -62,7 +65,7 @@ def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
     return canvas
 
 
-def silhouette(pinhole: Pinhole, model: ObjectModel, pose: NDArray[np.floating],
+def silhouette(pinhole: Pinhole, model: 'ObjectModel', pose: NDArray[np.floating],
                zoom: int = 1) -> NDArray[np.bool_]:
     """(zoom * height, zoom * width) the pixels that the model covers at a pose (4, 4).
 

@@ -4,6 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -15,8 +16,10 @@ from pmcl_ros.messages.bags import Recorded, Topic, read, topics
 from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.graph import PRESETS
 from pmcl_ros.nodes.runtime.running import pause, ros
-from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 from pmcl_ros.runtime.errors import BagError, PmclError
+
+if TYPE_CHECKING:
+    from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 
 _ROUND = 1.0  # s: a bag of one capture would begin again as fast as DDS can take it
 _PATIENCE = 30.0  # s: for messages to arrive; DDS gives up who has been silent for 20
@@ -50,7 +53,7 @@ class Player:
         return [line.name for line in self._lines.values() if line.name not in heard]
 
     def play(self, messages: Iterable[Recorded], rate: float,
-             lockstep: LockstepPlayer | None = None) -> None:
+             lockstep: 'LockstepPlayer | None' = None) -> None:
         """Publish all, `rate` times as fast as it was recorded, and wait until all has arrived.
 
         The time counts from when the first has been published. What a subscriber keeps of
@@ -167,8 +170,10 @@ def main(args: Sequence[str] | None = None) -> int:
             raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')
         with ros(given):
             node = Node('pmcl_replay')
-            lockstep = (LockstepPlayer(node, chosen.values(), options.patience) if options.in_step
-                       else None)
+            lockstep = None
+            if options.in_step:  # its import of numba takes longer than the start of the rest
+                from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
+                lockstep = LockstepPlayer(node, chosen.values(), options.patience)
             player = Player(node, chosen.values())
             player.wait_for_subscribers(options.subscribers, options.timeout)
             if lockstep is not None:

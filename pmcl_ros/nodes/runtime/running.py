@@ -16,15 +16,18 @@ import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from pmcl_ros.nodes.runtime import shared_memory
-from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.nodes.runtime.parameter_file import check_parameter_file, parameter_files
 from pmcl_ros.runtime.errors import SettingsError
+
+if TYPE_CHECKING:  # it imports numba, which player and recorder do not need
+    from pmcl_ros.nodes.runtime.base import StageNode
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 # In the environment of a node that shall not outlive who started it: that process's number.
@@ -93,7 +96,7 @@ def pause(seconds: float) -> None:
 class NodeThread:
     """A node of this process, with a thread and an executor of its own."""
 
-    def __init__(self, node: StageNode) -> None:
+    def __init__(self, node: 'StageNode') -> None:
         self._node = node
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
@@ -125,7 +128,7 @@ class NodeThread:
             self._node.get_logger().fatal(f'unexpected error\n{traceback.format_exc()}')
 
 
-def run(node_class: type[StageNode]) -> int:
+def run(node_class: 'type[StageNode]') -> int:
     """Main function of a node's executable."""
     _end_with_parent()
     try:
