@@ -11,7 +11,9 @@ import rclpy
 from harness import ROOT, User
 from rclpy.context import Context
 from rclpy.node import Node
+from synthetic_camera import SIDE, SyntheticCamera, waves
 
+from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.edges import build_edges
@@ -38,7 +40,6 @@ def _talk_as_processes_do():
 
 
 _talk_as_processes_do()
-CAMERA = ROOT / 'config' / 'cameras'
 
 
 @pytest.fixture
@@ -55,17 +56,30 @@ def truth():
 
 
 @pytest.fixture(scope='session')
-def parameters(truth):
-    """Parameters with which each node can be configured: those of bags/wine_glass."""
+def parameters(truth, tmp_path_factory, camera_text):
+    """Parameters with which each node can be configured: a small camera, the wine glass."""
+    folder = tmp_path_factory.mktemp('camera')
+    camera = SyntheticCamera(camera_text(SIDE, SIDE))
+    for name, frame in (('white', camera.white()), ('picture', camera.picture(waves))):
+        write_raw_frame(folder / f'{name}.RAW', frame)
+    camera.calibration.save(folder / 'calibration.yaml')
     region = truth('wine_glass')['roi']
     return {
-        'lytro_driver': {'source': 'files', 'path': f'{CAMERA}/demo_white.RAW.xz'},
-        'subaperture_node': {'calibration': f'{CAMERA}/demo.yaml',
-                             'white': f'{CAMERA}/demo_white.RAW.xz'},
+        'lytro_driver': {'source': 'files', 'path': f'{folder}/picture.RAW'},
+        'subaperture_node': {'calibration': f'{folder}/calibration.yaml',
+                             'white': f'{folder}/white.RAW'},
         'dlv_node': {'labels': 16, 'edge_labels': 8},
         'pmcl_node': {'object': f'{ROOT}/models/wine_glass.obj',
                       'roi_center': region['center'], 'roi_size': region['size']},
     }
+
+
+@pytest.fixture(scope='session')
+def bag_parameters(parameters):
+    """Parameters of each node for the captures in bags/."""
+    cameras = ROOT / 'config' / 'cameras'
+    return parameters | {'subaperture_node': {'calibration': f'{cameras}/demo.yaml',
+                                              'white': f'{cameras}/demo_white.RAW.xz'}}
 
 
 @pytest.fixture(scope='session')

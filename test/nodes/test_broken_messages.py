@@ -5,10 +5,11 @@ from array import array
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from harness import ACTIVATE, CONFIGURE, ROOT, Process
+from harness import ACTIVATE, CONFIGURE, Process
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray, String
+from synthetic_camera import SIDE
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.geometry.header import Header
@@ -78,15 +79,15 @@ def send(user, process, publisher, message, reason):
     assert process.alive()
 
 
-def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path):
+def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path, camera_text):
     from std_srvs.srv import Trigger
     folder = tmp_path / 'pictures'
     folder.mkdir()
-    text = (ROOT / 'config' / 'cameras' / 'demo_white.TXT').read_text()
+    text = camera_text(SIDE, SIDE)
     for name in ('A', 'B'):
         (folder / f'{name}.TXT').write_text(text)
     (folder / 'A.RAW').write_bytes(b'short')
-    (folder / 'B.RAW').write_bytes(bytes(3280 * 3280 * 3 // 2))
+    (folder / 'B.RAW').write_bytes(bytes(SIDE * SIDE * 3 // 2))
     process = start('lytro_driver', path=str(folder))
     images = user.listen(Image, 'image_raw', BIG)
     texts = user.listen(String, 'metadata', LATCHED)
@@ -102,7 +103,7 @@ def test_driver_tells_of_a_picture_it_cannot_read(start, user, tmp_path):
     assert second.success, second.message
     user.wait(lambda: images and texts, 'image and metadata')
     assert texts[0].data == text
-    assert counts_from(images[0]).shape == (3280, 3280)
+    assert counts_from(images[0]).shape == (SIDE, SIDE)
     assert str(header_from(images[0].header).stamp_ns) in second.message
     assert 'are published; set loop' in capture().message
     assert process.alive()
@@ -120,9 +121,9 @@ def test_driver_publishes_by_itself(start, user, loop):
         assert len(messages) == 1
 
 
-def test_subaperture_node_survives_broken_images(start, user):
+def test_subaperture_node_survives_broken_images(start, user, parameters):
     process = start('subaperture_node')
-    frame = read_raw_frame(ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz', Header(77))
+    frame = read_raw_frame(parameters['lytro_driver']['path'], Header(77))
     metadata, good = raw_frame_to_messages(frame)
     images = user.publisher(Image, 'image_raw', BIG)
     texts = user.publisher(String, 'metadata', LATCHED)
@@ -137,7 +138,7 @@ def test_subaperture_node_survives_broken_images(start, user):
     texts.publish(metadata)
     user.wait(lambda: pictures, 'a centre picture')
     assert header_from(pictures[0].header).stamp_ns == 77
-    assert pictures[0].width == pictures[0].height == 328
+    assert pictures[0].width == pictures[0].height == SIDE // 10
 
 
 def test_dlv_node_survives_broken_views(start, user, small_light_field):

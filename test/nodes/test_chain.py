@@ -87,9 +87,10 @@ def error_of(pose, truth):
     return np.linalg.norm(pose[:3, 3] - expected[:3, 3]), angle
 
 
-def test_subaperture_node_decodes_a_bag_as_the_core_does(tmp_path, user, parameters, light_field):
+def test_subaperture_node_decodes_a_bag_as_the_core_does(tmp_path, user, bag_parameters,
+                                                         light_field):
     name = 'subaperture_node'
-    with Process(tmp_path, f'pmcl_ros.nodes.{name}', params=parameters[name]):
+    with Process(tmp_path, f'pmcl_ros.nodes.{name}', params=bag_parameters[name]):
         assert all(user.change(name, CONFIGURE, ACTIVATE))
         parts = [user.listen(CameraInfo, 'views/camera_info', SMALL),
                  user.listen(Image, 'views/pupil', SMALL), user.listen(Image, 'views', BIG)]
@@ -162,10 +163,10 @@ def test_pmcl_node_localizes_from_a_bag(tmp_path, user, parameters, truth, light
 
 
 @pytest.mark.parametrize(('name', 'arguments'), [('wine_glass', []), ('shaker', ['--processes'])])
-def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, parameters, truth, name,
+def test_the_whole_chain_finds_the_object_in_a_bag(tmp_path, user, bag_parameters, truth, name,
                                                    arguments):
     region = truth(name)['roi']
-    values = parameters | {'dlv_node': {}, 'pmcl_node': {
+    values = bag_parameters | {'dlv_node': {}, 'pmcl_node': {
         'object': f'{ROOT}/models/{name}.obj', 'roi_center': region['center'],
         'roi_size': region['size']}}
     file = tmp_path / 'parameters.yaml'

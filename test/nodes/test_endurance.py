@@ -16,9 +16,7 @@ from geometry_msgs.msg import PoseStamped
 from harness import PATIENCE, ROOT, Process
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
-from synthetic_camera import SIDE, SyntheticCamera, waves
 
-from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.messages.header import header_from, time_to_message
 from pmcl_ros.nodes.transport.losses import MissingCaptures, SequenceGaps
 
@@ -28,24 +26,16 @@ MANY = QoSProfile(depth=1000)
 
 
 @pytest.fixture(scope='module')
-def parameter_file(tmp_path_factory, parameters, camera_text):
+def parameter_file(tmp_path_factory, parameters):
     """Of a graph that takes two small pictures a second, for as long as it runs."""
-    folder = tmp_path_factory.mktemp('graph')
-    camera = SyntheticCamera(camera_text(SIDE, SIDE))
-    for name, frame in (('white', camera.white()), ('picture', camera.picture(waves))):
-        write_raw_frame(folder / f'{name}.RAW', frame)
-    camera.calibration.save(folder / 'calibration.yaml')
-    values = {
-        'lytro_driver': {'source': 'files', 'path': f'{folder}/picture.RAW', 'loop': True,
-                         'period': 0.5},
-        'subaperture_node': {'calibration': f'{folder}/calibration.yaml',
-                             'white': f'{folder}/white.RAW'},
-        'dlv_node': parameters['dlv_node'] | {'views': 3},
-        'pmcl_node': parameters['pmcl_node'] | {
-            'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
-    file = folder / 'parameters.yaml'
-    file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': each}
-                                    for name, each in values.items()}))
+    changes = {
+        'lytro_driver': {'loop': True, 'period': 0.5}, 'subaperture_node': {},
+        'dlv_node': {'views': 3},
+        'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
+    file = tmp_path_factory.mktemp('graph') / 'parameters.yaml'
+    file.write_text(yaml.safe_dump({
+        f'/**/{name}': {'ros__parameters': parameters[name] | each}
+        for name, each in changes.items()}))
     return file
 
 

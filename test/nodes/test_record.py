@@ -38,10 +38,10 @@ def ended(process, status=0):
     assert process.popen.wait(PATIENCE) == status, process.log
 
 
-def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, parameters):
+def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, bag_parameters):
     """The pose is the same to the bit, whichever stage's messages it is made from."""
     file, bag = tmp_path / 'parameters.yaml', tmp_path / 'all'
-    values = parameters | {'dlv_node': COARSE, 'pmcl_node': parameters['pmcl_node'] | {
+    values = bag_parameters | {'dlv_node': COARSE, 'pmcl_node': bag_parameters['pmcl_node'] | {
         'roi_size': [0.06, 0.06, 0.06], 'particles': 64}}  # soon found
     file.write_text(yaml.safe_dump(
         {node: {'ros__parameters': each} for node, each in values.items()}))
