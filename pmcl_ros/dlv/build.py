@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv import cost, reference
+from pmcl_ros.dlv import cost
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.likelihood import log_likelihood, truncate
 from pmcl_ros.dlv.pixel_grid import PixelGrid
@@ -73,6 +73,7 @@ def make_likelihood(light_field: LightField, depths: NDArray[np.float64], settin
     forced and GL cannot.
     """
     if settings.interpolation == 'phase':
+        from pmcl_ros.dlv import reference  # imports scipy.fft, for nothing in the default mode
         return log_likelihood(
             reference.cost_volume(light_field, depths, settings).astype(np.float32))
     if choose(settings.back_end) == 'gl':
