@@ -1,12 +1,11 @@
-"""`pmcl decode` in a process of its own, on the files of a small made-up camera."""
+"""`pmcl decode` on the files of a small made-up camera."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from command_line import pmcl
 from synthetic_camera import SIDE, SyntheticCamera, waves
 
 from pmcl_ros.camera.packing import pack12
@@ -30,13 +29,8 @@ def files(camera_text, tmp_path_factory):
 
 
 def decode(files, out, *options, status=0):
-    done = subprocess.run(
-        [sys.executable, '-m', 'pmcl_ros.cli', 'decode', str(files / 'IMG.RAW'), '--calibration',
-         str(files / 'camera.yaml'), '--white', str(files / 'WHITE.RAW'), '--out', str(out),
-         *options], capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    assert 'Traceback' not in done.stderr
-    return done
+    return pmcl('decode', files / 'IMG.RAW', '--calibration', files / 'camera.yaml', '--white',
+                files / 'WHITE.RAW', '--out', out, *options, status=status)
 
 
 def test_it_tells_how_the_views_differ_from_ideal_ones(files, tmp_path):
@@ -76,9 +70,7 @@ def test_what_is_impossible_is_refused(files, tmp_path, options, status, reason)
 def test_a_real_mosaic_is_decoded_without_calibration_or_white_image(tmp_path):
     """Its pixels are near grey on average, as any balanced picture of many things."""
     mosaic = Path(__file__).parents[1] / 'data' / 'real_mosaics' / 'IMG_2.jpg'
-    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', 'decode', str(mosaic), '--gain',
-                           '1.5', '--out', str(tmp_path)], capture_output=True, text=True,
-                          check=True)
+    done = pmcl('decode', mosaic, '--gain', '1.5', '--out', tmp_path)
     assert 'no calibration' in done.stderr
     blue, green, red = cv2.imread(str(tmp_path / 'centre.png')).reshape(-1, 3).T.astype(float)
     assert abs(red.mean() - green.mean()) < 40
@@ -89,10 +81,7 @@ def test_a_real_mosaic_is_decoded_without_calibration_or_white_image(tmp_path):
 
 
 def test_a_white_image_alone_gives_the_lattice(files, tmp_path):
-    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', 'decode', str(files / 'IMG.RAW'),
-                           '--white', str(files / 'WHITE.RAW'), '--out', str(tmp_path / 'alone')],
-                          capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    pmcl('decode', files / 'IMG.RAW', '--white', files / 'WHITE.RAW', '--out', tmp_path / 'alone')
     decode(files, tmp_path / 'known')
     alone, known = (np.load(tmp_path / each / 'views.npz')['views'][4, 4]
                     for each in ('alone', 'known'))

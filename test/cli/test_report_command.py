@@ -3,35 +3,20 @@
 import json
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tiny_capture
-from click.testing import CliRunner
+from command_line import pmcl, pmcl_process
 from pmcl_scenes import bracket
 
-from pmcl_ros.cli import main
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.messages.bag_captures import capture_messages, read_bag, record_light_field
 from pmcl_ros.messages.bags import record
 
 ROOT = Path(__file__).parents[2]
-
-
-def pmcl(*arguments, check=True):
-    done = subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', *map(str, arguments)],
-                          capture_output=True, text=True, check=False)
-    assert not check or done.returncode == 0, done.stderr
-    return done
-
-
-def invoke(*arguments):
-    """The same without a process of its own, which would import all libraries again."""
-    return CliRunner().invoke(main, [str(each) for each in arguments])
 
 
 def text_of(page, name):
@@ -45,7 +30,7 @@ def capture(tmp_path_factory):
 
 def test_a_shipped_bag_needs_nothing_but_its_name(tmp_path):
     out = tmp_path / 'new' / 'glass.html'
-    done = pmcl('report', ROOT / 'bags' / 'wine_glass', '-o', out)
+    done = pmcl_process('report', ROOT / 'bags' / 'wine_glass', '-o', out)
     assert done.stdout.splitlines()[-1] == str(out)
     page = out.read_text(encoding='utf-8')
     assert text_of(page, 'verdict') == 'Found'
@@ -62,10 +47,10 @@ def test_a_light_field_and_a_bag_of_its_views_have_the_same_pose(capture, tmp_pa
     for source, more in ((capture, ()), (tmp_path / 'bag', (
             '--object', capture / 'model.obj', '--truth', capture / 'truth.json'))):
         out = tmp_path / f'{len(pages)}.html'
-        assert invoke('report', source, *more, '-o', out).exit_code == 0
+        pmcl('report', source, *more, '-o', out)
         pages.append(out.read_text(encoding='utf-8'))
         assert 'id="error"' in pages[-1]  # the truth of the same object
-    done = invoke(
+    done = pmcl(
         'localize', capture, '--object', capture / 'model.obj', '--roi', '0.005', '-0.005', '0.4',
         '0.05', '0.05', '0.06', '--json')
     found = json.loads(next(line for line in done.output.splitlines() if line[:1] == '{'))
@@ -78,8 +63,7 @@ def test_a_light_field_and_a_bag_of_its_views_have_the_same_pose(capture, tmp_pa
 def test_the_truth_of_what_is_there_is_not_that_of_another_object(capture, tmp_path):
     bracket().export(tmp_path / 'bracket.obj')
     out = tmp_path / 'page.html'
-    assert invoke('report', capture, '--object', tmp_path / 'bracket.obj', '-o', out
-                  ).exit_code == 0
+    pmcl('report', capture, '--object', tmp_path / 'bracket.obj', '-o', out)
     page = out.read_text(encoding='utf-8')
     assert 'bracket' in page
     assert 'id="verdict"' in page
@@ -90,19 +74,16 @@ def test_what_is_not_known_is_asked_for(capture, tmp_path):
     alone = tmp_path / 'alone'
     alone.mkdir()
     shutil.copy(capture / 'views.npz', alone)
-    done = invoke('report', alone)
-    assert done.exit_code == 2
+    done = pmcl('report', alone, status=2)
     assert 'give --roi' in done.output
     shutil.copy(capture / 'truth.json', alone)
-    done = invoke('report', alone)
-    assert done.exit_code == 2
+    done = pmcl('report', alone, status=2)
     assert 'give --object' in done.output
 
 
 def test_a_bag_of_something_else_is_refused_in_one_line(capture, tmp_path):
     text, _ = capture_messages(read_bag(ROOT / 'bags' / 'wine_glass'))
     record(tmp_path / 'text', [text])
-    done = invoke('report', tmp_path / 'text', '--object', capture / 'model.obj', '--truth',
-                  capture / 'truth.json')
-    assert done.exit_code == 1
+    done = pmcl('report', tmp_path / 'text', '--object', capture / 'model.obj', '--truth',
+                capture / 'truth.json', status=1)
     assert 'text holds neither /image_raw with /metadata nor' in done.output
