@@ -50,15 +50,25 @@ hypothesis.settings.load_profile('pmcl_ros')
 # Rooms and files whose tests start processes, search for poses or trace rays.
 SLOW = {'nodes', 'evaluation', 'simulation', 'learning', 'cli', 'tracking', 'multi_object',
         'test_kernels.py', 'test_same_digits.py', 'test_localizer.py', 'test_particle_filter.py',
-        'test_level_of_detail.py', 'test_pipeline.py', 'test_package.py', 'test_launch.py',
-        'test_docs.py', 'test_calibrate.py', 'test_boards.py', 'test_bundle.py'}
+        'test_level_of_detail.py', 'test_proposals.py', 'test_pipeline.py', 'test_package.py',
+        'test_launch.py', 'test_docs.py', 'test_calibrate.py', 'test_boards.py',
+        'test_bundle.py', 'test_back_end.py', 'test_render_back_end.py'}
+
+
+def _is_slow(path):
+    return not SLOW.isdisjoint(path.parts[len(Path(__file__).parent.parts):])
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Without slow tests their files are not even imported, which takes long too."""
+    return (config.option.markexpr == 'not slow' and _is_slow(collection_path)) or None
 
 
 def pytest_collection_modifyitems(items):
     """The nodes' tests first: they wait much, and no worker shall be left alone with them."""
     items.sort(key=lambda item: 'nodes' not in item.path.parts)
     for item in items:
-        if not SLOW.isdisjoint(item.path.parts) or item.path.name in SLOW:
+        if _is_slow(item.path):
             item.add_marker(pytest.mark.slow)
 
 

@@ -39,17 +39,25 @@ class Texture:
         phase = x[..., None] * self.wave[0] + y[..., None] * self.wave[1]
         return 0.5 + 0.4 * np.sin(phase[..., None, :] + self.phase).mean(-1)
 
+    def on_grid(self, x, y):
+        """(m, n, 3) at columns x (n,) and rows y (m,): many times as quick."""
+        across, down = (np.exp(1j * np.multiply.outer(at, wave))
+                        for at, wave in zip((x, y), self.wave, strict=True))
+        shifted = np.exp(1j * self.phase)[:, None] * across  # (3, n, waves)
+        sums = (down @ shifted.swapaxes(1, 2)).imag
+        return 0.5 + 0.4 * sums.transpose(1, 2, 0) / self.wave.shape[1]
+
 
 def planes_field(grid, far, near, split, gamma=1 / 2.4, seed=0, highest=0.12):
     """A far plane [m] left of column `split` of the centre view, a near one right of it."""
     pinhole = grid.pinhole
-    y, x = np.indices((pinhole.height, pinhole.width)).astype(float)
+    x, y = np.arange(float(pinhole.width)), np.arange(float(pinhole.height))
     textures = Texture(seed, highest), Texture(seed + 1, highest)
     views = np.empty((*grid.shape, pinhole.height, pinhole.width, 3), np.float32)
     for row, column in np.ndindex(grid.shape):
         a, b = grid.positions[row, column] * grid.baseline * (pinhole.fx, pinhole.fy)
-        back = textures[0](x + a / far, y + b / far)
-        front = textures[1](x + a / near, y + b / near)
-        encoded = np.where((x + a / near >= split)[..., None], front, back)
+        encoded = textures[0].on_grid(x + a / far, y + b / far)
+        front = x + a / near >= split
+        encoded[:, front] = textures[1].on_grid(x[front] + a / near, y + b / near)
         views[row, column] = encoded ** (1 / gamma)
     return LightField(Header(), views, grid, gamma)
