@@ -49,9 +49,9 @@ def workspace(tmp_path_factory):
     source = workspace / 'src' / 'pmcl_ros'
     for each in ('pmcl_ros', 'config', 'examples', 'launch', 'models', 'resource'):
         shutil.copytree(ROOT / each, source / each, ignore=shutil.ignore_patterns('__pycache__'))
-    for each in ('package.xml', 'setup.py', 'setup.cfg', 'requirements.txt',
-                 'requirements-ros.txt'):
-        shutil.copy(ROOT / each, source / each)
+    for each in (*(ROOT / each for each in ('package.xml', 'setup.py', 'setup.cfg')),
+                 *ROOT.glob('requirements*.txt')):
+        shutil.copy(each, source)
     return workspace
 
 
