@@ -13,7 +13,7 @@ themselves; of this module they use `make_localizer`.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume, build_edges, view_edges
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.edges import build_edges, view_edges
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -35,7 +37,8 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
-Evidence = EdgeVolume | DepthLikelihoodVolume
+EvidenceKind = Literal['edges', 'map']  # of the mode default: edges, or the learned contour map
+Evidence = EvidenceVolume | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
 
@@ -66,15 +69,21 @@ def make_localizer(model: ObjectModel, settings: PmclSettings
     return Localizer(model, settings)
 
 
-def build_evidence(source: Source, settings: DlvSettings, mode: Mode) -> Evidence:
-    """What the localizer of a mode reads of a capture. Raises VolumeError, RenderError."""
-    if isinstance(source, LightField):
-        if mode == 'faithful':
-            return build_volume(source, settings)
-        return build_edges(source, settings)
+def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
+                   kind: EvidenceKind = 'edges') -> Evidence:
+    """What the localizer of a mode reads of a capture.
+
+    Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
+    """
     if mode == 'faithful':
+        if isinstance(source, LightField):
+            return build_volume(source, settings)
         raise VolumeError('the mode faithful needs a light field: one picture has no depth '
                           'likelihood volume; choose the mode default')
+    if kind == 'map':
+        return build_map(source, settings)
+    if isinstance(source, LightField):
+        return build_edges(source, settings)
     return view_edges(source, settings)
 
 
@@ -122,24 +131,24 @@ class Pipeline(Generic[Estimate]):
 
     localizer: closed with this. near, far: depths that can hold a part of an object [m].
     changes: parameters of evidence and volume that differ from `volume_settings`; origin: where
-    they are from, for errors.
+    they are from, for errors. kind: of the evidence.
     """
 
     def __init__(self, localizer: AnyLocalizer[Estimate], mode: Mode, near: float, far: float,
-                 changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
-                 ) -> None:
+                 changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
+                 kind: EvidenceKind = 'edges') -> None:
         self.localizer = localizer
-        self.mode, self.near, self.far = mode, near, far
+        self.mode, self.near, self.far, self.kind = mode, near, far, kind
         self._changes, self._origin = changes, origin
 
     @classmethod
     def for_object(cls, model: ObjectModel, settings: PmclSettings,
-                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
-                   ) -> 'Pipeline[PoseEstimate]':
+                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
+                   kind: EvidenceKind = 'edges') -> 'Pipeline[PoseEstimate]':
         """One object. Raises RenderError, LocalizationError (`Localizer`)."""
         localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings)
         near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
-        return Pipeline(localizer, settings.mode, near, far, changes, origin)
+        return Pipeline(localizer, settings.mode, near, far, changes, origin, kind)
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
@@ -186,7 +195,7 @@ class Pipeline(Generic[Estimate]):
         finished('views')
         progress('evidence', 0.0)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
-        evidence = build_evidence(source, settings, self.mode)
+        evidence = build_evidence(source, settings, self.mode, self.kind)
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
         if with_volume and volume is None and isinstance(source, LightField):

@@ -12,9 +12,10 @@ from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import edge_volume
-from pmcl_ros.evidence.learned import LearnedContour, LearnedProfile
+from pmcl_ros.evidence.learned import LearnedContour, LearnedMapEvidence, LearnedProfile
 from pmcl_ros.learning.contour_errors import LEVEL, fitted_error
 from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
 from pmcl_ros.learning.searches import Search, Supports, searches
@@ -24,6 +25,10 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 
 _LARGEST = 0.14  # m: radius of any generated object
 _FALSE_ALARMS = 0.05
+# Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
+# many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
+# pose higher (docs/results/contour_map.md).
+_WEIGHTS = {'contour_weight': 0.33, 'inside_weight': 0.0}
 _DIGITS = 2  # of the numbers that are printed and written
 
 
@@ -34,17 +39,30 @@ _DIGITS = 2  # of the numbers that are printed and written
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--creases', is_flag=True, help='Learn the profile across creases of objects '
               'without an axis instead.')
+@click.option('--map', 'of_map', is_flag=True, help='Learn how the log odds of the contour map '
+              'become evidence instead.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
-              '--creases: creases.yaml), which is read at start.')
-def learn(folder: Path, views: int, seed: int, creases: bool, out: Path | None) -> None:
+              '--creases: creases.yaml; with --map: contour_map_evidence.yaml), which is read at '
+              'start.')
+def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, out: Path | None
+          ) -> None:
     """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
 
     Prints the profile across contours, the support and evidence below which an object is lost, and
     the model's error. The support and the errors come from searches in each half of the scenes
     with the profile of the other half.
     """
+    if creases and of_map:
+        raise click.UsageError('--creases and --map are learned one after the other')
     captures = find_captures(folder)
+    command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
+               f'{" --map" * of_map} --out {out}')
+    if of_map:
+        learned = _learn_map_evidence(captures, views, seed)
+        if out is not None:
+            learned.save(out, command)
+        return
     halves: list[list[Samples]] = [[], []]
     for number, each in enumerate(examples_of(captures, views, 'profiles')):
         rng = np.random.default_rng([seed, number])
@@ -61,14 +79,22 @@ def learn(folder: Path, views: int, seed: int, creases: bool, out: Path | None) 
         for half in range(2):
             chosen = examples_of(captures[half::2], views, f'searches {half + 1} of 2')
             looked += searches(chosen, fitted(Samples.joined(halves[1 - half])), seed)
-        numbers = _learn_thresholds(profile, looked)
+        numbers = LearnedContour.make(_fields(profile) | _learn_thresholds(looked), 'the profile')
     if out is not None:
-        numbers.save(out, f'pmcl learn {folder} --views {views} --seed {seed}'
-                          f'{" --creases" * creases} --out {out}')
+        numbers.save(out, command)
 
 
-def _learn_thresholds(profile: ContourProfile, looked: Sequence[Search]) -> LearnedContour:
-    """Print the least support, the least evidence and the model's error."""
+def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
+                        ) -> LearnedMapEvidence:
+    """Thresholds and model error, by searches with the weights."""
+    numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, common_error=1,
+                                 local_error=1, error_length=1)
+    looked = list(searches(maps_of(captures, views, numbers, 'searches'), None, seed))
+    return LearnedMapEvidence.make(_WEIGHTS | _learn_thresholds(looked), 'the contour map')
+
+
+def _learn_thresholds(looked: Sequence[Search]) -> dict[str, float]:
+    """Print and return the least support, the least evidence and the model's error."""
     supports = Supports.from_searches(looked)
     least = supports.threshold(_FALSE_ALARMS)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
@@ -87,10 +113,10 @@ def _learn_thresholds(profile: ContourProfile, looked: Sequence[Search]) -> Lear
     for level in (0.5, LEVEL):
         click.echo(f'truths in the {100 * level:.0f} % region: '
                    f'{100 * (levels <= level).mean():.0f} % of {len(levels)}')
-    return LearnedContour.make(_fields(profile) | {
-        'least_evidence': round(evidence, _DIGITS), 'least_support': round(least, _DIGITS),
-        'common_error': round(error.common, _DIGITS), 'local_error': round(error.local, _DIGITS),
-        'error_length': error.length}, 'the profile')
+    return {'least_evidence': round(evidence, _DIGITS), 'least_support': round(least, _DIGITS),
+            'common_error': max(round(error.common, _DIGITS), 10 ** -_DIGITS),
+            'local_error': max(round(error.local, _DIGITS), 10 ** -_DIGITS),
+            'error_length': error.length}
 
 
 def _fields(profile: ContourProfile) -> dict[str, object]:
@@ -113,3 +139,15 @@ def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterat
         labels = depth_labels(*region.grown(_LARGEST), DlvSettings().edge_labels)
         yield Example(edge_volume(each.light_field(), labels, views),
                       ObjectModel.load(each.model), truth.pose, region, not truth.empty)
+
+
+def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence, purpose: str
+            ) -> Iterator[Example]:
+    """An example of each capture, by its contour map."""
+    for each in track(captures, console=STDERR, description=purpose, transient=True):
+        truth = each.truth
+        region = Region(truth.roi_center, truth.roi_size)
+        near, far = region.grown(_LARGEST)
+        settings = DlvSettings.make({'near': near, 'far': far, 'views': views}, str(each.folder))
+        odds = build_map(each.read(None), settings, numbers=numbers)
+        yield Example(odds, ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -16,7 +16,7 @@ from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pipeline import Estimate, Pipeline, Run
+from pmcl_ros.pipeline import Estimate, EvidenceKind, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -32,6 +32,9 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
               '[m].')
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
+@click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']), default='edges',
+              show_default=True, help='Of the mode default: edges of the refocused views, or the '
+              'contour map of the learned network.')
 @click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
               "the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
@@ -40,8 +43,9 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
-             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode, changes: str | None,
-             seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
+             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode, kind: EvidenceKind,
+             changes: str | None, seed: int, as_json: bool, out: Path | None,
+             truth: Path | None) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
@@ -61,9 +65,11 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     if len(objects) > 1:
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
+        if kind == 'map':
+            raise click.UsageError('--evidence map finds one object: give one --object')
         _localize_several(read, objects, settings, dict(of_volume), as_json, out)
         return
-    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set')
+    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', kind)
     run = _run(pipeline, read, seed, with_volume=out is not None)
     estimate, seconds = run.estimate, run.seconds
     _print(estimate, {'decode': seconds['views'],

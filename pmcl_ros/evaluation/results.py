@@ -35,6 +35,7 @@ _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotati
          'wrong. `of 90 %`: how many of the 90 % credible regions of claimed poses hold the '
          'truth; `of 50 %` likewise. `evaluations`: poses drawn and scored, the median.')
 _SCENES = ((False, 'no film'), (True, 'behind a film'))
+_CLEARLY = 15.0  # nat
 _STEPS = np.linspace(0, 1, 301)
 
 
@@ -54,6 +55,9 @@ def markdown(trials: Trials) -> str:
                    'By kind of scene (mean ± standard deviation, as in the paper):',
                    scenes_table(present(trials)),
                    'Surface within so many millimetres (MSSD):', ladder_table(trials)]
+        if not np.isnan(values(present(trials), 'evidence_truth')).all():
+            tables += ['Misses, by the evidence of the true pose and of the pose found:',
+                       misses_table(present(trials))]
     return '\n\n'.join([*tables, _NOTE])
 
 
@@ -123,6 +127,24 @@ def ladder_table(trials: Trials) -> str:
     """A line for each row, a column for each bound on MSSD."""
     return _row_table(trials, [f'{mm} mm' for mm in LADDER], lambda rows: [
         percent(each) for each in cumulative(found(rows, 'mssd_mm'), LADDER)])
+
+
+def misses_table(trials: Trials) -> str:
+    """A line for each row, of trials with something to find.
+
+    A miss with more evidence at the true pose is the search's, with less the evidence's.
+    """
+    def cells(rows: Trials) -> list[str]:
+        more = values(rows, 'evidence_truth') - values(rows, 'evidence_found')  # at the truth
+        missed = np.array([not each.near for each in rows])
+        claimed = np.array([not each.lost for each in rows])
+        return [str(len(rows)), str(missed.sum()), str((missed & (more > 0)).sum()),
+                str((missed & (more <= 0)).sum()), str((missed & claimed).sum()),
+                percent(share(more >= -_CLEARLY)), percent(share(more > _CLEARLY))]
+
+    return _row_table(trials, [
+        'trials', 'misses', 'search', 'evidence', 'claimed',
+        f'truth at most {_CLEARLY:g} nat below', f'truth over {_CLEARLY:g} nat above'], cells)
 
 
 def _row_table(trials: Trials, heads: Sequence[str], cells: Callable[[Trials], list[str]]

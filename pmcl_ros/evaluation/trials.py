@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.lightfield.calibration.calibration import Calibration
@@ -21,6 +22,7 @@ from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
@@ -39,6 +41,7 @@ class Trial:
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
+    evidence_found, evidence_truth: of the pose found and the true one, in the mode default [nat].
     seconds: from the evidence to the pose; dlv_seconds, decode_seconds: for evidence, views.
     evaluations: poses drawn and scored. renderer: what drew them. pose: (12,) the rows of R | t,
         object to camera, metres.
@@ -67,6 +70,8 @@ class Trial:
     inside_90: bool = False
     lost: bool = False
     score: float = math.nan
+    evidence_found: float = math.nan
+    evidence_truth: float = math.nan
     seconds: float = math.nan
     dlv_seconds: float = math.nan
     decode_seconds: float = math.nan
@@ -177,9 +182,15 @@ class Worker:
         seconds = time.perf_counter() - started
         if self._stopped():
             return None
+        of_poses: dict[str, float] = {}
+        if (isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume)
+                and job.sought.object == capture.object and not capture.truth.empty):
+            poses = np.stack([estimate.pose, capture.truth.pose])
+            found, truth = localizer.evidence(evidence, poses).tolist()
+            of_poses = {'evidence_found': found, 'evidence_truth': truth}
         return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
                       dlv_seconds=self._evidence.seconds,
-                      decode_seconds=self._source.seconds, renderer=localizer.renderer)
+                      decode_seconds=self._source.seconds, renderer=localizer.renderer, **of_poses)
 
     def close(self) -> None:
         """Release the GL context."""

@@ -10,6 +10,7 @@ from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture
+from pmcl_ros.evidence.build_map import centre_view
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source
@@ -19,7 +20,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import Mode, PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
-Base = Literal['default', 'faithful', 'centre']
+Base = Literal['default', 'faithful', 'centre', 'map', 'map-centre']
 
 _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
 
@@ -28,7 +29,8 @@ _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'm
 class Variant:
     """One row of a comparison.
 
-    name: as shown. base: the row that this one changes; 'centre' uses the centre view alone.
+    name: as shown. base: the row that this one changes; 'centre' and 'map-centre' use the
+        centre view alone, 'map' ones the learned contour map.
     dlv, pmcl: changed parameters, (name, value) pairs. group: the parameter that a sweep varies,
     for its chart of accuracy over time; empty outside sweeps.
     """
@@ -86,6 +88,10 @@ class Variant:
 
     def build(self, source: Source, settings: DlvSettings) -> Evidence:
         """The evidence that the row's search reads; of the centre view alone, labels are equal."""
+        if self.base.startswith('map'):
+            if self.base == 'map-centre' and isinstance(source, LightField):
+                source = centre_view(source)
+            return build_evidence(source, settings, self.mode, 'map')
         if self.base != 'centre' or not isinstance(source, LightField):
             return build_evidence(source, settings, self.mode)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)

@@ -2,26 +2,29 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.runtime.kernels import compiled
 
 
-def energies_across(edges: EdgeVolume, pixels: NDArray[np.floating],
+def energies_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
                     normals: NDArray[np.floating], depths: NDArray[np.floating],
                     offsets: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(n, k) e(u + offsets[k] n): edge energy across the normal [1], linear between samples.
+    """(n, k) e(u + offsets[k] n): the tensor's reading across the normal, linear between samples.
+
+    It is the edge energy [1], or the log odds of a `ContourMap` [nat / px].
 
     pixels: (n, 2) points u, x and y [image px]. normals: (n, 2) unit vectors n. depths: (n,) [m].
-    Outside the edge volume its border is repeated.
+    Outside the volume its border is repeated.
     """
     energies = np.empty((len(pixels), len(offsets)))
     _sample(edges.tensor, *_double(pixels, normals, edges.labels(depths), offsets), energies)
     return energies
 
 
-def evidence_across(edges: EdgeVolume, pixels: NDArray[np.floating],
+def evidence_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
                     normals: NDArray[np.floating], depths: NDArray[np.floating],
                     profile: ContourProfile, shifts: NDArray[np.floating]
                     ) -> NDArray[np.float64]:
@@ -36,6 +39,28 @@ def evidence_across(edges: EdgeVolume, pixels: NDArray[np.floating],
     _judge(energies, *_double(profile.knots, slopes), profile.bias + profile.tables[:, 0].sum(),
            evidence)
     return evidence
+
+
+def region_across(edges: EvidenceVolume, pixels: NDArray[np.floating],
+                  normals: NDArray[np.floating], depths: NDArray[np.floating],
+                  shifts: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(n, k) evidence that a silhouette gains or loses with the pixels it covers [nat / px].
+
+    It is the integral of `edges.region` along the normals from 0 to each of `shifts` (k,)
+    [image px], ascending, 0 among them. The rest as in `evidence_across`.
+    """
+    region = edges.region
+    if not region.size:
+        return np.zeros((len(pixels), len(shifts)))
+    places = np.rint(pixels[:, None] + shifts[:, None] * normals[:, None]).astype(int)
+    column, row = places[..., 0], places[..., 1]
+    height, width, labels = region.shape
+    seen = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    label = np.rint(edges.labels(depths)).astype(int).clip(0, labels - 1)
+    values = np.where(seen, region[row.clip(0, height - 1), column.clip(0, width - 1),
+                                   label[:, None]], 0)
+    sums = cumulative_trapezoid(values, shifts, axis=1, initial=0)
+    return np.asarray(sums - sums[:, [int(np.abs(shifts).argmin())]])
 
 
 def _double(*arrays: NDArray[np.floating]) -> list[NDArray[np.float64]]:
@@ -60,6 +85,7 @@ def _judge(energies, knots, slopes, bias, out):  # type: ignore[no-untyped-def]
 @compiled()
 def _sample(tensor, pixels, normals, labels, offsets, out):  # type: ignore[no-untyped-def]
     height, width, count, _ = tensor.shape
+    is_map = tensor.shape[3] == 5
     for n in range(len(pixels)):
         nx, ny = normals[n]
         xx, yy, xy = nx * nx, ny * ny, 2 * nx * ny
@@ -71,11 +97,16 @@ def _sample(tensor, pixels, normals, labels, offsets, out):  # type: ignore[no-u
             y = min(max(pixels[n, 1] + offsets[k] * ny, 0.0), height - 1.0)
             i, j = min(int(y), height - 2), min(int(x), width - 2)
             a, b = y - i, x - j
-            square = 0.0
+            value = 0.0
             for di, wi in ((0, 1 - a), (1, a)):
                 for dj, wj in ((0, 1 - b), (1, b)):
                     ray = tensor[i + di, j + dj]
                     for dl, wl in ((level, 1 - c), (level + 1, c)):
-                        square += wi * wj * wl * (ray[dl, 0] * xx + ray[dl, 1] * yy
-                                                  + ray[dl, 2] * xy)
-            out[n, k] = np.sqrt(max(square, 0.0))
+                        if is_map:
+                            value += wi * wj * wl * (
+                                ray[dl, 0] + ray[dl, 1] * nx + ray[dl, 2] * ny
+                                + ray[dl, 3] * (xx - yy) + ray[dl, 4] * xy)
+                        else:
+                            value += wi * wj * wl * (ray[dl, 0] * xx + ray[dl, 1] * yy
+                                                      + ray[dl, 2] * xy)
+            out[n, k] = value if is_map else np.sqrt(max(value, 0.0))

@@ -92,6 +92,23 @@ class LearnedMap(Settings):
     training: dict[str, Any] = Field(description='record: command, seeds, losses, versions')
 
 
+class LearnedMapEvidence(Settings):
+    """How the log odds of a contour map become the evidence of a pose."""
+
+    contour_weight: float = Field(
+        gt=0, le=1, description="of the contour's log odds: neighbouring pixels share noise [1]")
+    inside_weight: float = Field(
+        ge=0, le=1, description="of the covered pixels' log odds, for the same reason [1]")
+    least_evidence: float = Field(
+        description='mean evidence of a contour below which the object is lost [nat / px]')
+    least_support: float = Field(description='support below which it is [nat / px]')
+    common_error: _Error = Field(
+        description='standard deviation of the displacement of a whole contour [px]')
+    local_error: _Error = Field(
+        description='standard deviation of the displacement of stretches of a contour [px]')
+    error_length: _Error = Field(description='correlation length along these stretches [px]')
+
+
 @cache
 def learned_contour() -> LearnedContour:
     """The numbers of `contour.yaml`; SettingsError names the file, and the field that is wrong."""
@@ -108,6 +125,12 @@ def learned_creases() -> LearnedProfile:
 def learned_map() -> LearnedMap:
     """The numbers of `contour_map.yaml`; SettingsError names the file, and the field."""
     return _load(LearnedMap, 'contour_map.yaml')
+
+
+@cache
+def learned_map_evidence() -> LearnedMapEvidence:
+    """The numbers of `contour_map_evidence.yaml`; SettingsError names the file, and the field."""
+    return _load(LearnedMapEvidence, 'contour_map_evidence.yaml')
 
 
 def learned_file(name: str) -> Path:

@@ -9,8 +9,8 @@ from scipy.optimize import minimize
 from scipy.special import expit, softmax
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import energies_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import perturb, uniform_poses
 from pmcl_ros.pmcl.region import Region
@@ -33,9 +33,9 @@ _POINTS = 150  # of a contour, at most
 
 @dataclass(frozen=True)
 class Example:
-    """An edge volume in which an object is at a known pose (4, 4), or is not (`there`)."""
+    """Evidence of a picture in which an object is at a known pose (4, 4), or is not (`there`)."""
 
-    edges: EdgeVolume
+    edges: EvidenceVolume
     model: ObjectModel
     pose: NDArray[np.float64]
     region: Region

@@ -36,9 +36,11 @@ class Search:
     deviation: Deviation | None = None
 
 
-def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
+def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: int
              ) -> Iterator[Search]:
     """Search each scene for its own object, and for the object of the scene before.
+
+    profile: None for that of the evidence.
 
     The depths of the edge volumes must hold all of these objects.
     """
@@ -49,7 +51,8 @@ def searches(examples: Iterable[Example], profile: ContourProfile, seed: int
         if each.there:
             error = pose_error(estimate.pose, each.pose, each.model.symmetry)
             if error.right:
-                deviation = Deviation.from_estimate(each, estimate, profile, NumbaRenderer())
+                deviation = Deviation.from_estimate(
+                    each, estimate, profile or each.edges.profile, NumbaRenderer())
         yield Search(each.there, estimate.support, estimate.evidence, deviation)
         for other in before:
             estimate = found(each, other, profile, seed)
@@ -92,7 +95,7 @@ class Supports:
         return float((self.there < least).mean())
 
 
-def found(example: Example, model: ObjectModel, profile: ContourProfile, seed: int
+def found(example: Example, model: ObjectModel, profile: ContourProfile | None, seed: int
           ) -> PoseEstimate:
     """The pose that the search finds for a model in an example's edge volume.
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.local_model import normal_motion
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -26,31 +27,35 @@ class LinearizedContour:
 
     motion: (n, 6) motion of the points per unit of a tangent vector [px]
         (`local_model.normal_motion`). table: (n, k) evidence of a point at each step [nat].
+    covered: evidence of the pixels that the object covers there [nat].
     """
 
     motion: NDArray[np.float64]
     table: NDArray[np.float64]
+    covered: float
 
     @classmethod
-    def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EdgeVolume,
+    def from_contour(cls, pose: NDArray[np.float64], points: ContourPoints, edges: EvidenceVolume,
                      profile: ContourProfile, creases: CreasePoints | None = None
                      ) -> 'LinearizedContour':
         """About `pose` (4, 4) with the contour `points`; creases: visible ones, or None."""
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
         table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                 shifts)
+        table += points.outer[:, None] * region_across(
+            edges, points.pixels, points.normals, points.depths, shifts)
         if creases is not None and creases.shown:
             table = np.concatenate([table, creases.evidence(edges, shifts)])
             points = points.joined(creases.points)
         return cls(np.ascontiguousarray(normal_motion(points, edges.pinhole, pose[:3, 3])),
-                   points.lengths[:, None] * table)
+                   points.lengths[:, None] * table, points.covered)
 
     def evidence(self, deviations: NDArray[np.float64]) -> NDArray[np.float64]:
         """(m,) evidence [nat] of poses that deviate by tangent vectors (m, 6) [m, rad].
 
         Constant beyond the ends of the table.
         """
-        result = np.zeros(len(deviations))
+        result = np.full(len(deviations), self.covered)
         _slid(self.motion, self.table, np.ascontiguousarray(deviations), _FARTHEST, _STEP, result)
         return result
 
@@ -68,7 +73,7 @@ def _slid(motion, table, deviations, farthest, step, result):  # type: ignore[no
             shift = min(max(shift, 0.0), float(last))
             k = min(int(shift), last - 1)
             total += table[n, k] + (shift - k) * (table[n, k + 1] - table[n, k])
-        result[m] = total
+        result[m] += total
 
 
 @dataclass(frozen=True)
@@ -100,7 +105,7 @@ class RigidContour:
         return cls(pose, _placed(pixels, depths, pinhole), _placed(tips, depths, pinhole),
                    np.full(len(chosen), total / max(len(chosen), 1)))
 
-    def evidence(self, poses: NDArray[np.float64], edges: EdgeVolume, profile: ContourProfile
+    def evidence(self, poses: NDArray[np.float64], edges: EvidenceVolume, profile: ContourProfile
                  ) -> NDArray[np.float64]:
         """(n,) evidence [nat] of poses (n, 4, 4); points out of view have none.
 

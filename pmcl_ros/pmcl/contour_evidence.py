@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
@@ -21,6 +22,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -31,6 +33,8 @@ _DETAIL = 0.3  # image px: tolerance of the simplified mesh in them
 # Refinements: step of the finite differences on coarse, fine and finest contours, largest and
 # smallest motion of the contour in a step [image px], number of steps.
 _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
+# px: how uncertain the place of a contour is taken to be on each (`EvidenceVolume.blurred`).
+_BLURS = 2.0, 1.0, 0.5
 
 Feasible = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
@@ -49,7 +53,7 @@ class ContourEvidence:
     model: ObjectModel
     settings: PmclSettings
     region: Region
-    edges: EdgeVolume
+    edges: EvidenceVolume
     profile: ContourProfile
     error: ModelError
     creases: Creases | None
@@ -57,19 +61,26 @@ class ContourEvidence:
     detail: float = 0.0
 
     @classmethod
-    def from_edges(cls, edges: EdgeVolume, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings, profile: ContourProfile, error: ModelError,
+    def from_edges(cls, edges: EvidenceVolume, renderer: Renderer, model: ObjectModel,
+                   settings: PmclSettings, profile: ContourProfile | None,
+                   error: ModelError | None,
                    creases: Creases | None) -> 'ContourEvidence':
-        """The evidence in an edge volume.
+        """The evidence in an edge volume or a contour map.
 
-        Profile and creases were learned on refocused edges: for edges made from a likelihood the
-        contrast replaces them.
+        profile, error: None for those of `edges`. Creases were learned on refocused edges: they
+        are ignored where the evidence has none.
         """
-        if edges.from_likelihood:
-            _LOG.info('no edge volume was given: contours are looked for in the likelihood')
-            profile, creases = ContourProfile.contrast(), None
+        if profile is None or not edges.shows_creases:
+            profile = edges.profile
+        if not edges.shows_creases:
+            _LOG.debug('contours are looked for in a %s without creases', edges.kind)
+            creases = None
+        if isinstance(edges, ContourMap) and renderer.name != 'numba':
+            _LOG.info('contour maps are scored on the processor')
+            renderer = NumbaRenderer()
         region = Region(settings.roi_center, settings.roi_size)
-        return cls(renderer, model, settings, region, edges, profile, error, creases)
+        return cls(renderer, model, settings, region, edges, profile, error or edges.model_error,
+                   creases)
 
     @property
     def window(self) -> Window:
@@ -85,9 +96,10 @@ class ContourEvidence:
         """Gauss-Newton on coarse contours, fine ones, those of the image: the first `count`."""
         window = self.window
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
-        return [GaussNewton(self._scene(window.coarser(max(scale, least))), self.edges,
-                            self.profile, self.region, step)
-                for scale, step in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count], strict=True)]
+        return [GaussNewton(self._scene(window.coarser(max(scale, least))),
+                            self.edges.blurred(blur), self.profile, self.region, step)
+                for scale, step, blur in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count],
+                                             _BLURS[:count], strict=True)]
 
     def refinement(self, gauss_newton: GaussNewton, tries: int = _TRIES,
                    score: Score | None = None) -> Refine:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -33,7 +33,7 @@ class Estimator:
     region: Region
     settings: PmclSettings
 
-    def from_posterior(self, edges: EdgeVolume, posterior: Posterior,
+    def from_posterior(self, edges: EvidenceVolume, posterior: Posterior,
                        local_model_at: LocalModelAt, contour: Contour, least: float,
                        rng: np.random.Generator,
                        share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
@@ -62,14 +62,16 @@ class Estimator:
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # Lost: a part of the contour is missing, or the whole is more likely absent than present.
-        partly, absent = support < self.settings.least_support, evidence < least
+        chosen = 'least_support' in self.settings.model_fields_set
+        least_support = self.settings.least_support if chosen else edges.least_support
+        partly, absent = support < least_support, evidence < least
         return PoseEstimate(edges.header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent, self.settings.mode, modes, support, evidence,
                             incomplete=partly and not absent, in_view=in_view)
 
-    def from_prior(self, edges: EdgeVolume, prior: Gaussian, count: int,
+    def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))

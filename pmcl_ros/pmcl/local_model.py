@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
@@ -57,7 +57,7 @@ class LocalModel:
 
     @classmethod
     def from_contour(cls, pose: NDArray[np.float64], symmetry: Symmetry,
-                     points: ContourPoints, edges: EdgeVolume, profile: ContourProfile,
+                     points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
                      error: ModelError | None, creases: CreasePoints | None = None
                      ) -> 'LocalModel':
         """The model about `pose` (4, 4), whose contour's points are `points`.
@@ -69,6 +69,8 @@ class LocalModel:
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
         table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                 shifts)
+        table += points.outer[:, None] * region_across(
+            edges, points.pixels, points.normals, points.depths, shifts)
         if creases is not None and creases.shown:
             table = np.concatenate([table, creases.evidence(edges, shifts)])
             points = points.joined(creases.points)
@@ -108,8 +110,8 @@ class LocalModel:
             # The limit of `same_side` can make eigenvalues negative.
             values, vectors = np.linalg.eigh((off + off.T) / 2)
             off = (vectors * np.maximum(values, 0)) @ vectors.T
-        return cls(float(points.lengths @ here), length, basis, gradient, information,
-                   variability, off, moments / max(length, 1.0))
+        return cls(float(points.lengths @ here) + points.covered, length, basis, gradient,
+                   information, variability, off, moments / max(length, 1.0))
 
     @property
     def scale(self) -> float:
@@ -193,7 +195,7 @@ def weighted(points: ContourPoints, weights: NDArray[np.float64]) -> ContourPoin
         points, pixels=points.pixels[kept], normals=points.normals[kept],
         depths=points.depths[kept], lengths=(points.lengths * weights)[kept],
         energies=points.energies[kept], evidence=points.evidence[kept],
-        piece=points.piece[kept], along=points.along[kept])
+        piece=points.piece[kept], along=points.along[kept], outer=points.outer[kept])
 
 
 def gauss_newton(pose: NDArray[np.float64],

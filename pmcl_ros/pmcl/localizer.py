@@ -1,4 +1,4 @@
-"""EdgeVolume -> PoseEstimate: the default mode, by the object's contour."""
+"""EvidenceVolume -> PoseEstimate: the default mode, by the object's contour."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
@@ -43,9 +43,9 @@ class Localizer:
     """Finds one object by its contour in edge volumes: the mode default.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
-    profile: of the contour; by default the learned one.
+    profile: of the contour; by default that of the evidence.
     creases: by default the model's where `profile` is left out, else none.
-    error: of the model; by default the learned one.
+    error: of the model; by default that of the evidence.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
@@ -54,8 +54,10 @@ class Localizer:
                  creases: Creases | None = None, error: ModelError | None = None) -> None:
         self._model = model
         self._settings = settings
-        self._profile = profile or ContourProfile.learned()
-        self._error = error or ModelError.learned()
+        if profile is None:
+            ContourProfile.learned()  # a broken file is an error here, not at the first capture
+        self._profile = profile
+        self._error = error
         self._creases = creases or (Creases.from_model(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
         self._estimator = Estimator(model, self._region, settings)
@@ -78,7 +80,7 @@ class Localizer:
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    def localize(self, edges: EdgeVolume, rng: np.random.Generator,
+    def localize(self, edges: EvidenceVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
@@ -99,7 +101,7 @@ class Localizer:
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
-    def contour(self, edges: EdgeVolume, pose: NDArray[np.float64]) -> ContourPoints:
+    def contour(self, edges: EvidenceVolume, pose: NDArray[np.float64]) -> ContourPoints:
         """The contour of a pose (4, 4) and its evidence, as the search judges it.
 
         Raises as `localize` does.
@@ -108,7 +110,16 @@ class Localizer:
         with replace(self._evidence(edges), creases=None).score() as exact:
             return exact.points(pose)
 
-    def log_likelihoods(self, edges: EdgeVolume, poses: NDArray[np.float64]
+    def evidence(self, edges: EvidenceVolume, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) evidence of poses (n, 4, 4), by contours and creases, as the search sums it [nat].
+
+        Raises as `localize` does.
+        """
+        self._renderer.use()
+        with self._evidence(edges).score() as exact:
+            return exact(poses)
+
+    def log_likelihoods(self, edges: EvidenceVolume, poses: NDArray[np.float64]
                         ) -> NDArray[np.float64]:
         """(n,) [nat] of poses (n, 4, 4), by contours and creases.
 
@@ -122,11 +133,11 @@ class Localizer:
                                                 exact.creases).local_model_at
             return local_model_at(poses[values.argmax()], True).scale * values
 
-    def _evidence(self, edges: EdgeVolume) -> ContourEvidence:
+    def _evidence(self, edges: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
 
-    def _search(self, edges: EdgeVolume, rng: np.random.Generator, progress: Progress,
+    def _search(self, edges: EvidenceVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
                 ) -> PoseEstimate:
         evidence = replace(self._evidence(edges), constraint=feasible)
@@ -150,7 +161,7 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def follow(self, edges: EdgeVolume, prior: Gaussian, rng: np.random.Generator,
+    def follow(self, edges: EvidenceVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:
         """The object's pose in one capture near a prior, which is a part of the posterior.
 
@@ -176,7 +187,7 @@ class Localizer:
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def observe(self, edges: EdgeVolume, poses: Sequence[NDArray[np.float64]]
+    def observe(self, edges: EvidenceVolume, poses: Sequence[NDArray[np.float64]]
                 ) -> list[Observation]:
         """The object's contour, depth picture and local model at each of poses (4, 4).
 
@@ -193,11 +204,11 @@ class Localizer:
         return [Observation(pose, seen, depth,
                             LocalModel.from_contour(
                                 pose, self._model.symmetry, seen, evidence.edges,
-                                evidence.profile, self._error),
+                                evidence.profile, evidence.error),
                             share_in_view(self._model, pose, camera))
                 for pose, seen, depth in zip(poses, points, depths, strict=True)]
 
-    def refine(self, edges: EdgeVolume, pose: NDArray[np.float64], rng: np.random.Generator,
+    def refine(self, edges: EvidenceVolume, pose: NDArray[np.float64], rng: np.random.Generator,
                shown: Shown) -> PoseEstimate:
         """The object's pose near one (4, 4), with a part of its contour hidden.
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.contour_map import ContourMap, harmonics
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
@@ -33,6 +34,7 @@ _OUTSIDE = 0.5
 # strongest edges of the surroundings take all of them.
 _SQUARE = 8
 _TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed
+_LOG_ODDS = -1.0, 2.0  # half the log odds that a point of a template counts at least and most
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
@@ -66,7 +68,7 @@ class Proposals:
         self._turns = 2 * np.pi * np.arange(turns) / turns
         self.templates = Templates.from_views(renderer, model, region.center[2])
 
-    def propose(self, edges: EdgeVolume, count: int
+    def propose(self, edges: EvidenceVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The best `count` poses (n, 4, 4) and their scores (n,), without duplicates, best first.
 
@@ -90,14 +92,15 @@ class Proposals:
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
 
-    def _at_depth(self, edges: EdgeVolume, depth: float, offsets: NDArray[np.float32],
+    def _at_depth(self, edges: EvidenceVolume, depth: float, offsets: NDArray[np.float32],
                   directions: NDArray[np.uint8], count: int) -> _Places | None:
         """The best `count` places at a depth; None where the object is out of view in all."""
         pinhole = edges.pinhole
         scale = self.templates.depth / depth
         cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
         reach = int(np.abs(cells).max()) + 1
-        maps = _evidence_maps(edges, depth)
+        maps = (_log_odds_maps(edges, depth) if isinstance(edges, ContourMap)
+                else _evidence_maps(edges, depth))
         _, height, width = maps.shape
         left, top, right, bottom = self._region.footprint(pinhole, depth)
         # Farther out than the object's reach nothing of it is seen.
@@ -124,7 +127,7 @@ class Proposals:
         return _Places(depth, scores[best], pixels, best // sums.shape[1])
 
 
-def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
+def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
     """(directions, rows, columns) of cells, in units of 1 / 255.
 
     Edge energy on a contour of each normal there, less half of that outside it.
@@ -151,6 +154,23 @@ def _evidence_maps(edges: EdgeVolume, depth: float) -> NDArray[np.int16]:
             outside += cv2.warpAffine(energy, move, (width, height),
                                       borderMode=cv2.BORDER_REPLICATE) / 3
         maps[k] = np.rint(_UNIT * (np.minimum(energy, 2) - _OUTSIDE * np.minimum(outside, 2)))
+    return maps
+
+
+def _log_odds_maps(odds: ContourMap, depth: float) -> NDArray[np.int16]:
+    """As `_evidence_maps`: log odds of a contour of each normal somewhere in a cell, halved."""
+    count = len(odds.depths)
+    label = np.clip(odds.labels(depth), 0, count - 1)
+    below = min(int(label), count - 2)
+    part = np.float32(label - below)
+    tensor = (1 - part) * odds.tensor[:, :, below] + part * odds.tensor[:, :, below + 1]
+    height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
+    tensor = tensor[:height * _CELL, :width * _CELL]
+    maps = np.zeros((DIRECTIONS, height, width), np.int16)
+    for k, each in enumerate(harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)):
+        ratio = cv2.resize(np.exp(tensor @ each), (width, height), interpolation=cv2.INTER_AREA)
+        ratio = cv2.GaussianBlur(ratio, (0, 0), _BLUR / _CELL)
+        maps[k] = np.rint(_UNIT * np.clip(np.log(ratio) / 2, *_LOG_ODDS))
     return maps
 
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evaluation import recall
-from pmcl_ros.evaluation.results import markdown, pictures
+from pmcl_ros.evaluation.results import markdown, misses_table, pictures
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.symmetry import Symmetry
@@ -106,6 +106,17 @@ def test_tables_tell_each_kind_apart():
     film, = (each for each in lines if each.startswith('| default | behind a film'))
     assert '| 176.0 ± 0.0° | 4.0 ± 0.0° | -2.0 mm |' in film
     assert '(nothing there)' in markdown([EMPTY])
+
+
+def test_a_miss_is_of_the_search_where_the_truth_has_more_evidence():
+    trials = [trial(evidence_found=100.0, evidence_truth=110.0),  # right
+              trial(50, evidence_found=100.0, evidence_truth=120.0),
+              trial(50, evidence_found=100.0, evidence_truth=101.0, lost=True),
+              trial(50, evidence_found=100.0, evidence_truth=20.0, lost=True)]
+    assert '| default | 4 | 3 | 2 | 1 | 1 | 75 % | 25 % |' in misses_table(trials)
+    assert misses_table(trials) in markdown(trials)
+    unknown = [trial(evidence_found=np.nan, evidence_truth=np.nan)]
+    assert 'Misses' not in markdown(unknown)
 
 
 def test_pictures_are_drawn_whatever_there_is():

@@ -17,7 +17,7 @@ def contour(evidence):
     count = len(evidence)
     return ContourPoints(np.zeros((count, 2)), np.zeros((count, 2)), np.ones(count),
                          np.ones(count), np.zeros((count, 1)), np.asarray(evidence, float),
-                         np.zeros(count, np.int64), np.arange(count) + 0.5)
+                         np.zeros(count, np.int64), np.arange(count) + 0.5, np.ones(count))
 
 
 def test_where_another_contour_fits_better_makes_up_for_nothing():

@@ -1,4 +1,4 @@
-"""EdgeVolume -> SceneEstimate: several objects in one capture."""
+"""EvidenceVolume -> SceneEstimate: several objects in one capture."""
 
 import re
 from collections import Counter
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
@@ -93,7 +93,7 @@ class SceneLocalizer:
         for each in self._localizers:
             each.close()
 
-    def localize(self, edges: EdgeVolume, rng: np.random.Generator,
+    def localize(self, edges: EvidenceVolume, rng: np.random.Generator,
                  progress: Progress | None = None) -> SceneEstimate:
         """The poses of the listed objects in one capture.
 
@@ -101,7 +101,7 @@ class SceneLocalizer:
         Raises LocalizationError for edges made of a likelihood, else what `Localizer.localize`
         raises.
         """
-        if edges.from_likelihood:
+        if not edges.shows_creases and edges.components == 3:
             raise LocalizationError('several objects are distinguished by their contours: they '
                                     'need an edge volume (dlv/edges)')
         search = SceneSearch(self._localizers, self._distinct, self._solids, self._listed, edges,

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -38,7 +38,7 @@ class SceneSearch:
     """
 
     def __init__(self, localizers: Sequence[Localizer], models: Sequence[ObjectModel],
-                 solids: Sequence[Solid], listed: Sequence[int], edges: EdgeVolume,
+                 solids: Sequence[Solid], listed: Sequence[int], edges: EvidenceVolume,
                  rng: np.random.Generator, progress: Progress, least: float, least_support: float
                  ) -> None:
         self._localizers, self._models, self._solids = localizers, models, solids
@@ -83,7 +83,7 @@ class SceneSearch:
             assigned = self._candidates.assigned()
         return assigned
 
-    def _search(self, number: int, edges: EdgeVolume, feasible: Feasible | None, part: float
+    def _search(self, number: int, edges: EvidenceVolume, feasible: Feasible | None, part: float
                 ) -> PoseEstimate:
         """Search for one object alone, and add the modes to the candidates."""
         begin = self._done

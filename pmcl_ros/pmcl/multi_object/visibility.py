@@ -5,14 +5,14 @@ edge in the image counts for one of the objects whose contours lie there, not fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.local_model import Observation
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
@@ -90,7 +90,7 @@ def _not_explained(points: ContourPoints, evidence: NDArray[np.float64], other: 
     return np.where(same, rest, evidence)
 
 
-def residual_edges(edges: EdgeVolume, contours: Sequence[ContourPoints]) -> EdgeVolume:
+def residual_edges(edges: EvidenceVolume, contours: Sequence[ContourPoints]) -> EvidenceVolume:
     """The edge volume without the edges along contours, at all depths.
 
     An edge has energy at most labels, as the views differ only in the place of the edge.
@@ -103,5 +103,4 @@ def residual_edges(edges: EdgeVolume, contours: Sequence[ContourPoints]) -> Edge
     away: NDArray[np.float64] = distance_transform_edt(off) if not off.all() else np.full(
         off.shape, np.inf)
     kept = (1 - np.exp(-0.5 * (away / _SUPPRESSED) ** 2)).astype(np.float32)
-    # The tensor holds squared energies.
-    return replace(edges, tensor=edges.tensor * (kept ** 2)[..., None, None])
+    return edges.suppressed(kept)

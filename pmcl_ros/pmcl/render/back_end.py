@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
@@ -80,7 +80,7 @@ class Renderer(Protocol):
         """(n, height, width) depths [m] of poses (n, 4, 4); 0 where nothing is."""
         ...
 
-    def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> ContourScore:
         """Of an edge volume; the scene's scale is the step of the contour [image px].
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
@@ -24,8 +24,9 @@ _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 class Edges(NamedTuple):
     """An edge volume and a profile as kernels take them.
 
-    tensor: (height, width, labels, 3) float32. left, top, scale: of the z-buffer in it [image
-        px].
+    tensor: (height, width, labels, 3 or 5) float32, as of an EdgeVolume or a ContourMap.
+    region: (height, width, labels) float32 evidence of covered pixels [nat / px]; empty: none.
+    left, top, scale: of the z-buffer in them [image px].
     farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
     keep: a pixel is beyond another if its 1/z is less than this times the other's.
     offsets: (j,) from the contour [image px]. knots, widths: (k,) where ramps begin and how long
@@ -33,6 +34,7 @@ class Edges(NamedTuple):
     """
 
     tensor: NDArray[np.float32]
+    region: NDArray[np.float32]
     left: int
     top: int
     scale: int
@@ -46,12 +48,13 @@ class Edges(NamedTuple):
     bias: np.float32
 
     @classmethod
-    def from_volume(cls, scene: Scene, edges: EdgeVolume, profile: ContourProfile) -> 'Edges':
+    def from_volume(cls, scene: Scene, edges: EvidenceVolume, profile: ContourProfile) -> 'Edges':
         """As a scene's contours are judged by."""
         window = scene.window
         farthest, per_closeness = label_scale(edges.depths)
         widths = np.diff(profile.knots)
-        return cls(np.ascontiguousarray(edges.tensor, np.float32), window.left, window.top,
+        return cls(np.ascontiguousarray(edges.tensor, np.float32),
+                   np.ascontiguousarray(edges.region, np.float32), window.left, window.top,
                    window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, edges)),
                    profile.offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
                    widths.astype(np.float32),
@@ -65,7 +68,7 @@ def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
     return float(inverse[0]), float((len(inverse) - 1) / (inverse[-1] - inverse[0]))
 
 
-def jump_of(scene: Scene, edges: EdgeVolume) -> float:
+def jump_of(scene: Scene, edges: EvidenceVolume) -> float:
     """The relative difference in 1/z that counts as an occlusion [1]."""
     return float(_JUMP * scene.model.radius * (1 / edges.depths).mean())
 
@@ -141,8 +144,39 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
 
 
 @compiled(inlined=True, inner=True)
+def _log_odds(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
+    """The log odds of a ContourMap for a normal, between pixels and labels."""
+    height, width, labels, _ = tensor.shape
+    x = min(max(x, np.float32(0)), np.float32(width - 1))
+    y = min(max(y, np.float32(0)), np.float32(height - 1))
+    label = min(max(label, np.float32(0)), np.float32(labels - 1))
+    column, row, level = int(x), int(y), min(int(label), labels - 2)
+    fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
+    right, below = min(column + 1, width - 1), min(row + 1, height - 1)
+    c2, s2 = nx * nx - ny * ny, np.float32(2) * nx * ny
+    total = np.float32(0)
+    for j in range(2):
+        line = tensor[below if j else row]
+        down = fy if j else np.float32(1) - fy
+        for i in range(2):
+            ray = line[right if i else column]
+            part = down * (fx if i else np.float32(1) - fx)
+            for k in range(2):
+                share = part * (fl if k else np.float32(1) - fl)
+                each = ray[level + k]
+                total += share * (each[0] + each[1] * nx + each[2] * ny + each[3] * c2
+                                  + each[4] * s2)
+    return total
+
+
+@compiled(inlined=True, inner=True)
 def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
-    """Edge energy across a normal, between pixels and labels; beyond the volume its end's."""
+    """A tensor's reading for a normal, between pixels and labels; beyond it that of its end.
+
+    It is the edge energy across the normal, or the log odds of a ContourMap.
+    """
+    if tensor.shape[3] == 5:
+        return _log_odds(tensor, x, y, label, nx, ny)
     height, width, labels, _ = tensor.shape
     x = min(max(x, np.float32(0)), np.float32(width - 1))
     y = min(max(y, np.float32(0)), np.float32(height - 1))
@@ -167,6 +201,38 @@ def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
 
 
 @compiled(inlined=True, inner=True)
+def region_at(region, x, y, label):  # type: ignore[no-untyped-def]
+    """Evidence of a covered pixel at the nearest place and label [nat / px]; beyond it: 0."""
+    height, width, labels = region.shape
+    column, row = int(x + np.float32(0.5)), int(y + np.float32(0.5))
+    if x < 0 or y < 0 or column >= width or row >= height:
+        return np.float32(0)
+    level = min(max(int(label + np.float32(0.5)), 0), labels - 1)
+    return region[row, column, level]
+
+
+@compiled(inlined=True, inner=True)
+def region_sum(box, z, edges):  # type: ignore[no-untyped-def]
+    """Evidence of the pixels that a z-buffer covers [nat]."""
+    total = 0.0
+    if edges.region.shape[0] == 0:
+        return total
+    scale = edges.scale
+    half = 0.5 * (scale - 1)
+    stride = box[2] - box[0] + 2 * MARGIN
+    for row in range(box[3] - box[1]):
+        y = edges.top + scale * (box[1] + row) + half
+        first = (row + MARGIN) * stride + MARGIN
+        for k in range(box[2] - box[0]):
+            closeness = z[first + k]
+            if closeness > 0:
+                x = edges.left + scale * (box[0] + k) + half
+                label = np.float32((closeness - edges.farthest) * edges.per_closeness)
+                total += region_at(edges.region, np.float32(x), np.float32(y), label)
+    return total * scale * scale
+
+
+@compiled(inlined=True, inner=True)
 def place(code, box, window, z):  # type: ignore[no-untyped-def]
     """Of a pair: its nearer pixel's index, x and y between the two in the image, its 1/z."""
     left, top, right, _ = box
@@ -180,6 +246,13 @@ def place(code, box, window, z):  # type: ignore[no-untyped-def]
     x = window[0] + scale * (left + column - MARGIN + 0.5 * (1 - below)) + 0.5 * (scale - 1)
     y = window[1] + scale * (top + row - MARGIN + 0.5 * below) + 0.5 * (scale - 1)
     return near, np.float32(x), np.float32(y), z[near]
+
+
+@compiled(inlined=True, inner=True)
+def is_silhouette(code, box, z):  # type: ignore[no-untyped-def]
+    """Whether the farther pixel of a pair shows nothing of the object."""
+    stride = box[2] - box[0] + 2 * MARGIN
+    return z[(code >> 2) + (stride if code & 2 else 1) * (1 - (code & 1))] == 0
 
 
 @compiled(inlined=True, inner=True)
@@ -200,7 +273,7 @@ def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
     farthest, per_closeness = edges.farthest, edges.per_closeness
     count = find(box, keep, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
-    total, length = 0.0, 0.0
+    total, length = region_sum(box, z, edges), 0.0
     last, nx, ny = -1, np.float32(0), np.float32(0)
     for k in range(count):
         near, x, y, closeness = place(found[k], box, window, z)

@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.pmcl.render.contour import Edges, energy, find, normal, place
+from pmcl_ros.pmcl.render.contour import (
+    Edges,
+    energy,
+    find,
+    is_silhouette,
+    normal,
+    place,
+    region_sum,
+)
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.runtime.kernels import compiled
 
@@ -18,8 +26,11 @@ class ContourPoints:
     pixels: (m, 2) x, y in the image. normals: (m, 2) unit, out of the object. depths: (m,) of the
         nearer surface [m]. lengths: (m,) of the contour that the point stands for [image px].
     energies: (m, j) edge energy across the contour at the profile's offsets.
-    evidence: (m,) [nat / px]; lengths @ evidence is the pose's score.
+    evidence: (m,) [nat / px]; lengths @ evidence + covered is the pose's
+        score.
     piece: (m,) which connected piece a point is of. along: (m,) how far along it [image px].
+    outer: (m,) 1 where nothing of the object is beyond the contour, else 0.
+    covered: evidence of the pixels that the object covers, beside that of the contour [nat].
     """
 
     pixels: NDArray[np.float64]
@@ -30,6 +41,8 @@ class ContourPoints:
     evidence: NDArray[np.float64]
     piece: NDArray[np.int64]
     along: NDArray[np.float64]
+    outer: NDArray[np.float64]
+    covered: float = 0.0
 
     @classmethod
     def from_zbuffer(cls, box: tuple[int, int, int, int], z: NDArray[np.float32], edges: Edges,
@@ -41,39 +54,46 @@ class ContourPoints:
         values = _values(found[order], box, z, edges)
         known = values[:, 5] > 0
         values, piece = values[known].astype(np.float64), piece[known]
-        lengths, energies = values[:, 5], values[:, 6:]
+        lengths, energies = values[:, 5], values[:, 7:]
         ends = np.cumsum(lengths)
         middles = ends - lengths / 2
         first = np.searchsorted(piece, piece)  # pieces ascend
         along = middles - (ends - lengths)[first]
         return cls(values[:, :2], values[:, 2:4], 1 / values[:, 4], lengths, energies,
-                   profile.evidence(energies), piece, along)
+                   profile.evidence(energies), piece, along, values[:, 6],
+                   float(_covered(box, z, edges)))
 
     def joined(self, other: 'ContourPoints') -> 'ContourPoints':
         """These points, then those of another set, read at as many offsets."""
         both = {each.name: np.concatenate([getattr(self, each.name), getattr(other, each.name)])
-                for each in fields(self)}
+                for each in fields(self) if each.name != 'covered'}
         both['piece'][len(self.piece):] += self.piece.max(initial=-1) + 1
-        return ContourPoints(**both)
+        return ContourPoints(**both, covered=self.covered)
 
 
 @compiled()
 def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
-    """(m, 6 + j) x, y, normal, 1/z, length (0 where there is no normal), energies."""
+    """(m, 7 + j) x, y, normal, 1/z, length (0 where there is no normal), outer, readings."""
     stride = box[2] - box[0] + 2 * MARGIN
-    values = np.zeros((len(found), 6 + len(edges.offsets)), np.float32)
+    values = np.zeros((len(found), 7 + len(edges.offsets)), np.float32)
     for k in range(len(found)):
         near, x, y, closeness = place(found[k], box, (edges.left, edges.top, edges.scale), z)
         nx, ny = normal(near, stride, edges.keep, z)
         label = np.float32((closeness - edges.farthest) * edges.per_closeness)
+        values[k, 6] = is_silhouette(found[k], box, z)
         values[k, 0], values[k, 1], values[k, 4] = x, y, closeness
         values[k, 2], values[k, 3] = nx, ny
         if nx != 0 or ny != 0:
             values[k, 5] = edges.scale / (abs(nx) + abs(ny))
         for j in range(len(edges.offsets)):
             off = edges.offsets[j]
-            values[k, 6 + j] = energy(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
+            values[k, 7 + j] = energy(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
     return values
+
+
+@compiled()
+def _covered(box, z, edges):  # type: ignore[no-untyped-def]
+    return region_sum(box, z, edges)
 
 
 @compiled()

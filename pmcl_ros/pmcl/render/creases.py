@@ -19,8 +19,8 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, energy, evidence
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -87,7 +87,7 @@ class Lines(NamedTuple):
     near: float
 
     @classmethod
-    def from_creases(cls, scene: Scene, edges: EdgeVolume, creases: Creases
+    def from_creases(cls, scene: Scene, edges: EvidenceVolume, creases: Creases
                      ) -> tuple['Lines', Edges]:
         """Those, and the edges with their profile.
 
@@ -121,7 +121,7 @@ class CreasePoints:
         energies = rows[:, 8:]
         points = ContourPoints(rows[:, :2], rows[:, 2:4], rows[:, 4], rows[:, 5], energies,
                                profile.evidence(energies), rows[:, 6].astype(np.int64),
-                               rows[:, 7])
+                               rows[:, 7], np.zeros(len(rows)))
         return cls(points, profile)
 
     @property
@@ -129,7 +129,7 @@ class CreasePoints:
         """Whether their evidence counts: their sum is for the pose."""
         return bool(self.points.lengths @ self.points.evidence > 0)
 
-    def evidence(self, edges: EdgeVolume, shifts: NDArray[np.floating]) -> NDArray[np.float64]:
+    def evidence(self, edges: EvidenceVolume, shifts: NDArray[np.floating]) -> NDArray[np.float64]:
         """(n, k) of the points moved along their normals by `shifts` (k,) [nat / px]."""
         return evidence_across(edges, self.points.pixels, self.points.normals, self.points.depths,
                                self.profile, shifts)

@@ -9,7 +9,7 @@ from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour import (
     Edges,
@@ -17,8 +17,11 @@ from pmcl_ros.pmcl.render.contour import (
     energy,
     evidence,
     find,
+    is_silhouette,
     normal,
     place,
+    region_at,
+    region_sum,
 )
 from pmcl_ros.pmcl.render.numba_renderer import thread_id, tiny_scene
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
@@ -40,8 +43,8 @@ class GaussNewton:
     evaluations: number of poses drawn so far. Raises RenderError as scores do.
     """
 
-    def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile, region: Region,
-                 step: float) -> None:
+    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
+                 region: Region, step: float) -> None:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
@@ -193,7 +196,8 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
         gradient[a] = 0.0
         for b in range(6):
             information[a, b], moments[a, b] = 0.0, 0.0
-    total, length, shown, bend = 0.0, 0.0, 0.0, 0.0
+    total, length, shown, bend = region_sum(box, z, edges), 0.0, 0.0, 0.0
+    inside = edges.region.shape[0] > 0
     last, nx, ny = -1, np.float32(0), np.float32(0)
     across = np.zeros(6)
     values = np.zeros(3)
@@ -226,6 +230,9 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
         across[4] = pz * across[0] - px * across[2]
         across[5] = px * across[1] - py * across[0]
         slope = weight * (values[2] - values[0]) / (2 * step)
+        if inside and is_silhouette(found[k], box, z):
+            # A silhouette that moves outwards covers more.
+            slope += weight * region_at(edges.region, x, y, label)
         peak = weight * (max(values[1], 0.0) + LEAST_SHOWN)
         shown += peak
         for a in range(6):

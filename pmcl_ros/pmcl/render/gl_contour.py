@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import MOST_KNOTS, MOST_OFFSETS
 from pmcl_ros.pmcl.render.contour import Edges, check_profile
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -162,7 +162,7 @@ class GlContourScore:
     Raises RenderError when the volume, the window or the profile is larger than this GL can hold.
     """
 
-    def __init__(self, context: GlContext, scene: Scene, edges: EdgeVolume,
+    def __init__(self, context: GlContext, scene: Scene, edges: EvidenceVolume,
                  profile: ContourProfile, capacity: int = 96,
                  creases: Creases | None = None) -> None:
         check_profile(profile)

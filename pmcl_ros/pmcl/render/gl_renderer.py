@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.gl_cost import GlArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.render.contour import label_scale
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore
@@ -150,7 +150,7 @@ class GlRenderer:
                 np.divide(1, inverse, out=depths[first:first + len(batch)], where=inverse > 0)
         return depths
 
-    def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> GlContourScore:
         """See `Renderer`."""
         return GlContourScore(self.context, scene, edges, profile, creases=creases)

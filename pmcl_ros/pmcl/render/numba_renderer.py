@@ -12,6 +12,7 @@ from pmcl_ros.dlv.sampling import copy_row
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -37,7 +38,7 @@ class NumbaRenderer:
             _draw_all(drawing, _float32(poses), Room.for_threads(drawing), inverse)
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
-    def contour_score(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+    def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
                       creases: Creases | None = None) -> 'NumbaContourScore':
         """See `Renderer`."""
         return NumbaContourScore(scene, edges, profile, creases)
@@ -76,7 +77,7 @@ class NumbaRenderer:
 class NumbaContourScore:
     """See `ContourScore`."""
 
-    def __init__(self, scene: Scene, edges: EdgeVolume, profile: ContourProfile,
+    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
                  creases: Creases | None = None) -> None:
         check_profile(profile)
         self._profile = profile

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_approximations import RigidContour, shrunk
 from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
@@ -36,7 +37,7 @@ class LocalSearch:
     """
 
     contour: Callable[[NDArray[np.float64]], ContourPoints]
-    edges: EdgeVolume
+    edges: EvidenceVolume
     coarse: Refine
     fine: Refine
     posterior: ContourPosterior
@@ -101,11 +102,15 @@ class LocalSearch:
         if not len(points.lengths):
             return np.zeros((0, 4, 4))
         rigid = RigidContour.from_contour(prior.pose, points, self.edges.pinhole, _CONTOUR_POINTS)
-        blurred, contrast = shrunk(self.edges, _BLUR), ContourProfile.contrast()
+        if isinstance(self.edges, EdgeVolume):
+            blurred: EvidenceVolume = shrunk(self.edges, _BLUR)
+            profile = ContourProfile.contrast()
+        else:
+            blurred, profile = self.edges.blurred(_BLUR / 2), self.edges.profile
         normal = rng.normal(size=(self.candidates, prior.basis.shape[1]))
         poses = np.concatenate([prior.pose[None], retract(prior.pose, prior.deviations(normal))])
         poses = poses[self.posterior.feasible(poses)]
-        poses = self._best(lambda each: (each, rigid.evidence(each, blurred, contrast)), poses,
+        poses = self._best(lambda each: (each, rigid.evidence(each, blurred, profile)), poses,
                            prior, _LIKELY)
         poses = self._best(self.coarse, poses, prior, _HOPEFUL)
         others = ambiguous_poses(model, poses[0]) if len(poses) else poses

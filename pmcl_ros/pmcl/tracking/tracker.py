@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer
 from pmcl_ros.pmcl.modes import MODE_EXTENT
@@ -58,7 +58,7 @@ class Tracker:
         self.status.drop()
         self.status.statistics.clear()
 
-    def track(self, edges: EdgeVolume, rng: np.random.Generator,
+    def track(self, edges: EvidenceVolume, rng: np.random.Generator,
               progress: Progress | None = None, camera: NDArray[np.float64] | None = None
               ) -> PoseEstimate:
         """The object's pose in the next capture.
@@ -94,7 +94,7 @@ class Tracker:
             return None
         return Prediction.from_state(state, self._symmetry)
 
-    def _observe(self, edges: EdgeVolume, prediction: Prediction | None,
+    def _observe(self, edges: EvidenceVolume, prediction: Prediction | None,
                  rng: np.random.Generator, progress: Progress | None
                  ) -> tuple[PoseEstimate, bool]:
         """The estimate of a capture, and whether it is accepted."""

@@ -1,0 +1,104 @@
+"""ContourMap: log odds of occluding contours by direction, and of solids, from a network."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.pixel_grid import PixelGrid
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.learned import LearnedMapEvidence
+from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.runtime.errors import VolumeError
+
+DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
+_MOST = 30.0  # nat / px: no log odds of a network are larger
+
+
+@dataclass(frozen=True)
+class ContourMap(EvidenceVolume):
+    """Log odds of contours and solids, for each pixel and refocused depth of a picture.
+
+    tensor: (height, width, labels, 5) a0, c1, s1, c2, s2. A contour whose outward normal has the
+        angle t in the image (x right, y down) has the log odds
+        a0 + c1 cos t + s1 sin t + c2 cos 2t + s2 sin 2t [nat / px].
+    inside: (height, width, labels) float32 log odds that a pixel shows a solid [nat / px].
+    Both are relative to their base rates.
+    numbers: how they become evidence.
+    """
+
+    inside: NDArray[np.float32]
+    numbers: LearnedMapEvidence
+
+    components: ClassVar[int] = 5
+    kind: ClassVar[str] = 'contour map'
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.inside.shape != self.tensor.shape[:3] or not np.isfinite(self.inside).all():
+            raise VolumeError(f'contour map: inside must be finite, of shape '
+                              f'{self.tensor.shape[:3]}, it is {self.inside.shape}')
+
+    @property
+    def profile(self) -> ContourProfile:
+        """The log odds themselves, weighted."""
+        ends = np.array([-_MOST, _MOST], np.float32)
+        return ContourProfile(np.zeros(1, np.float32), ends,
+                              np.float32(self.numbers.contour_weight) * ends[None],
+                              least=self.numbers.least_evidence)
+
+    @property
+    def region(self) -> NDArray[np.float32]:
+        """See `EvidenceVolume`."""
+        if self.numbers.inside_weight == 0:
+            return super().region
+        return np.float32(self.numbers.inside_weight) * self.inside
+
+    @property
+    def least_support(self) -> float:
+        """See `EvidenceVolume`."""
+        return self.numbers.least_support
+
+    @property
+    def model_error(self) -> ModelError:
+        """See `EvidenceVolume`."""
+        return ModelError(self.numbers.common_error, self.numbers.local_error,
+                          self.numbers.error_length)
+
+    def on(self, lattice: PixelGrid) -> 'ContourMap':
+        """See `EvidenceVolume`."""
+        if lattice.pinhole == self.pinhole:
+            return self
+        tensor, inside = (np.ascontiguousarray(each[lattice.rows[:, None], lattice.columns])
+                          for each in (self.tensor, self.inside))
+        return replace(self, tensor=tensor, inside=inside, pinhole=lattice.pinhole)
+
+    def suppressed(self, kept: NDArray[np.float32]) -> 'ContourMap':
+        """See `EvidenceVolume`: log odds of zero say nothing."""
+        return replace(self, tensor=self.tensor * kept[..., None, None])
+
+    def blurred(self, sigma: float) -> 'ContourMap':
+        """The log odds of a contour within about `sigma` [px] of each place.
+
+        They are the logarithm of the mean likelihood ratio over a Gaussian neighbourhood: what is
+        known of a contour whose place is uncertain by `sigma`.
+        """
+        height, width, labels, _ = self.tensor.shape
+        basis = harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
+        ratios = np.exp(self.tensor @ basis.T).reshape(height, width, -1)
+        planes = [np.log(cv2.GaussianBlur(np.ascontiguousarray(ratios[..., k]), (0, 0), sigma))
+                  for k in range(ratios.shape[-1])]
+        odds = np.stack(planes, axis=-1).reshape(height, width, labels, DIRECTIONS)
+        # Equally spaced directions make the harmonics orthogonal.
+        tensor = odds @ (basis / np.square(basis).sum(axis=0))
+        return replace(self, tensor=np.ascontiguousarray(tensor, np.float32))
+
+
+def harmonics(angles: NDArray[np.floating]) -> NDArray[np.float32]:
+    """(n, 5) factors of a0, c1, s1, c2, s2 for normals of angles (n,) [rad]."""
+    t = np.asarray(angles, np.float64)
+    return np.stack([np.ones_like(t), np.cos(t), np.sin(t), np.cos(2 * t), np.sin(2 * t)],
+                    axis=-1).astype(np.float32)

@@ -1,0 +1,85 @@
+"""Contour maps of pictures and light fields by the shipped network, where the truth is known."""
+
+import cv2
+import numpy as np
+import pytest
+
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import REFOCUSED, build_map, centre_view
+from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.runtime.errors import VolumeError
+
+SIDE, RADIUS, MIDDLE = 224, 50.0, (110.0, 117.0)
+CAMERA = Pinhole(SIDE, SIDE, 640.0, 640.0, 111.5, 111.5)
+SETTINGS = DlvSettings(near=0.35, far=0.7, views=5)
+DEPTH = 2 / (1 / 0.35 + 1 / 0.7)  # of the label in the middle [m]
+AROUND = 2 * np.pi * (np.arange(64) + 0.5) / 64
+
+
+def disc(middle, side=SIDE):
+    """A shaded, dark disc before a pale plane with some texture, linear."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:side, :side].astype(float)
+    plane = 0.4 + 0.04 * cv2.GaussianBlur(rng.normal(size=(side, side)), (0, 0), 9) * 9
+    away = np.hypot(x - middle[0], y - middle[1])
+    inside = np.clip(RADIUS - away + 0.5, 0, 1)
+    shaded = 0.1 + 0.08 * np.sqrt(np.clip(1 - (away / RADIUS) ** 2, 0, 1))
+    picture = plane + inside * (shaded - plane)
+    return np.repeat(picture[..., None], 3, axis=-1).astype(np.float32)
+
+
+@pytest.fixture(scope='module')
+def light_field():
+    """5x5 views in which the disc is at `DEPTH`, and the plane at infinity."""
+    positions = nominal_positions(5, 5)
+    shift = CAMERA.fx * 0.0008 / DEPTH * positions
+    views = np.stack([[disc(np.array(MIDDLE) - each) for each in row] for row in shift])
+    return LightField(Header(stamp_ns=4), views,
+                      ViewGrid(CAMERA, 0.0008, positions, np.ones((5, 5), np.float32)))
+
+
+def odds_around(odds, label, radius=RADIUS, turned=0.0):
+    """Log odds at points of a circle for normals turned away from the outward ones."""
+    x = np.rint(MIDDLE[0] + radius * np.cos(AROUND)).astype(int) - round(
+        CAMERA.cx - odds.pinhole.cx)
+    y = np.rint(MIDDLE[1] + radius * np.sin(AROUND)).astype(int) - round(
+        CAMERA.cy - odds.pinhole.cy)
+    return (odds.tensor[y, x, label] * harmonics(AROUND + turned)).sum(axis=-1)
+
+
+def test_a_contour_is_likely_where_it_is_and_with_the_object_on_its_side(light_field):
+    odds = build_map(light_field, SETTINGS)
+    assert odds.tensor.shape == (SIDE, SIDE, REFOCUSED, 5)
+    assert odds.header == light_field.header
+    here = odds_around(odds, 1)
+    assert np.median(here) > 3
+    assert (here > 0).mean() > 0.9
+    for elsewhere in (RADIUS + 12, RADIUS - 12):
+        assert np.median(odds_around(odds, 1, elsewhere)) < 0
+    # A flat disc might be a hole: the object is on its inner side, by e nats.
+    assert np.median(here - odds_around(odds, 1, turned=np.pi)) > 1
+    assert odds.inside[117, 110, 1] > odds.inside[20, 20, 1]
+
+
+def test_one_picture_is_alike_at_all_depths(light_field):
+    view = centre_view(light_field)
+    odds = build_map(view, SETTINGS)
+    np.testing.assert_array_equal(odds.tensor[:, :, 0], odds.tensor[:, :, 1])
+    assert odds.depths.tolist() == [SETTINGS.far, SETTINGS.near]
+    assert np.median(odds_around(odds, 0)) > 3
+    assert view.picture.max() <= 1
+
+
+def test_of_a_crop_the_surroundings_are_seen_too(light_field):
+    whole = build_map(centre_view(light_field), SETTINGS)
+    part = build_map(centre_view(light_field), SETTINGS.model_copy(
+        update={'crop': (48, 64, 128, 112)}))
+    assert part.tensor.shape == (112, 128, 2, 5)
+    off = part.tensor - whole.tensor[64:176, 48:176]
+    assert np.abs(off).mean() < 0.1 * np.abs(whole.tensor).mean()
+    with pytest.raises(VolumeError, match='reaches out of views'):
+        build_map(centre_view(light_field), SETTINGS.model_copy(
+            update={'crop': (200, 0, 100, 100)}))

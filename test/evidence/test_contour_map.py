@@ -1,0 +1,87 @@
+"""Contour maps: readings by direction, blur, and the log odds' weight."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour_maps import NUMBERS
+from scipy.ndimage import gaussian_filter
+
+from pmcl_ros.dlv.pixel_grid import PixelGrid
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.contour_map import ContourMap, harmonics
+from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import VolumeError
+
+CAMERA = Pinhole(40, 30, 50.0, 50.0, 19.5, 14.5)
+RNG = np.random.default_rng(0)
+MAP = ContourMap(Header(), RNG.normal(size=(30, 40, 3, 5)).astype(np.float32),
+                 depth_labels(0.3, 0.6, 3), CAMERA,
+                 RNG.normal(size=(30, 40, 3)).astype(np.float32), NUMBERS)
+
+
+def test_a_reading_is_the_weighted_series_of_the_normals_angle():
+    angles = np.linspace(0, 2 * np.pi, 7)
+    normals = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    pixels, depths = np.tile([[12.0, 9.0]], (7, 1)), np.full(7, MAP.depths[1])
+    a0, c1, s1, c2, s2 = MAP.tensor[9, 12, 1].astype(float)
+    expected = (a0 + c1 * np.cos(angles) + s1 * np.sin(angles) + c2 * np.cos(2 * angles)
+                + s2 * np.sin(2 * angles))
+    found = evidence_across(MAP, pixels, normals, depths, MAP.profile, np.zeros(1))[:, 0]
+    np.testing.assert_allclose(found, NUMBERS.contour_weight * expected, atol=1e-6)
+    # Halfway between two pixels and two labels it is their mean.
+    depth = 2 / (1 / MAP.depths[0] + 1 / MAP.depths[1])
+    mean = MAP.tensor[9, 12:14, :2].astype(float).mean(axis=(0, 1)) @ harmonics(angles[1:2])[0]
+    found = evidence_across(MAP, np.array([[12.5, 9.0]]), normals[1:2], np.array([depth]),
+                            MAP.profile, np.zeros(1))
+    assert found[0, 0] == pytest.approx(NUMBERS.contour_weight * mean, abs=1e-6)
+
+
+def test_what_a_silhouette_covers_is_the_integral_along_its_normal():
+    inside = np.zeros((30, 40, 3), np.float32)
+    inside[:, :20], inside[:, 20:] = 25, -12.5  # times the weight 0.02
+    shifts = np.arange(-4, 4.5, 0.5)
+    found = region_across(replace(MAP, inside=inside), np.array([[19.5, 10.0], [500.0, 10.0]]),
+                          np.array([[1.0, 0.0], [1.0, 0.0]]), MAP.depths[:2], shifts)
+    expected = np.where(shifts < 0, 0.5 * shifts, -0.25 * shifts)
+    np.testing.assert_allclose(found[0], expected, atol=0.2)
+    assert not found[1].any()  # out of view nothing is covered
+    assert found.shape == (2, 17)
+    assert found[0, 8] == 0
+
+
+def test_blurred_log_odds_are_those_of_a_contour_somewhere_near():
+    same = replace(MAP, tensor=np.broadcast_to(MAP.tensor[5, 5, 1], MAP.tensor.shape).copy())
+    np.testing.assert_allclose(same.blurred(2.0).tensor, same.tensor, atol=1e-5)
+    # A line that is 6 nat likely, seen from where it is within a blur, and from far off.
+    line = np.zeros_like(MAP.tensor)
+    line[..., 0], line[:, 20, :, 0] = -2, 6
+    blurred = replace(MAP, tensor=line).blurred(2.0).tensor
+    ratio = gaussian_filter(np.exp(line[..., 0].astype(float)), (2, 2, 0), mode='mirror')
+    np.testing.assert_allclose(blurred[..., 0], np.log(ratio), atol=0.03)
+    np.testing.assert_allclose(blurred[..., 1:], 0, atol=1e-4)
+    assert 0 < blurred[15, 17, 1, 0] < blurred[15, 20, 1, 0] < 6
+    assert blurred[15, 2, 1, 0] == pytest.approx(-2, abs=0.01)
+
+
+def test_a_part_of_the_pixels_and_suppression():
+    grid = PixelGrid.from_crop(CAMERA, (3, 4, 21, 12), 2)
+    part = MAP.on(grid)
+    np.testing.assert_array_equal(part.tensor, MAP.tensor[4:16:2, 3:24:2])
+    np.testing.assert_array_equal(part.inside, MAP.inside[4:16:2, 3:24:2])
+    assert part.pinhole == grid.pinhole
+    kept = RNG.random((30, 40)).astype(np.float32)
+    np.testing.assert_array_equal(MAP.suppressed(kept).tensor[..., 1, 3],
+                                  MAP.tensor[..., 1, 3] * kept)
+
+
+@pytest.mark.parametrize(('wrong', 'message'), [
+    ({'tensor': MAP.tensor[..., :3]}, 'contour map has shape'),
+    ({'tensor': MAP.tensor * np.float32(np.nan)}, 'NaN'),
+    ({'inside': MAP.inside[:-1]}, 'inside must be finite, of shape'),
+    ({'inside': MAP.inside * np.float32(np.inf)}, 'inside must be finite')])
+def test_values_that_do_not_fit_are_refused(wrong, message):
+    with pytest.raises(VolumeError, match=message):
+        replace(MAP, **wrong)

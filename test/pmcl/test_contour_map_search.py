@@ -1,0 +1,81 @@
+"""The search in contour maps: the score's definition, and known poses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour_maps import NUMBERS, map_seen
+from pmcl_scenes import CAMERA, bracket, cup, model_of, pose_of
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.pmcl.contour_approximations import LinearizedContour
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.settings import PmclSettings
+
+NEAR, FAR = 0.3, 0.6
+WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
+
+
+def seen(model, pose):
+    """The contour map of an object alone."""
+    zoom = 4
+    camera = Pinhole(CAMERA.width * zoom, CAMERA.height * zoom, CAMERA.fx * zoom,
+                     CAMERA.fy * zoom, CAMERA.cx * zoom + 1.5, CAMERA.cy * zoom + 1.5)
+    scene = Scene(model, camera, Window(0, 0, (camera.width, camera.height)), NEAR, FAR)
+    return map_seen(NumbaRenderer().depths(scene, pose[None])[0] > 0, CAMERA, NEAR, FAR, zoom)
+
+
+CUP, BRACKET = model_of(cup(), axis=(0, 0, 1)), model_of(bracket())
+CUP_POSE = pose_of(Rotation.from_euler('xyz', [1.9, 0.3, 0.2]), [0.01, -0.005, 0.45])
+BRACKET_POSE = pose_of(Rotation.from_euler('xyz', [2.2, 0.5, 0.8]), [-0.01, 0.008, 0.42])
+
+
+@pytest.mark.parametrize(('model', 'pose'), [(CUP, CUP_POSE), (BRACKET, BRACKET_POSE)],
+                         ids=['cup', 'bracket'])
+@pytest.mark.parametrize('seed', [0, 1])
+def test_a_known_pose_is_found(model, pose, seed):
+    middle = pose[:3, 3] + [0.012, -0.01, 0.015]
+    settings = PmclSettings(roi_center=tuple(middle), roi_size=(0.12, 0.12, 0.14),
+                            renderer='numba')
+    with Localizer(model, settings) as localizer:
+        found = localizer.localize(seen(model, pose), np.random.default_rng(seed))
+    error = pose_error(found.pose, pose, model.symmetry)
+    assert not found.lost
+    assert error.translation < 0.004
+    assert error.rotation < np.deg2rad(3)
+
+
+def test_a_score_is_that_of_its_contour_and_of_the_pixels_it_covers():
+    odds, scene = seen(BRACKET, BRACKET_POSE), Scene(BRACKET, CAMERA, WHOLE, NEAR, FAR)
+    for inside in (odds.inside, np.zeros_like(odds.inside)):
+        odds = replace(odds, inside=inside)
+        with NumbaRenderer().contour_score(scene, odds, odds.profile) as score:
+            value = score(BRACKET_POSE[None])[0]
+            points = score.points(BRACKET_POSE)
+        covered = NumbaRenderer().depths(scene, BRACKET_POSE[None])[0] > 0
+        expected = NUMBERS.inside_weight * inside[..., 0][covered].sum()
+        assert points.covered == pytest.approx(expected, rel=1e-4)
+        assert value == pytest.approx(points.lengths @ points.evidence + points.covered, rel=1e-4)
+    assert points.covered == 0
+
+
+def test_covered_pixels_count_near_a_pose_as_at_it():
+    """To first order, a silhouette that moves outwards gains what it covers."""
+    odds = seen(CUP, CUP_POSE)
+    only = replace(odds, tensor=np.zeros_like(odds.tensor),
+                   inside=np.ones_like(odds.inside))
+    scene = Scene(CUP, CAMERA, WHOLE, NEAR, FAR)
+    with NumbaRenderer().contour_score(scene, only, only.profile) as score:
+        local = LinearizedContour.from_contour(CUP_POSE, score.points(CUP_POSE), only,
+                                               only.profile)
+        nearer = np.array([[0, 0, -0.005, 0, 0, 0], [0, 0, 0.005, 0, 0, 0.0]])
+        exact = score(retract(CUP_POSE, nearer))
+        assert local.evidence(np.zeros((1, 6)))[0] == pytest.approx(score(CUP_POSE[None])[0],
+                                                                    rel=1e-6)
+    assert exact[0] > exact[1]
+    assert np.ptp(local.evidence(nearer)) == pytest.approx(np.ptp(exact), rel=0.1)
