@@ -16,6 +16,7 @@ demo: $(RUN)
 
 test: $(TEST) lint
 	@$(BIN)/pmcl warm-up --all
+	$(BIN)/python -m pytest -m tensorflow
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # What needs no ROS graph, no long search and no study: SLOW in test/conftest.py lists the rest.

@@ -59,9 +59,17 @@ def _is_slow(path):
     return not SLOW.isdisjoint(path.parts[len(Path(__file__).parent.parts):])
 
 
+# TensorFlow and Mesa bring an LLVM each: GL crashes in a process that has imported TensorFlow. So
+# these files are for a run of their own, `-m tensorflow`, and no other run imports them.
+TENSORFLOW = {'test_learn_map_command.py', 'test_network.py', 'test_training.py'}
+
+
 def pytest_ignore_collect(collection_path, config):
-    """Without slow tests their files are not even imported, which takes long too."""
-    return (config.option.markexpr == 'not slow' and _is_slow(collection_path)) or None
+    """Files of tests that are not to run are not even imported, which takes long too."""
+    chosen, apart = config.option.markexpr, collection_path.name in TENSORFLOW
+    if collection_path.is_file() and apart != (chosen == 'tensorflow'):
+        return True
+    return (chosen == 'not slow' and _is_slow(collection_path)) or None
 
 
 def pytest_collection_modifyitems(items):
@@ -70,6 +78,8 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if _is_slow(item.path):
             item.add_marker(pytest.mark.slow)
+        if item.path.name in TENSORFLOW:
+            item.add_marker(pytest.mark.tensorflow)
 
 
 @pytest.fixture
