@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import socket
+import sys
 from pathlib import Path
 from shutil import copytree
 
@@ -56,17 +57,21 @@ SLOW = {'nodes', 'evaluation', 'simulation', 'learning', 'cli', 'tracking', 'mul
 
 
 def _is_slow(path):
-    return not SLOW.isdisjoint(path.parts[len(Path(__file__).parent.parts):])
+    return not SLOW.isdisjoint(_below(path))
+
+
+def _below(path):
+    return path.parts[len(Path(__file__).parent.parts):]
 
 
 # TensorFlow and Mesa bring an LLVM each: GL crashes in a process that has imported TensorFlow. So
-# these files are for a run of their own, `-m tensorflow`, and no other run imports them.
-TENSORFLOW = {'test_learn_map_command.py', 'test_network.py', 'test_training.py'}
+# these rooms and files are for a run of their own, `-m tensorflow`, and no other run imports them.
+TENSORFLOW = {'contour_net', 'test_learn_map_command.py'}
 
 
 def pytest_ignore_collect(collection_path, config):
     """Files of tests that are not to run are not even imported, which takes long too."""
-    chosen, apart = config.option.markexpr, collection_path.name in TENSORFLOW
+    chosen, apart = config.option.markexpr, not TENSORFLOW.isdisjoint(_below(collection_path))
     if collection_path.is_file() and apart != (chosen == 'tensorflow'):
         return True
     return (chosen == 'not slow' and _is_slow(collection_path)) or None
@@ -78,7 +83,7 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if _is_slow(item.path):
             item.add_marker(pytest.mark.slow)
-        if item.path.name in TENSORFLOW:
+        if not TENSORFLOW.isdisjoint(_below(item.path)):
             item.add_marker(pytest.mark.tensorflow)
 
 
@@ -120,6 +125,7 @@ def _session_context():
 @pytest.fixture
 def context(_session_context):
     """GL, with a look at its errors before the test and after."""
+    assert 'tensorflow' not in sys.modules, 'GL crashes beside it: see TENSORFLOW in conftest.py'
     _session_context.use()
     assert _session_context.gl.error == 'GL_NO_ERROR'
     yield _session_context
