@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -73,8 +74,9 @@ class ContourEvidence:
         if profile is None or not edges.shows_creases:
             profile = edges.profile
         if not edges.shows_creases:
-            _LOG.debug('contours are looked for in a %s without creases', edges.kind)
             creases = None
+        if isinstance(edges, EdgeVolume) and edges.from_likelihood:
+            _LOG.info('no edge volume was given: contours are looked for in the likelihood')
         if isinstance(edges, ContourMap) and renderer.name != 'numba':
             _LOG.info('contour maps are scored on the processor')
             renderer = NumbaRenderer()
