@@ -42,7 +42,7 @@ class PictureSettings(Settings):
     f01: float = Field(0.4, ge=0, le=1, description='share of pictures by a light-field camera: '
                        'its centre view, the noise averaged over 1 to 40 views; others are by '
                        'ordinary cameras')
-    largest: int = Field(328, ge=32, le=2000, description='side of the square whose number of '
+    largest: int = Field(288, ge=32, le=2000, description='side of the square whose number of '
                          'pixels no picture exceeds; larger pictures are cropped [px]')
     samples: int = Field(2, ge=1, le=64, description='rays per pixel')
     clutter: int = Field(7, ge=0, le=20, description='other objects at most')

@@ -4,10 +4,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.simulation.scenes.sensor import exposure
-
 MARGIN = 10  # px: light beyond the picture's border that blur brings in
-_LEVELS = 0.06, 0.5  # mean of a picture's light, 1 at the sensor's white
+_LEVELS = 0.1, 0.55  # mean of a picture's light, 1 at the sensor's white
 _WHITE = 65535
 
 Light = NDArray[np.float32]
@@ -36,7 +34,7 @@ def photograph(rng: np.random.Generator, light: Light, off_axis: Light) -> NDArr
     linear = np.clip(raw * (balance * cast).astype(np.float32), 0, 1)
     if not grey:
         tone = linear.mean(axis=2, keepdims=True)
-        linear = np.clip(tone + np.float32(rng.uniform(0.5, 1.5)) * (linear - tone), 0, 1)
+        linear = np.clip(tone + np.float32(rng.uniform(0.2, 1.2)) * (linear - tone), 0, 1)
     encoded = np.asarray(linear ** np.float32(1 / rng.uniform(1.8, 2.5)), np.float32)
     curve = np.float32(rng.uniform(-0.2, 0.6))
     encoded = (1 - curve) * encoded + curve * encoded ** 2 * (3 - 2 * encoded)
@@ -47,15 +45,17 @@ def photograph(rng: np.random.Generator, light: Light, off_axis: Light) -> NDArr
 def _exposed(rng: np.random.Generator, light: Light) -> float:
     """A gain: usually as a camera meters, at times too little or too much."""
     level = float(np.exp(rng.uniform(*np.log(_LEVELS))))
-    if rng.random() < 0.7:
-        return exposure(light, level)
-    return level / max(float(light.mean()), 1e-6)
+    gain = level / max(float(light.mean()), 1e-6)
+    if rng.random() < 0.75:
+        bright = float(np.percentile(light, rng.uniform(85, 99.5)))
+        gain = min(gain, rng.uniform(0.7, 1.0) / max(bright, 1e-6))
+    return gain
 
 
 def _blurred(rng: np.random.Generator, light: Light) -> Light:
     """Saturated far beyond white, blurred by lens and pixels; maybe out of focus or in motion."""
     light = np.minimum(light, np.float32(8))
-    sigma = float(rng.uniform(0.35, 1.3))
+    sigma = float(rng.uniform(0.45, 1.3))
     light = np.asarray(cv2.GaussianBlur(light, (0, 0), sigma), np.float32)
     draw = rng.random()
     if draw < 0.2:

@@ -1,6 +1,7 @@
 """Draws scenes of great variety: any camera, surroundings, clutter and material."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import trimesh
@@ -8,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.simulation.scenes.blocks import random_block
-from pmcl_ros.simulation.scenes.environment import random_environment
+from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.handles import random_handled
-from pmcl_ros.simulation.scenes.materials import Opaque
+from pmcl_ros.simulation.scenes.materials import Clear, Opaque, random_glass
 from pmcl_ros.simulation.scenes.objects import (
     Finish,
     SceneObject,
@@ -28,11 +29,17 @@ from pmcl_ros.simulation.scenes.random_scene import (
     random_target,
     random_way,
 )
-from pmcl_ros.simulation.scenes.scene import Scene, Sheet
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture, random_texture
+from pmcl_ros.simulation.scenes.vessels import outer_mesh
 
 _PLAIN = 0.4  # share of surroundings of one colour without any texture
+_TEXTURES = ('clouds', 'clouds', 'grain', 'planks', 'weave', 'leaves', 'leaves', 'lettering',
+             'checks', 'panes', 'plain')
+_WALLS = 0.0007, 0.008  # m
+_LIDS = 0.15  # share of vessels in the clutter
 _ROLLED = 0.15  # share of cameras that are turned any way about their axis
 
 
@@ -41,7 +48,7 @@ class _Palette:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._known = [random_texture(rng) for _ in range(int(rng.integers(2, 5)))]
+        self._known = [random_texture(rng, _TEXTURES) for _ in range(int(rng.integers(2, 5)))]
 
     def texture(self) -> Texture:
         """One colour, often pale, or a pattern in a tint."""
@@ -49,13 +56,20 @@ class _Palette:
         if rng.random() < _PLAIN:
             return _of_one_colour(rng)
         known = self._known[int(rng.integers(len(self._known)))]
-        tint = np.exp(rng.normal(0, 0.2) + rng.normal(0, 0.1, 3)).astype(np.float32)
+        tint = np.exp(rng.normal(0, 0.25) + rng.normal(0, 0.06, 3)).astype(np.float32)
         return np.minimum(known * tint, np.float32(0.95))
 
     def finish(self, rng: np.random.Generator) -> Opaque:
         """Matt or glossy, as `Finish`."""
-        coat = float(rng.uniform(1.3, 1.7)) if rng.random() < 0.5 else 1.0
-        return Opaque(self.texture(), float(np.exp(rng.uniform(np.log(0.04), np.log(0.5)))), coat)
+        side = float(np.exp(rng.uniform(np.log(0.04), np.log(0.5))))
+        return Opaque(self.texture(), side, *_gloss(rng, 0.5))
+
+
+def _gloss(rng: np.random.Generator, share: float) -> tuple[float, float]:
+    """Index and roughness of a coat, which a share of all things has."""
+    if rng.random() > share:
+        return 1.0, 0.0
+    return float(rng.uniform(1.25, 1.7)), float(rng.choice([0.0, rng.uniform(0.01, 0.25)]))
 
 
 def _of_one_colour(rng: np.random.Generator) -> Texture:
@@ -74,8 +88,9 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
     """
     kind = settings.kinds[int(rng.integers(len(settings.kinds)))]
     palette = _Palette(rng)
-    objects = objects or tuple(random_object(rng, kind, palette.finish)
-                               for _ in range(settings.targets))
+    objects = objects or tuple(
+        _worn(rng, random_object(rng, kind, palette.finish, _WALLS), palette)
+        for _ in range(settings.targets))
     empty = bool(rng.random() < settings.empty)
     sensor = sensor or random_sensor(rng, settings)
     worlds, circles = _beside_each_other(rng, objects)
@@ -85,7 +100,9 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
                     for each, pose in zip(objects, poses, strict=True))
     things, places = ([], []) if empty else ([*objects], [*poses])
     for _ in range(int(rng.integers(settings.clutter + 1))):
-        thing = _clutter(rng, palette.finish)
+        thing = _worn(rng, _clutter(rng, palette.finish), palette)
+        if thing.axis is not None and rng.random() < _LIDS:
+            thing = _lidded(rng, thing, palette.finish)
         rest = resting(rng, thing.vertices, random_way(rng, thing))
         spot = _spot(rng, thing, rest, circles, camera)
         if spot is not None:
@@ -96,9 +113,9 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
         owners = [len(objects)] * len(owners)
     sheets = _room(rng, camera, palette, circles)
     if kind.endswith('film'):
-        sheets.append(random_film(rng, nearest_depth(objects, poses)))
+        sheets.append(_film(rng, nearest_depth(objects, poses)))
     name = f'{kind}: {objects[0].name}' + (', empty' if empty else '')
-    return Scene(name, tuple(solids), tuple(sheets), random_environment(rng), camera[:3, :3].T,
+    return Scene(name, tuple(solids), tuple(sheets), random_lit_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(min(each, len(objects)) for each in owners))
 
 
@@ -141,9 +158,61 @@ def _camera(rng: np.random.Generator, of: SceneSettings, sensor: Sensor, worlds:
                         (0.08, 1.5), roll)
 
 
+def _ball(rng: np.random.Generator, finish: Finish) -> SceneObject:
+    """Massive, of glass or opaque."""
+    mesh = trimesh.creation.icosphere(3, rng.uniform(0.01, 0.04))
+    radius, turn = mesh.extents[2] / 2, np.linspace(-np.pi / 2, np.pi / 2, 60)
+    profile = radius * np.stack([np.abs(np.cos(turn)), np.sin(turn)], axis=1)
+    medium = random_glass(rng) if rng.random() < 0.4 else finish(rng)
+    return SceneObject('ball', (Solid(Frusta.from_profile(profile, 0, 1), (medium,), np.eye(4)),),
+                       np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
+
+
+def _worn(rng: np.random.Generator, thing: SceneObject, palette: _Palette) -> SceneObject:
+    """At times frosted, with a label, with stains; of opaque things nothing changes."""
+    first = thing.solids[0]
+    glass = first.media[0]
+    if not isinstance(glass, Clear):
+        return thing
+    draw = rng.random()
+    if draw < 0.1:
+        rough = float(np.exp(rng.uniform(np.log(0.02), np.log(0.35))))
+        first = replace(first, media=(replace(glass, roughness=rough), *first.media[1:]))
+    low, high = thing.vertices[:, 2].min(), thing.vertices[:, 2].max()
+    if 0.05 < draw < 0.2:
+        size = rng.uniform(0.15, 0.7) * (high - low)
+        start, turn = rng.uniform(low, high - size), rng.uniform(-np.pi, np.pi)
+        label = palette.texture() if rng.random() < 0.5 else random_texture(rng, ('lettering',))
+        opacity = 1.0 if rng.random() < 0.7 else float(rng.uniform(0.2, 0.8))
+        first = replace(first, decal=Decal(
+            (float(start), float(start + size)), (turn, turn + float(rng.uniform(0.6, 5))),
+            label, float(rng.uniform(0.05, 0.2)), opacity))
+    elif 0.2 < draw < 0.32:
+        first = replace(first, decal=Decal(
+            (float(low), float(high)), (-np.pi, np.pi), random_texture(rng, ('clouds',)),
+            float(rng.uniform(0.05, 0.3)), float(rng.uniform(0.05, 0.5)),
+            float(rng.uniform(0.15, 0.6))))
+    return replace(thing, solids=(first, *thing.solids[1:]))
+
+
+def _lidded(rng: np.random.Generator, thing: SceneObject, finish: Finish) -> SceneObject:
+    """A lid or cap, opaque, on a vessel; its outline is the thing's too."""
+    high = thing.vertices[:, 2].max()
+    rim = np.linalg.norm(thing.vertices[thing.vertices[:, 2] > high - 0.004, :2], axis=1).max()
+    radius, down, up = rim * rng.uniform(1.02, 1.12), rng.uniform(0.002, 0.012), \
+        rng.uniform(0.001, 0.012)
+    profile = np.array([[0, high - down], [radius, high - down], [radius, high + up],
+                        [0, high + up]])
+    cap = Solid(Frusta.from_profile(profile, 0, 1), (finish(rng),), np.eye(4))
+    vertices, faces = outer_mesh(profile)
+    return replace(thing, solids=(*thing.solids, cap),
+                   vertices=np.concatenate([thing.vertices, vertices]),
+                   faces=np.concatenate([thing.faces, faces + len(thing.vertices)]))
+
+
 def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
     makers: tuple[tuple[float, Callable[[], SceneObject]], ...] = (
-        (0.28, lambda: random_transparent(rng)),
+        (0.28, lambda: random_transparent(rng, _WALLS)),
         (0.14, lambda: random_opaque(rng, finish)),
         (0.1, lambda: random_block(rng, bool(rng.random() < 0.6), finish)),
         (0.1, lambda: random_handled(rng, bool(rng.random() < 0.6), finish)),
@@ -151,8 +220,7 @@ def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
             np.exp(rng.uniform(np.log(0.01), np.log(0.2), 3))), finish(rng), 'box')),
         (0.1, lambda: SceneObject.from_mesh(trimesh.creation.cylinder(
             rng.uniform(0.002, 0.012), rng.uniform(0.05, 0.2), sections=48), finish(rng), 'rod')),
-        (0.08, lambda: SceneObject.from_mesh(trimesh.creation.icosphere(
-            4, rng.uniform(0.01, 0.04)), finish(rng), 'ball')))
+        (0.08, lambda: _ball(rng, finish)))
     shares = np.array([share for share, _ in makers])
     return makers[int(rng.choice(len(makers), p=shares / shares.sum()))][1]()
 
@@ -186,6 +254,16 @@ def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: lis
             circles.append((spot, radius))
             return np.append(spot - middle, 0)
     return None
+
+
+def _film(rng: np.random.Generator, nearest: float) -> Sheet:
+    """As `random_film`, or of one colour; a third of them scatters light."""
+    film = random_film(rng, nearest)
+    if rng.random() < 0.3:
+        film = replace(film, texture=_of_one_colour(rng))
+    if rng.random() < 0.35:
+        film = replace(film, roughness=float(np.exp(rng.uniform(np.log(0.001), np.log(0.02)))))
+    return film
 
 
 def _ahead(camera: Pose) -> NDArray[np.float64]:
@@ -226,7 +304,8 @@ def _room(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: li
     place = np.append(middle, 0)
     sheets.append(Sheet(camera @ pose_of(rotation, rotation.apply(place)),
                         (float(size[0]), float(size[1])), palette.texture(),
-                        float(np.exp(rng.uniform(np.log(0.1), np.log(1.0))))))
+                        float(np.exp(rng.uniform(np.log(0.1), np.log(1.0)))), 1.0,
+                        *_gloss(rng, 0.45)))
     if rng.random() < 0.65:
         sheets.append(_wall(rng, camera, palette, circles))
     return sheets

@@ -1,7 +1,8 @@
 """The light of a room: a panorama at infinity with windows, lamps and dark furniture."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,9 +17,14 @@ class Environment:
 
     panorama: (rows, 2 rows, 3) float32; row 0 is straight up (world +z), the last row down; column
         0 is -x, columns turn from there towards -y.
+    lamps: (n, 7) rectangles in the panorama that cast shadows: polar angles from and to, azimuth
+        at the start and its width [rad], radiance of red, green, blue. unlit: the panorama
+        without them, where there are any. With no lamps there are no shadows.
     """
 
     panorama: NDArray[np.float32]
+    lamps: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 7)))
+    unlit: NDArray[np.float32] | None = None
 
     def irradiance(self, camera_from_world: NDArray[np.floating]) -> NDArray[np.float64]:
         """(9, 3) coefficients of `shade`, for normals in the camera's frame.
@@ -61,6 +67,57 @@ def random_environment(rng: np.random.Generator) -> Environment:
         light = np.exp(rng.uniform(np.log(2), np.log(30))) * (1 + 0.1 * rng.standard_normal(3))
         _paint(picture, rng, (0.05, 0.42), (0.02, 0.2), light, bars=int(rng.integers(0, 3)))
     return Environment(np.clip(picture, 0.005, None).astype(np.float32))
+
+
+def random_lit_environment(rng: np.random.Generator) -> Environment:
+    """Draw a room with one to four lamps that cast shadows: panels, windows, bulbs.
+
+    A quarter of the rooms is bright and even, as a studio; others have furniture, out of focus.
+    The lamps give a table 0.3 to 5 times as much light as the rest of the room.
+    """
+    rows, columns = _HEIGHT, 2 * _HEIGHT
+    polar = (np.arange(rows) + 0.5) * np.pi / rows
+    studio = rng.random() < 0.25
+    tone = rng.uniform(0.5, 0.9) if studio else np.exp(rng.uniform(np.log(0.06), np.log(0.6)))
+    room = tone * (1 + rng.choice([0.03, 0.12]) * rng.standard_normal(3)) * (
+        1 + rng.uniform(0, 0.7) * np.cos(polar)[:, None, None])
+    unlit = np.broadcast_to(np.clip(room, 0.01, None), (rows, columns, 3)).copy()
+    for _ in range(int(rng.integers(0, 3 if studio else 25))):
+        colour = unlit.mean() * np.exp(rng.normal(-0.2, 0.6) + rng.normal(0, 0.2, 3))
+        _paint(unlit, rng, (0.2, 0.9), (0.02, 0.4), colour)
+    blur = float(np.exp(rng.uniform(np.log(0.5), np.log(6))))
+    unlit = cv2.GaussianBlur(unlit, (0, 0), blur)
+    lamps = np.array([_lamp(rng) for _ in range(int(rng.integers(1, 5)))])
+    cosines = np.cos(lamps[:, :2])
+    onto_table = 0.5 * (cosines[:, :1] ** 2 - cosines[:, 1:] ** 2) * lamps[:, 3:4] / np.pi
+    above = np.clip(np.cos(polar), 0, None) * np.sin(polar)
+    ambient = float((unlit.mean(axis=(1, 2)) * above).sum() / above.sum())
+    direct = float((onto_table * lamps[:, 4:].mean(axis=1, keepdims=True)).sum())
+    lamps[:, 4:] *= np.exp(rng.uniform(np.log(0.3), np.log(5))) * ambient / direct
+    panorama = unlit.copy()
+    for top, bottom, left, width, *colour in lamps:
+        across = np.rint((left + np.array([0, width])) * columns / (2 * np.pi)).astype(int)
+        down = slice(*np.rint(np.array([top, bottom]) * rows / np.pi).astype(int).tolist())
+        panorama[down, np.arange(*across) % columns] = colour
+    lamps[:, 2] -= np.pi
+    return Environment(panorama.astype(np.float32), lamps, unlit.astype(np.float32))
+
+
+def _lamp(rng: np.random.Generator) -> NDArray[np.float64]:
+    """(7,) as of `Environment`, at whole texels; the azimuth is that of a column; brightness is
+    relative.
+    """
+    kind = rng.choice(3, p=[0.4, 0.35, 0.25])
+    between, sizes = (((0.02, 0.3), (0.05, 0.25)), ((0.2, 0.38), (0.08, 0.3)),
+                      ((0.05, 0.42), (0.008, 0.03)))[kind]
+    height, width = (max(2, int(_HEIGHT * each)) for each in rng.uniform(*sizes, 2))
+    top, left = int(_HEIGHT * rng.uniform(*between)), int(rng.integers(2 * _HEIGHT))
+    bottom = min(top + height, int(0.49 * _HEIGHT))
+    warm = rng.normal(0, 0.15)
+    colour = np.array([1 + warm, 1, 1 - warm]).clip(0.4) / ((bottom - top) * width)
+    size = np.pi / _HEIGHT
+    return np.array([top * size, bottom * size, left * size, width * size,
+                     *(colour * np.exp(rng.normal(0, 0.8)))])
 
 
 def _paint(picture: NDArray[np.float64], rng: np.random.Generator, between: tuple[float, float],

@@ -13,11 +13,13 @@ from pmcl_ros.simulation.scenes.textures import Texture
 class Clear:
     """A transparent medium.
 
-    index: refractive index. absorption: of red, green, blue [1/m].
+    index: refractive index. absorption: of red, green, blue [1/m]. roughness: of its surface,
+    standard deviation of the normal's slope, where scenes have lamps; else it is smooth.
     """
 
     index: float = 1.0
     absorption: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    roughness: float = 0.0
 
 
 AIR = Clear()
@@ -29,12 +31,13 @@ class Opaque:
 
     texture: reflectance around the z axis of the object (columns) and along it (rows). side: of
     one period of the texture [m]. coat: refractive index of the coat, which reflects by Fresnel's
-    equations; 1: no coat.
+    equations; 1: no coat. roughness: of the coat, as in `Clear`.
     """
 
     texture: Texture
     side: float = 0.1
     coat: float = 1.0
+    roughness: float = 0.0
 
 
 Medium = Clear | Opaque

@@ -1,7 +1,7 @@
 """Draws random objects: vessels of glass (empty, filled, massive), opaque bodies, boxes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import trimesh
@@ -45,12 +45,16 @@ class SceneObject:
 
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
         """Its solids with the object at a pose (4, 4), object to camera."""
-        return tuple(Solid(each.surface, each.media, pose @ each.pose) for each in self.solids)
+        return tuple(replace(each, pose=pose @ each.pose) for each in self.solids)
 
 
-def random_transparent(rng: np.random.Generator) -> SceneObject:
-    """A vessel of glass: massive (6 %), filled (22 %), with a ball in it (8 %) or empty."""
-    vessel, glass = random_vessel(rng), random_glass(rng)
+def random_transparent(rng: np.random.Generator, walls: tuple[float, float] = (0.0012, 0.005)
+                       ) -> SceneObject:
+    """A vessel of glass: massive (6 %), filled (22 %), with a ball in it (8 %) or empty.
+
+    walls: limits of their thickness [m].
+    """
+    vessel, glass = random_vessel(rng, walls=walls), random_glass(rng)
     draw = rng.random()
     media: list[Medium] = [glass]
     more: tuple[Solid, ...] = ()

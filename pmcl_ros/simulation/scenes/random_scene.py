@@ -117,15 +117,18 @@ def nearest_depth(objects: Sequence[SceneObject], poses: Sequence[Pose]) -> floa
                for each, pose in zip(objects, poses, strict=True))
 
 
-def random_object(rng: np.random.Generator, kind: Kind, finish: Finish | None = None
-                  ) -> SceneObject:
-    """An object of a kind of scene. finish: draws what opaque ones are made of."""
+def random_object(rng: np.random.Generator, kind: Kind, finish: Finish | None = None,
+                  walls: tuple[float, float] = (0.0012, 0.005)) -> SceneObject:
+    """An object of a kind of scene.
+
+    finish: draws what opaque ones are made of. walls: limits of those of glass vessels [m].
+    """
     glass = kind.startswith('glass')
     if 'handle' in kind:
         return random_handled(rng, glass, finish)
     if 'block' in kind:
         return random_block(rng, glass, finish)
-    return random_transparent(rng) if glass else random_opaque(rng, finish)
+    return random_transparent(rng, walls) if glass else random_opaque(rng, finish)
 
 
 def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:

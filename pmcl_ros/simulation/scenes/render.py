@@ -15,10 +15,12 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.simulation.scenes.broad_scene import broad_scene
+from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, trace, uniform
+from pmcl_ros.simulation.scenes.trace import BRANCHES, in_pupil, nearest, trace, uniform
 from pmcl_ros.simulation.scenes.world import World
 
 _DEPTH = 64  # of a hierarchy of boxes
@@ -34,7 +36,8 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
 
     Rectified as `ViewGrid`. Each of `samples` rays of a pixel starts at a random point of the
     view's part of the pupil; all of them meet in the plane of focus. Points within pixels form a
-    low-discrepancy lattice over neighbouring pixels.
+    low-discrepancy lattice over neighbouring pixels. Shadows are cast where the environment has
+    lamps.
     """
     grid = sensor.grid
     camera = grid.pinhole.crop(-margin, -margin, grid.pinhole.width + 2 * margin,
@@ -44,24 +47,28 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
                         row - grid.centre[0], sensor.focus, sensor.pupil])
     picture = np.zeros((camera.height, camera.width, 3), np.float32)
     with LOCK:
-        _render(world, numbers, samples, np.uint64(seed), picture)
+        (_render if len(world.lamps) == 0 else render_lit)(world, numbers, samples,
+                                                           np.uint64(seed), picture)
     return picture
 
 
 def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64],
-                   with_sheets: bool = False) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+                   with_sheets: bool = False, where: NDArray[np.bool_] | None = None
+                   ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
     """Owner and depth of the first solid at each pixel of the centre view, (height, width) each.
 
     owners: (solids,) a number for each solid; -1 where no solid is. The depth is in metres, 0
     where nothing is. Sheets are ignored, or with_sheets: opaque ones hide what is behind them and
-    have a depth.
+    have a depth. where: (height, width) pixels that count, default all.
     """
+    if where is None:
+        where = np.ones((pinhole.height, pinhole.width), bool)
     label = np.full((pinhole.height, pinhole.width), -1, np.int64)
     depth = np.zeros((pinhole.height, pinhole.width), np.float32)
     seen = with_sheets & (world.sheets[:, 16] >= 1)
     with LOCK:
         _first(world._replace(sheets=world.sheets[seen]),
-               np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), label, depth)
+               np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), where, label, depth)
     return np.append(owners, -1)[label], depth
 
 
@@ -78,7 +85,7 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
         for j in range(width):
             light[:] = 0
             for k in range(samples):
-                px, py = _pupil(state, nominal_x, nominal_y, pupil)
+                px, py = in_pupil(state, nominal_x, nominal_y, pupil)
                 ox, oy = baseline * px, baseline * py
                 number = i * samples + k
                 u = j + (shift_x + _R1 * number + _R2 * j) % 1 - 0.5 - cx
@@ -93,24 +100,15 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
                 picture[i, j, channel] = light[channel] / samples
 
 
-@compiled(inner=True)
-def _pupil(state, x, y, radius):  # type: ignore[no-untyped-def]
-    """A random point of a view's part of the pupil [view steps]: a tent about (x, y) in a disc."""
-    for _ in range(200):
-        px = x + 2 * (uniform(state) + uniform(state) - 1)
-        py = y + 2 * (uniform(state) + uniform(state) - 1)
-        if px * px + py * py <= radius * radius:
-            return px, py
-    return x, y
-
-
 @compiled(parallel=True)
-def _first(world, numbers, label, depth):  # type: ignore[no-untyped-def]
+def _first(world, numbers, where, label, depth):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = numbers
     height, width = label.shape
     for i in prange(height):
         hit, stack = np.zeros(9), np.zeros(_DEPTH, np.int64)
         for j in range(width):
+            if not where[i, j]:
+                continue
             dx, dy, dz = (j - cx) / fx, (i - cy) / fy, 1.0
             length = np.sqrt(dx * dx + dy * dy + 1)
             kind, t, number, _, _ = nearest(world, hit, stack, 0.0, 0.0, 0.0, dx / length,
@@ -211,4 +209,6 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
 def warm_up() -> None:
     """Compile the kernels, or load them from disk."""
     rng = np.random.default_rng(0)
-    render(random_scene(rng, SceneSettings(views=3, size=64)), rng, samples=1)
+    settings = SceneSettings(views=3, size=64)
+    for draw in (random_scene, broad_scene):
+        render(draw(rng, settings), rng, samples=1)

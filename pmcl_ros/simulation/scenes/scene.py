@@ -14,6 +14,23 @@ from pmcl_ros.simulation.scenes.triangles import Triangles
 
 
 @dataclass(frozen=True)
+class Decal:
+    """A label or stains on the outside of a solid, matt; shown where scenes have lamps.
+
+    heights: from and to, along the z axis of the solid [m]. azimuths: from and to, about it [rad].
+    texture, side: as of `Opaque`. opacity: share of the light that comes from it. threshold: where
+    the texture is darker than this there is nothing; 0: it covers all of its rectangle.
+    """
+
+    heights: tuple[float, float]
+    azimuths: tuple[float, float]
+    texture: Texture
+    side: float
+    opacity: float = 1.0
+    threshold: float = 0.0
+
+
+@dataclass(frozen=True)
 class Solid:
     """Interfaces between media, in a frame of their own.
 
@@ -24,6 +41,7 @@ class Solid:
     surface: Frusta | Triangles
     media: tuple[Medium, ...]
     pose: NDArray[np.float64]
+    decal: Decal | None = None
 
 
 @dataclass(frozen=True)
@@ -34,6 +52,9 @@ class Sheet:
         the height.
     side: of one period of the texture [m]. opacity: share of the light that comes from the sheet;
         the rest comes from behind, undeflected.
+    coat: refractive index of a coat; 1: none. roughness: of the coat, as in `Clear`; of a
+        translucent sheet: standard deviation of the angle by which it scatters light [rad]. Both
+        count where scenes have lamps.
     """
 
     pose: NDArray[np.float64]
@@ -41,6 +62,8 @@ class Sheet:
     texture: Texture
     side: float
     opacity: float = 1.0
+    coat: float = 1.0
+    roughness: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,12 @@ Texture = NDArray[np.float32]
 
 
 def random_texture(rng: np.random.Generator, kinds: tuple[str, ...] = ()) -> Texture:
-    """One of `kinds` (default: any of `PATTERNS`), its scale and colours random."""
+    """One of `kinds`, its scale and colours random; default: any of `PATTERNS`.
+
+    Other kinds are those of `MORE`.
+    """
     names = kinds or tuple(PATTERNS)
-    return PATTERNS[names[int(rng.integers(len(names)))]](rng)
+    return (PATTERNS | MORE)[names[int(rng.integers(len(names)))]](rng)
 
 
 def _colours(rng: np.random.Generator, count: int) -> NDArray[np.float64]:
@@ -107,6 +110,49 @@ def plain(rng: np.random.Generator) -> Texture:
     return np.clip(_colours(rng, 1)[0] * stain[..., None], 0.01, 1).astype(np.float32)
 
 
+def leaves(rng: np.random.Generator) -> Texture:
+    """Things that hide each other, of all sizes: sizes and edges as in photographs of clutter."""
+    colours = np.rint(255 * _colours(rng, 12))
+    picture = np.tile(colours[0].astype(np.uint8), (SIZE, SIZE, 1))
+    for radius in np.sort(6 * rng.uniform(0.02, 1, int(rng.integers(60, 400))) ** -0.9)[::-1]:
+        colour = tuple(float(each) for each in
+                       (colours[rng.integers(12)] * rng.uniform(0.8, 1.2)).clip(0, 255))
+        middle = rng.uniform(0, SIZE, 2)
+        if rng.random() < 0.5:
+            axes = radius * rng.uniform(0.3, 1, 2)
+            cv2.ellipse(picture, (middle.tolist(), axes.tolist(), rng.uniform(0, 180)), colour, -1,
+                        cv2.LINE_AA)
+        else:
+            turn = rng.uniform(0, 2 * np.pi) + np.sort(rng.uniform(0, 2 * np.pi, 4))
+            corners = middle + radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+            cv2.fillPoly(picture, [np.rint(corners).astype(np.int32)], colour, cv2.LINE_AA)
+    return picture.astype(np.float32) / np.float32(255)
+
+
+def planks(rng: np.random.Generator) -> Texture:
+    """Boards of grained wood side by side, with dark joints."""
+    boards = int(rng.integers(3, 9))
+    side = np.arange(SIZE) * boards / SIZE
+    tone = 1 + rng.uniform(0, 0.25) * rng.standard_normal(boards)
+    joint = np.where(np.abs(side % 1 - 0.5) > 0.5 - rng.uniform(0.002, 0.02), 0.4, 1.0)
+    shade = tone[side.astype(int)] * joint
+    return np.clip(grain(rng) * shade[:, None, None], 0.01, 1).astype(np.float32)
+
+
+def weave(rng: np.random.Generator) -> Texture:
+    """Cloth: two threads over and under each other, fine."""
+    count = int(rng.integers(30, 120))
+    k = np.arange(SIZE) * count / SIZE
+    over = (k[:, None].astype(int) + k.astype(int)) % 2
+    a, b = _colours(rng, 2)
+    depth = rng.uniform(0.1, 0.5)
+    bulge = 1 - depth * np.abs(np.where(over, k % 1 - 0.5, (k % 1 - 0.5)[:, None])) * 2
+    picture = (a + rng.uniform(0, 1) * over[..., None] * (b - a)) * bulge[..., None]
+    return np.clip(picture, 0.01, 1).astype(np.float32)
+
+
 PATTERNS: dict[str, Callable[[np.random.Generator], Texture]] = {
     'clouds': clouds, 'grain': grain, 'checks': checks, 'panes': panes, 'lettering': lettering,
     'plain': plain}
+MORE: dict[str, Callable[[np.random.Generator], Texture]] = {
+    'leaves': leaves, 'planks': planks, 'weave': weave}

@@ -32,6 +32,17 @@ def uniform(state):  # type: ignore[no-untyped-def]
 
 
 @compiled(inner=True)
+def in_pupil(state, x, y, radius):  # type: ignore[no-untyped-def]
+    """A random point of a view's part of the pupil [view steps]: a tent about (x, y) in a disc."""
+    for _ in range(200):
+        px = x + 2 * (uniform(state) + uniform(state) - 1)
+        py = y + 2 * (uniform(state) + uniform(state) - 1)
+        if px * px + py * py <= radius * radius:
+            return px, py
+    return x, y
+
+
+@compiled(inner=True)
 def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """The first solid on the ray from o along d (length 1), in the camera's frame.
 
@@ -123,7 +134,7 @@ def trace(  # type: ignore[no-untyped-def]
     only at random (Russian roulette), with a weight that keeps the mean unbiased.
     """
     count = 1
-    _put(waiting[0], ox, oy, oz, dx, dy, dz, 1.0, 1.0, 1.0)
+    put(waiting[0], ox, oy, oz, dx, dy, dz, 1.0, 1.0, 1.0)
     while count > 0:
         count -= 1
         ray = waiting[count]
@@ -175,7 +186,7 @@ def trace(  # type: ignore[no-untyped-def]
             share, within = fresnel(cosine, medium[1], body[1])
             rx, ry, rz = reflected(dx, dy, dz, nx, ny, nz)
             if body[0] == 0:  # opaque
-                u, v = _place(world, number, hit, nx, ny, nz)
+                u, v = place(world, number, hit, nx, ny, nz)
                 r, g, b = _seen(world, int(body[5]), u * body[6], v * body[6], nx, ny, nz)
                 light[0] += red * r * (1 - share)
                 light[1] += green * g * (1 - share)
@@ -192,20 +203,21 @@ def trace(  # type: ignore[no-untyped-def]
             kept = min(1.0, weight / _ALIVE)
             if weight > 0 and count < BRANCHES and (kept >= 1 or uniform(state) < kept):
                 up = share / kept
-                _put(waiting[count], ox, oy, oz, rx, ry, rz, red * up, green * up, blue * up)
+                put(waiting[count], ox, oy, oz, rx, ry, rz, red * up, green * up, blue * up)
                 count += 1
             red, green, blue = red * (1 - share), green * (1 - share), blue * (1 - share)
             dx, dy, dz = refracted(dx, dy, dz, nx, ny, nz, medium[1] / body[1], cosine, within)
 
 
 @compiled(inner=True)
-def _put(ray, ox, oy, oz, dx, dy, dz, red, green, blue):  # type: ignore[no-untyped-def]
+def put(ray, ox, oy, oz, dx, dy, dz, red, green, blue):  # type: ignore[no-untyped-def]
+    """Let a ray wait: origin, direction, weights."""
     ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox, oy, oz, dx, dy, dz
     ray[6], ray[7], ray[8] = red, green, blue
 
 
 @compiled(inner=True)
-def _place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
+def place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Texture coordinates of a point of a solid [m]: around z and along it, flat on its ends.
 
     hit: of `nearest`. n: the normal, camera's frame.

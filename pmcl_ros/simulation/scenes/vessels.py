@@ -52,12 +52,13 @@ def outer_mesh(profile: Profile) -> tuple[NDArray[np.float64], NDArray[np.int64]
     return np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
 
 
-def random_vessel(rng: np.random.Generator, kinds: tuple[str, ...] = ()) -> Vessel:
-    """Draw a vessel of one of `kinds` (default: any of `KINDS`)."""
+def random_vessel(rng: np.random.Generator, kinds: tuple[str, ...] = (),
+                  walls: tuple[float, float] = (0.0012, 0.005)) -> Vessel:
+    """Draw a vessel of one of `kinds` (default: any of `KINDS`), its wall within limits [m]."""
     names = kinds or tuple(KINDS)
     kind = names[int(rng.integers(len(names)))]
     (heights, radii), cavity = KINDS[kind](rng)
-    wall = float(np.exp(rng.uniform(np.log(0.0012), np.log(0.005))))
+    wall = float(np.exp(rng.uniform(np.log(walls[0]), np.log(walls[1]))))
     z = np.linspace(0, heights[-1], _FINE)
     outer = np.asarray(PchipInterpolator(heights, radii)(z))
     corner = min(float(rng.uniform(0.0005, 0.008)), 0.3 * radii[0], 0.3 * heights[1])

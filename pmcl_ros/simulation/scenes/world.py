@@ -5,9 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import AIR, Clear, Medium
 from pmcl_ros.simulation.scenes.revolution import Frusta
-from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid
+from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
@@ -28,10 +29,18 @@ class World(NamedTuple):
         or root and first triangle of a mesh.
     bounds, rings, media, first, lists: of `Frusta.binned`, one after the other.
     boxes, nodes, corners, sides: of `Triangles.tree`, likewise; sides are the media of a corner.
-    materials: (media, 7): 1 if clear, index or coat, absorption or 0, texture, 1 / side.
-    sheets: (sheets, 18): middle, x, y, normal, half size, texture, 1 / side, opacity, 0.
+    materials: (media, 8): 1 if clear, index or coat, absorption or 0, texture, 1 / side,
+        roughness.
+    sheets: (sheets, 19): middle, x, y, normal, half size, texture, 1 / side, opacity, coat,
+        roughness.
+    decals: (solids, 8) of `Decal`: heights, middle and half of the azimuths, texture, 1 / side,
+        opacity, threshold. Opacity 0: none.
     textures: (textures, SIZE, SIZE, 3) float32.
     panorama, irradiance, turn: of the environment; turn: world from camera.
+    lamps: (n, 10): cosine of the polar angle at one end and the other, azimuth at the start and
+        its width [rad], what a white surface that faces it sends out (red, green, blue), direction
+        of its middle (camera's frame).
+    ambient: (9, 3) as irradiance, of the room without its lamps.
     """
 
     poses: F8
@@ -49,10 +58,13 @@ class World(NamedTuple):
     sides: I8
     materials: F8
     sheets: F8
+    decals: F8
     textures: NDArray[np.float32]
     panorama: NDArray[np.float32]
     irradiance: F8
     turn: F8
+    lamps: F8
+    ambient: F8
 
     @classmethod
     def from_scene(cls, scene: Scene) -> 'World':
@@ -73,9 +85,11 @@ class _Layout:
     def world(self) -> World:
         scene = self._scene
         solids = [self._solid(each) for each in scene.solids]
-        sheets = np.array([self._sheet(each) for each in scene.sheets]).reshape(-1, 18)
+        sheets = np.array([self._sheet(each) for each in scene.sheets]).reshape(-1, 19)
+        decals = np.array([self._decal(each.decal) for each in scene.solids]).reshape(-1, 8)
         poses, spheres, kinds, at, bounds = zip(*solids, strict=True) if solids else ((),) * 5
-        turn = scene.world_from_camera
+        room, turn = scene.environment, scene.world_from_camera
+        irradiance = room.irradiance(turn.T)
         parts = {name: np.concatenate([np.zeros(shape, kind), *self._parts[name]])
                  for name, (shape, kind) in _EMPTY.items()}
         textures = self._textures or [np.ones((SIZE, SIZE, 3), np.float32)]
@@ -84,10 +98,13 @@ class _Layout:
             spheres=np.array(spheres, float).reshape(-1, 4), kinds=np.array(kinds, np.int64),
             at=np.array(at, np.int64).reshape(-1, 2),
             bounds=np.array(bounds, float).reshape(-1, 3),
-            materials=np.array(self._materials, float), sheets=sheets, textures=np.stack(textures),
-            panorama=scene.environment.panorama,
-            irradiance=scene.environment.irradiance(turn.T),
-            turn=np.ascontiguousarray(turn, float), **parts)
+            materials=np.array(self._materials, float), sheets=sheets, decals=decals,
+            textures=np.stack(textures),
+            panorama=room.panorama,
+            irradiance=irradiance,
+            turn=np.ascontiguousarray(turn, float), lamps=_lamps(room, turn),
+            ambient=irradiance if room.unlit is None
+            else Environment(room.unlit).irradiance(turn.T), **parts)
 
     def _solid(self, solid: Solid) -> tuple[F8, F8, int, tuple[int, int], F8]:
         media = np.array([0] + [self._medium(each) for each in solid.media])
@@ -130,13 +147,22 @@ class _Layout:
 
     def _row(self, medium: Medium) -> list[float]:
         if isinstance(medium, Clear):
-            return [1, medium.index, *medium.absorption, 0, 0]
-        return [0, medium.coat, 0, 0, 0, self._texture(medium.texture), 1 / medium.side]
+            return [1, medium.index, *medium.absorption, 0, 0, medium.roughness]
+        return [0, medium.coat, 0, 0, 0, self._texture(medium.texture), 1 / medium.side,
+                medium.roughness]
 
     def _sheet(self, sheet: Sheet) -> F8:
         pose, half = sheet.pose, np.array(sheet.size) / 2
         return np.concatenate([pose[:3, 3], pose[:3, 0], pose[:3, 1], pose[:3, 2], half,
-                               [self._texture(sheet.texture), 1 / sheet.side, sheet.opacity, 0]])
+                               [self._texture(sheet.texture), 1 / sheet.side, sheet.opacity,
+                                sheet.coat, sheet.roughness]])
+
+    def _decal(self, decal: Decal | None) -> list[float]:
+        if decal is None:
+            return [0.0] * 8
+        start, end = decal.azimuths
+        return [*decal.heights, (start + end) / 2, (end - start) / 2,
+                self._texture(decal.texture), 1 / decal.side, decal.opacity, decal.threshold]
 
     def _texture(self, texture: Texture) -> int:
         for number, known in enumerate(self._textures):
@@ -144,3 +170,14 @@ class _Layout:
                 return number
         self._textures.append(texture)
         return len(self._textures) - 1
+
+
+def _lamps(environment: Environment, turn: F8) -> F8:
+    """Of `World`."""
+    low, high, start, width, *colours = environment.lamps.T
+    solid_angle = (np.cos(low) - np.cos(high)) * width
+    polar, azimuth = (low + high) / 2, start + width / 2
+    middle = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth),
+                       np.cos(polar)], axis=1)
+    return np.column_stack([np.cos(low), np.cos(high), start, width,
+                            *(each * solid_angle / np.pi for each in colours), middle @ turn])
