@@ -10,8 +10,8 @@ from rich.progress import Progress, TimeRemainingColumn
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.simulation.files import write_capture, write_sequence, write_view
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
-from pmcl_ros.simulation.scenes.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
 from pmcl_ros.simulation.scenes.scene import Scene

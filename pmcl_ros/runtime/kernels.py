@@ -33,8 +33,8 @@ _KERNELS: 'list[Kernel]' = []
 _REPORTS: list[Report] = []
 
 
-def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False
-             ) -> Callable[[Callable[..., Any]], Any]:
+def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
+             exact: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` as this package uses it: no GIL, the machine code kept on disk if it may be.
 
     parallel: for loops over `prange`. It compiles the kernel, and all it calls, three times.
@@ -43,14 +43,17 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False
     what was compiled in this process and what came from the disk: so would the last digits.
     inner: for what only other kernels call. A function for Python is not compiled, which saves
     time; from Python the kernel raises TypeError.
+    exact: operations are neither reordered nor fused, so that the digits depend on nothing but the
+    source, at some cost in speed. All that such a kernel calls must be exact too.
     """
-    options: dict[str, Any] = {'nogil': True, 'fastmath': _FASTMATH, 'parallel': parallel,
+    options: dict[str, Any] = {'nogil': True, 'fastmath': False if exact else _FASTMATH,
+                               'parallel': parallel,
                                'forceinline': inlined, 'no_cfunc_wrapper': True,
                                'no_cpython_wrapper': inner}
 
     def decorate(function: FunctionType) -> Any:
         dispatcher: Any = njit(**options)(function)
-        dispatcher._cache = Kernel(function, (parallel, inlined, inner))
+        dispatcher._cache = Kernel(function, (parallel, inlined, inner, exact))
         call_template = dispatcher.get_call_template
 
         def without_literals(arguments: Any, keywords: Any) -> Any:

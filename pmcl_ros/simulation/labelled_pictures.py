@@ -14,6 +14,7 @@ from pydantic import Field
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import contour_labels
@@ -28,7 +29,6 @@ from pmcl_ros.simulation.scenes.world import World
 _SIZE = 0.12  # m: of an object, for its apparent size
 _APPARENT = 40, 400  # px
 _DISTANCES = 0.2, 2.5  # m
-_GAMMA = 1 / 2.2
 _AIMED = 0.8  # share of crops that hold the middle of an object
 _KINDS: tuple[Kind, ...] = (
     'glass', 'glass', 'glass', 'glass', 'opaque', 'glass handle', 'glass handle', 'opaque handle',
@@ -134,7 +134,7 @@ def _centre_view(rng: np.random.Generator, light: NDArray[np.float32], sensor: S
     view = noisy(view, float(np.exp(rng.uniform(0, np.log(40)))), sensor, rng)
     red, green, blue = (1 / each for each in sensor.gains)
     colour = Colour((red, green, blue)) if rng.random() < 0.7 else Colour()
-    return colour.displayed(np.maximum(view, 0), _GAMMA)
+    return colour.displayed(np.maximum(view, 0), 1 / GAMMA)
 
 
 def path_of(folder: Path, seed: int) -> Path:

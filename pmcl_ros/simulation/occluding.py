@@ -93,7 +93,7 @@ def _steps(solid: NDArray[np.bool_], depth: NDArray[np.floating]) -> NDArray[np.
     return steps
 
 
-@compiled()
+@compiled(exact=True)
 def _label(right, down, direction):  # type: ignore[no-untyped-def]
     """Fill `direction` from the steps along rows (right) and columns (down) of fine pixels.
 

@@ -1,9 +1,13 @@
 """Labelled pictures: the same for a seed, written whole, made again where they lack."""
 
+from importlib import import_module
+from pkgutil import walk_packages
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import pmcl_ros.simulation
 from pmcl_ros.cli import main
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.simulation.labelled_pictures import (
@@ -30,6 +34,17 @@ def test_the_same_seed_gives_the_same_picture(seed):
     assert np.ptp(one.picture) > 5
     for name in ('picture', 'direction', 'inside'):
         assert np.array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_rendering_does_not_depend_on_where_kernels_were_compiled():
+    """Fast mathematics gives other last digits in another process: no kernel here uses it."""
+    modules = [import_module(each.name) for each in walk_packages(
+        pmcl_ros.simulation.__path__, 'pmcl_ros.simulation.')]
+    kernels = {each.py_func: each.targetoptions['fastmath'] for module in modules
+               for each in vars(module).values() if hasattr(each, 'targetoptions')
+               and each.py_func.__module__.startswith('pmcl_ros.simulation')}
+    assert len(kernels) > 30
+    assert not any(kernels.values())
 
 
 def test_many_are_made_once_and_again_where_one_lacks(tmp_path):

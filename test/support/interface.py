@@ -25,7 +25,7 @@ FILES = {
     'views.yaml': 'pmcl_ros.lightfield.readers.posed_views:ViewsFile',
     'views.yaml camera': 'pmcl_ros.lightfield.readers.posed_views:ViewCamera',
     'views.yaml view': 'pmcl_ros.lightfield.readers.posed_views:ViewEntry',
-    'camera YAML': 'pmcl_ros.simulation.scenes.ordinary_camera:OrdinaryCamera',
+    'camera YAML': 'pmcl_ros.simulation.ordinary_camera:OrdinaryCamera',
     'sweep plan YAML': 'pmcl_ros.lightfield.sweep.plan:SweepPlan',
     'sweep plan YAML view': 'pmcl_ros.lightfield.sweep.plan:PlannedView',
     'grasps YAML': 'pmcl_ros.grasps.grasp:GraspFile',

@@ -140,7 +140,7 @@ def _paint(picture: NDArray[np.float64], rng: np.random.Generator, between: tupl
         picture[inner] = before[:, :2] if before.shape[1] > 1 else before
 
 
-@compiled()
+@compiled(exact=True)
 def look_up(panorama, x, y, z):  # type: ignore[no-untyped-def]
     """Radiance (red, green, blue) from the unit direction (x, y, z) of the world."""
     rows, columns = panorama.shape[0], panorama.shape[1]
@@ -159,7 +159,7 @@ def look_up(panorama, x, y, z):  # type: ignore[no-untyped-def]
             + three * panorama[bottom, left, 2] + four * panorama[bottom, right, 2])
 
 
-@compiled()
+@compiled(exact=True)
 def shade(c, x, y, z):  # type: ignore[no-untyped-def]
     """Radiance (red, green, blue) that a white surface of normal (x, y, z) sends out.
 

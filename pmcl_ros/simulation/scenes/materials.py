@@ -59,7 +59,7 @@ def random_liquid(rng: np.random.Generator) -> Clear:
     return Clear(1.333, (red, green, blue))
 
 
-@compiled()
+@compiled(exact=True)
 def fresnel(cosine, n_from, n_to):  # type: ignore[no-untyped-def]
     """(share of unpolarised light reflected, cosine of the refracted ray).
 
@@ -76,14 +76,14 @@ def fresnel(cosine, n_from, n_to):  # type: ignore[no-untyped-def]
     return 0.5 * (across * across + along * along), inside
 
 
-@compiled()
+@compiled(exact=True)
 def reflected(dx, dy, dz, nx, ny, nz):  # type: ignore[no-untyped-def]
     """The direction d mirrored by a surface of normal n, both of length 1."""
     twice = 2 * (dx * nx + dy * ny + dz * nz)
     return dx - twice * nx, dy - twice * ny, dz - twice * nz
 
 
-@compiled()
+@compiled(exact=True)
 def refracted(dx, dy, dz, nx, ny, nz, ratio, cosine, inside):  # type: ignore[no-untyped-def]
     """The direction d behind a surface whose normal n points against it.
 

@@ -12,21 +12,21 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.kernels import LOCK, compiled
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.sampling import eye_ray, uniform
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.trace import BRANCHES, in_pupil, nearest, trace, uniform
+from pmcl_ros.simulation.scenes.trace import BRANCHES, nearest, trace
 from pmcl_ros.simulation.scenes.world import World
 
 _DEPTH = 64  # of a hierarchy of boxes
-_R1, _R2 = 0.7548776662466927, 0.5698402909980532  # powers of the plane's golden ratio
 _APERTURE = 0.0003  # m: a quarter of its width
-_GAMMA = 2.2
 _PERIOD_NS = 1_000_000_000  # between two pictures
 
 
@@ -72,9 +72,8 @@ def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64],
     return np.append(owners, -1)[label], depth
 
 
-@compiled(parallel=True)
+@compiled(parallel=True, exact=True)
 def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-def]
-    fx, fy, cx, cy, baseline, at_x, at_y, nominal_x, nominal_y, focus, pupil = numbers
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
@@ -85,22 +84,14 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
         for j in range(width):
             light[:] = 0
             for k in range(samples):
-                px, py = in_pupil(state, nominal_x, nominal_y, pupil)
-                ox, oy = baseline * px, baseline * py
-                number = i * samples + k
-                u = j + (shift_x + _R1 * number + _R2 * j) % 1 - 0.5 - cx
-                v = i + (shift_y + _R2 * number + _R1 * j) % 1 - 0.5 - cy
-                tx = u / fx * focus + baseline * at_x
-                ty = v / fy * focus + baseline * at_y
-                dx, dy, dz = tx - ox, ty - oy, focus
-                length = np.sqrt(dx * dx + dy * dy + dz * dz)
-                trace(world, waiting, hit, stack, state, light, ox, oy, 0.0, dx / length,
-                      dy / length, dz / length)
+                ox, oy, dx, dy, dz = eye_ray(state, numbers, shift_x, shift_y, i, j,
+                                             i * samples + k)
+                trace(world, waiting, hit, stack, state, light, ox, oy, 0.0, dx, dy, dz)
             for channel in range(3):
                 picture[i, j, channel] = light[channel] / samples
 
 
-@compiled(parallel=True)
+@compiled(parallel=True, exact=True)
 def _first(world, numbers, where, label, depth):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = numbers
     height, width = label.shape
@@ -200,7 +191,7 @@ def photographs(scene: Scene, poses: Sequence[NDArray[np.float64]], rng: np.rand
         light = light_of_view(world, sensor, 0, 0, margin, samples, int(rng.integers(2 ** 62)))
         gain = gain or exposure(light, sensor.level)
         linear = noisy(sensed(light, gain, sensor.blur, margin), 1.0, sensor, rng)
-        image = np.rint(255 * np.clip(linear, 0, 1) ** (1 / _GAMMA)).astype(np.uint8)
+        image = np.rint(255 * np.clip(linear, 0, 1) ** (1 / GAMMA)).astype(np.uint8)
         frames.append(SweepFrame(f'{number:03d}', stamp_ns + number * _PERIOD_NS, image,
                                  Lens(pinhole), np.asarray(pose, float)))
     return frames

@@ -67,7 +67,7 @@ class Frusta:
         return first, np.concatenate(lists).astype(np.int64), np.array([bottom, top, radius])
 
 
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def _meet(ring, ox, oy, oz, dx, dy, dz, near, far):  # type: ignore[no-untyped-def]
     """(t, part along) of a ray's first point on a frustum in (near, far); else (far, 0)."""
     r0, z0, r1, z1 = ring[0], ring[1], ring[2], ring[3]
@@ -107,7 +107,7 @@ def _meet(ring, ox, oy, oz, dx, dy, dz, near, far):  # type: ignore[no-untyped-d
     return far, 0.0
 
 
-@compiled()
+@compiled(exact=True)
 def meet_frusta(  # type: ignore[no-untyped-def]
         rings, first, lists, at, bounds, ox, oy, oz, dx, dy, dz, near, far):
     """(t, ring, part) of the first ring in (near, far) on a ray in the object's frame.
@@ -156,7 +156,7 @@ def meet_frusta(  # type: ignore[no-untyped-def]
     return best, ring, part
 
 
-@compiled()
+@compiled(exact=True)
 def frustum_normal(ring, part, x, y):  # type: ignore[no-untyped-def]
     """The unit normals (smooth, then flat) at a point (x, y) of a ring, in the object's frame."""
     nr = ring[4] + part * (ring[6] - ring[4])

@@ -6,10 +6,9 @@ from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.environment import look_up, shade
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.revolution import frustum_normal, meet_frusta
+from pmcl_ros.simulation.scenes.sampling import uniform
 from pmcl_ros.simulation.scenes.triangles import meet_triangles
 
-_GOLDEN, _ONE, _TWO = 0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB
-_SCALE = 2.0 ** -53
 _NEAR = 1e-6  # m: a ray that starts on a surface does not meet it again
 _FAR = 1e3
 _SOLID, _SHEET = 1, 2
@@ -20,29 +19,7 @@ _AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorte
 _ALIVE = 0.05  # weight from which every reflection is followed; fainter ones at random
 
 
-@compiled(inner=True)
-def uniform(state):  # type: ignore[no-untyped-def]
-    """Uniform in [0, 1): splitmix64 (Steele, Lea, Flood 2014); state: (1,) uint64, moved on."""
-    state[0] += np.uint64(_GOLDEN)
-    x = state[0]
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(_ONE)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(_TWO)
-    x = x ^ (x >> np.uint64(31))
-    return np.float64(x >> np.uint64(11)) * _SCALE
-
-
-@compiled(inner=True)
-def in_pupil(state, x, y, radius):  # type: ignore[no-untyped-def]
-    """A random point of a view's part of the pupil [view steps]: a tent about (x, y) in a disc."""
-    for _ in range(200):
-        px = x + 2 * (uniform(state) + uniform(state) - 1)
-        py = y + 2 * (uniform(state) + uniform(state) - 1)
-        if px * px + py * py <= radius * radius:
-            return px, py
-    return x, y
-
-
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """The first solid on the ray from o along d (length 1), in the camera's frame.
 
@@ -88,7 +65,7 @@ def nearest_solid(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no
     return kind, best, number, outside, inside
 
 
-@compiled()
+@compiled(exact=True)
 def nearest(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """The first solid (kind 1) or sheet (kind 2) on a ray; else as `nearest_solid`.
 
@@ -115,7 +92,7 @@ def nearest(world, hit, stack, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyp
     return kind, best, number, outside, inside
 
 
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def _face_normal(c):  # type: ignore[no-untyped-def]
     ax, ay, az = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]
     bx, by, bz = c[2, 0] - c[0, 0], c[2, 1] - c[0, 1], c[2, 2] - c[0, 2]
@@ -124,7 +101,7 @@ def _face_normal(c):  # type: ignore[no-untyped-def]
     return nx / length, ny / length, nz / length
 
 
-@compiled()
+@compiled(exact=True)
 def trace(  # type: ignore[no-untyped-def]
         world, waiting, hit, stack, state, light, ox, oy, oz, dx, dy, dz):
     """Add to light (3,) the radiance that comes to o from the direction d (camera's frame).
@@ -145,10 +122,7 @@ def trace(  # type: ignore[no-untyped-def]
                 break
             kind, t, number, outside, inside = nearest(world, hit, stack, ox, oy, oz, dx, dy, dz)
             if kind == 0:
-                m = world.turn
-                r, g, b = look_up(world.panorama, m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz,
-                                  m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz,
-                                  m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz)
+                r, g, b = room(world, dx, dy, dz)
                 light[0] += red * r
                 light[1] += green * g
                 light[2] += blue * b
@@ -209,14 +183,14 @@ def trace(  # type: ignore[no-untyped-def]
             dx, dy, dz = refracted(dx, dy, dz, nx, ny, nz, medium[1] / body[1], cosine, within)
 
 
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def put(ray, ox, oy, oz, dx, dy, dz, red, green, blue):  # type: ignore[no-untyped-def]
     """Let a ray wait: origin, direction, weights."""
     ray[0], ray[1], ray[2], ray[3], ray[4], ray[5] = ox, oy, oz, dx, dy, dz
     ray[6], ray[7], ray[8] = red, green, blue
 
 
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Texture coordinates of a point of a solid [m]: around z and along it, flat on its ends.
 
@@ -229,10 +203,18 @@ def place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     return np.arctan2(hit[7], hit[6]) * _AROUND, -hit[8]
 
 
-@compiled(inner=True)
-def _seen(world, number, u, v, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Radiance of a matt surface: its texture at (u, v) [sides] in the room's light."""
-    texture = world.textures[number]
+@compiled(inner=True, exact=True)
+def room(world, dx, dy, dz):  # type: ignore[no-untyped-def]
+    """Radiance (red, green, blue) of the room in the direction d (camera's frame)."""
+    m = world.turn
+    return look_up(world.panorama, m[0, 0] * dx + m[0, 1] * dy + m[0, 2] * dz,
+                   m[1, 0] * dx + m[1, 1] * dy + m[1, 2] * dz,
+                   m[2, 0] * dx + m[2, 1] * dy + m[2, 2] * dz)
+
+
+@compiled(inner=True, exact=True)
+def texel(texture, u, v):  # type: ignore[no-untyped-def]
+    """Reflectance (red, green, blue) at (u, v) [sides]."""
     size = texture.shape[0]
     u, v = (u - np.floor(u)) * size, (v - np.floor(v)) * size
     i, j = int(u), int(v)
@@ -241,10 +223,17 @@ def _seen(world, number, u, v, nx, ny, nz):  # type: ignore[no-untyped-def]
     k, m = (i + 1) % size, (j + 1) % size
     one = np.float32(1)
     w0, w1, w2, w3 = (one - a) * (one - b), a * (one - b), (one - a) * b, a * b
-    r, g, bl = shade(world.irradiance, nx, ny, nz)
-    return (r * (w0 * texture[j, i, 0] + w1 * texture[j, k, 0] + w2 * texture[m, i, 0]
-                 + w3 * texture[m, k, 0]),
-            g * (w0 * texture[j, i, 1] + w1 * texture[j, k, 1] + w2 * texture[m, i, 1]
-                 + w3 * texture[m, k, 1]),
-            bl * (w0 * texture[j, i, 2] + w1 * texture[j, k, 2] + w2 * texture[m, i, 2]
-                  + w3 * texture[m, k, 2]))
+    return (w0 * texture[j, i, 0] + w1 * texture[j, k, 0] + w2 * texture[m, i, 0]
+            + w3 * texture[m, k, 0],
+            w0 * texture[j, i, 1] + w1 * texture[j, k, 1] + w2 * texture[m, i, 1]
+            + w3 * texture[m, k, 1],
+            w0 * texture[j, i, 2] + w1 * texture[j, k, 2] + w2 * texture[m, i, 2]
+            + w3 * texture[m, k, 2])
+
+
+@compiled(inner=True, exact=True)
+def _seen(world, number, u, v, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """Radiance of a matt surface: its texture at (u, v) [sides] in the room's light."""
+    r, g, b = shade(world.irradiance, nx, ny, nz)
+    red, green, blue = texel(world.textures[number], u, v)
+    return r * red, g * green, b * blue

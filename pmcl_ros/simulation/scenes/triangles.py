@@ -53,7 +53,7 @@ class Triangles:
         return np.array(boxes), np.array(nodes, np.int64), self.corners[order]
 
 
-@compiled()
+@compiled(exact=True)
 def meet_triangles(  # type: ignore[no-untyped-def]
         boxes, nodes, corners, root, first, stack, ox, oy, oz, dx, dy, dz, near, far):
     """(t, triangle) of the first triangle in (near, far) on a ray; or (far, -1).
@@ -92,7 +92,7 @@ def meet_triangles(  # type: ignore[no-untyped-def]
     return best, found
 
 
-@compiled(inner=True)
+@compiled(inner=True, exact=True)
 def _meet(c, ox, oy, oz, dx, dy, dz):  # type: ignore[no-untyped-def]
     """t at which a ray meets a triangle, or -1 (Moeller and Trumbore)."""
     ax, ay, az = c[1, 0] - c[0, 0], c[1, 1] - c[0, 1], c[1, 2] - c[0, 2]

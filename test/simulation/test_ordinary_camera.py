@@ -11,7 +11,7 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.simulation.files import write_view
-from pmcl_ros.simulation.scenes.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 
 CAMERA = {'width': 96, 'height': 64, 'fx': 90.0, 'fy': 92.0, 'cx': 50.0, 'cy': 30.0}
