@@ -26,8 +26,8 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
               bfloat16: bool) -> None:
     """Train the network of the contour map on labelled pictures, and calibrate it.
 
-    Needs TensorFlow: pip install 'pmcl_ros[learn]'. It uses a GPU where it sees one. Some pictures
-    are held out, by their seeds.
+    Needs TensorFlow: pip install '.[learn]' in the source tree. It uses a GPU where it sees one.
+    Some pictures are held out, by their seeds.
     """
     if crop % 16:
         raise click.BadParameter(f'{crop} is no multiple of 16', param_hint='--crop')
@@ -36,7 +36,7 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
         from pmcl_ros.learning.contour_net.training import Plan
     except ModuleNotFoundError as error:
         raise click.ClickException(
-            f"there is no {error.name} here; pip install 'pmcl_ros[learn]'") from error
+            f"there is no {error.name} here; pip install '.[learn]' in the source tree") from error
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
                f'--crop {crop}{" --bfloat16" * bfloat16}')
     plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32')

@@ -1,5 +1,6 @@
 """ContourMap: log odds of occluding contours by direction, and of solids, from a network."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -9,12 +10,13 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
 from pmcl_ros.evidence.learned import LearnedMapEvidence
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.runtime.errors import VolumeError
 
 DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
+_REACH = 4  # standard deviations of a Gaussian
 _MOST = 30.0  # nat / px: no log odds of a network are larger
 
 
@@ -80,21 +82,27 @@ class ContourMap(EvidenceVolume):
         """See `EvidenceVolume`: log odds of zero say nothing."""
         return replace(self, tensor=self.tensor * kept[..., None, None])
 
-    def blurred(self, sigma: float) -> 'ContourMap':
-        """The log odds of a contour within about `sigma` [px] of each place.
+    def blurred(self, sigma: float, box: Box | None = None) -> 'ContourMap':
+        """The log odds of a contour within about `sigma` [px] of each place in a box.
 
         They are the logarithm of the mean likelihood ratio over a Gaussian neighbourhood: what is
-        known of a contour whose place is uncertain by `sigma`.
+        known of a contour whose place is uncertain by `sigma`. box: as in `EvidenceVolume`.
         """
-        height, width, labels, _ = self.tensor.shape
+        height, width = self.tensor.shape[:2]
+        left, top, right, bottom = box or (0, 0, width, height)
+        reach = math.ceil(_REACH * sigma)
+        rows = slice(max(top - reach, 0), max(bottom + reach, 0))
+        columns = slice(max(left - reach, 0), max(right + reach, 0))
         basis = harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
-        ratios = np.exp(self.tensor @ basis.T).reshape(height, width, -1)
-        planes = [np.log(cv2.GaussianBlur(np.ascontiguousarray(ratios[..., k]), (0, 0), sigma))
-                  for k in range(ratios.shape[-1])]
-        odds = np.stack(planes, axis=-1).reshape(height, width, labels, DIRECTIONS)
         # Equally spaced directions make the harmonics orthogonal.
-        tensor = odds @ (basis / np.square(basis).sum(axis=0))
-        return replace(self, tensor=np.ascontiguousarray(tensor, np.float32))
+        inverse = basis / np.square(basis).sum(axis=0)
+        tensor = self.tensor.copy()
+        for label in range(tensor.shape[2]):
+            ratios = np.exp(self.tensor[rows, columns, label] @ basis.T)
+            if ratios.size:
+                blurred = cv2.GaussianBlur(ratios, (0, 0), sigma)
+                tensor[rows, columns, label] = np.log(blurred) @ inverse
+        return replace(self, tensor=tensor)
 
 
 def harmonics(angles: NDArray[np.floating]) -> NDArray[np.float32]:

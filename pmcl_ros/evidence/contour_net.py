@@ -24,7 +24,7 @@ MOST_PIXELS = 2 ** 20  # a larger picture is reduced: the network takes 0.2 s fo
 _LEAST_SIDE, _MOST_SIDE = 32, 8192  # px: a smaller picture shows no contour in its surroundings
 _STEP = 16  # px: the network halves its input four times
 
-logger = logging.getLogger(__name__)
+_LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class ContourNet:
             raise SettingsError(f'{self.path} has the sha256 {found[:12]}..., its YAML file says '
                                 f'{self.learned.sha256[:12]}...: they do not belong together')
         object.__setattr__(self, '_net', read_network(data))
-        logger.info('contour map: network %s of %s', self.learned.version, self.path)
+        _LOG.info('contour map: network %s of %s', self.learned.version, self.path)
 
     def __call__(self, picture: NDArray[np.generic]) -> NDArray[np.float32]:
         """(H, W, 6) float32 log odds ratios [nat]: what the picture says beside the base rates.
@@ -92,7 +92,7 @@ def factors(contour: Calibration, inside: Calibration
 
 def logits(net: cv2.dnn.Net, picture: NDArray[np.generic]) -> NDArray[np.float32]:
     """(H, W, 6) what the network says of a picture, see `ContourNet`."""
-    encoded = _encoded(picture)
+    encoded = network_input(picture)
     height, width = encoded.shape[:2]
     factor = min(1.0, np.sqrt(MOST_PIXELS / (height * width)))
     reduced = encoded if factor == 1 else cv2.resize(
@@ -107,8 +107,11 @@ def logits(net: cv2.dnn.Net, picture: NDArray[np.generic]) -> NDArray[np.float32
     return np.ascontiguousarray(out)
 
 
-def _encoded(picture: NDArray[np.generic]) -> NDArray[np.float32]:
-    """(H, W, 3) values of -0.5 to 0.5."""
+def network_input(picture: NDArray[np.generic]) -> NDArray[np.float32]:
+    """(H, W, 3) encoded values of -0.5 to 0.5, of a picture as `ContourNet` takes it.
+
+    Raises PictureError.
+    """
     shape = picture.shape
     if picture.ndim == 2:
         picture = np.repeat(picture[..., None], 3, axis=-1)

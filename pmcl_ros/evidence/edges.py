@@ -18,7 +18,7 @@ from pmcl_ros.dlv.planes import mirrored
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, checked_labels, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
 from pmcl_ros.evidence.learned import learned_contour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused
@@ -71,6 +71,10 @@ class EdgeVolume(EvidenceVolume):
     def suppressed(self, kept: NDArray[np.float32]) -> 'EdgeVolume':
         """See `EvidenceVolume`. The tensor holds squared energies."""
         return replace(self, tensor=self.tensor * (kept ** 2)[..., None, None])
+
+    def blurred(self, sigma: float, box: Box | None = None) -> 'EdgeVolume':  # noqa: ARG002
+        """Itself: edge energy is smooth already."""
+        return self
 
 
 def build_edges(light_field: LightField, settings: DlvSettings) -> EdgeVolume:

@@ -1,5 +1,6 @@
 """What pictures show of contours, for each pixel and depth: read by the contour search."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, TypeVar
 
@@ -13,11 +14,12 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 
+Box = tuple[int, int, int, int]  # left, top, right, bottom [px]
 Volume = TypeVar('Volume', bound='EvidenceVolume')
 
 
 @dataclass(frozen=True)
-class EvidenceVolume:
+class EvidenceVolume(ABC):
     """Evidence of contours in one picture; `EdgeVolume` and `ContourMap` are its two kinds.
 
     tensor: (height, width, labels, components) float32. A reading of it depends on the contour's
@@ -38,19 +40,19 @@ class EvidenceVolume:
         check_values(self.tensor, (self.components,), self.depths, self.pinhole, self.kind)
 
     @property
+    @abstractmethod
     def profile(self) -> ContourProfile:
         """The evidence of a contour point by the readings across it. Raises SettingsError."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def least_support(self) -> float:
         """Support below which an object is lost (`contour_support`) [nat / px]."""
-        raise NotImplementedError
 
     @property
+    @abstractmethod
     def model_error(self) -> ModelError:
         """How far contours in such pictures are from rendered ones. Raises SettingsError."""
-        raise NotImplementedError
 
     @property
     def shows_creases(self) -> bool:
@@ -62,13 +64,13 @@ class EvidenceVolume:
         """(height, width, labels) evidence that a pixel shows a solid [nat / px]; empty: none."""
         return np.zeros((0, 0, 0), np.float32)
 
+    @abstractmethod
     def suppressed(self: Volume, kept: NDArray[np.float32]) -> Volume:
         """With the evidence of contours reduced by factors (height, width), 0 to 1."""
-        raise NotImplementedError
 
-    def blurred(self: Volume, sigma: float) -> Volume:  # noqa: ARG002
-        """For contours whose place is uncertain by `sigma` [px]."""
-        return self
+    @abstractmethod
+    def blurred(self: Volume, sigma: float, box: Box | None = None) -> Volume:
+        """For contours in a box whose place is uncertain by `sigma` [px]; default: everywhere."""
 
     def labels(self, depths: ArrayLike) -> NDArray[np.float64]:
         """(...) labels, between whole ones too, of depths (...) [m]."""

@@ -97,9 +97,11 @@ class ContourEvidence:
     def optimizers(self, count: int = 3) -> list[GaussNewton]:
         """Gauss-Newton on coarse contours, fine ones, those of the image: the first `count`."""
         window = self.window
+        box = (window.left, window.top, window.left + window.size[0],
+               window.top + window.size[1])
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
         return [GaussNewton(self._scene(window.coarser(max(scale, least))),
-                            self.edges.blurred(blur), self.profile, self.region, step)
+                            self.edges.blurred(blur, box), self.profile, self.region, step)
                 for scale, step, blur in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count],
                                              _BLURS[:count], strict=True)]
 

@@ -127,21 +127,26 @@ class Proposals:
         return _Places(depth, scores[best], pixels, best // sums.shape[1])
 
 
-def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
-    """(directions, rows, columns) of cells, in units of 1 / 255.
-
-    Edge energy on a contour of each normal there, less half of that outside it.
-    """
+def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
+    """The tensor at a depth, of whole cells; rows and columns of cells."""
     count = len(edges.depths)
     label = np.clip(edges.labels(depth), 0, count - 1)
     below = min(int(label), count - 2)
     part = np.float32(label - below)
     tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
     height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
-    tensor = cv2.resize(tensor[:height * _CELL, :width * _CELL], (width, height),
-                        interpolation=cv2.INTER_AREA)
+    return tensor[:height * _CELL, :width * _CELL], height, width
+
+
+def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
+    """(directions, rows, columns) of cells, in units of 1 / 255.
+
+    Edge energy on a contour of each normal there, less half of that outside it.
+    """
+    whole, height, width = _cells_at(edges, depth)
+    cells = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
     # A cell's mean is a part of the blur.
-    tensor = cv2.GaussianBlur(tensor, (0, 0), (_BLUR ** 2 - (_CELL ** 2 - 1) / 12) ** 0.5 / _CELL)
+    tensor = cv2.GaussianBlur(cells, (0, 0), (_BLUR ** 2 - (_CELL ** 2 - 1) / 12) ** 0.5 / _CELL)
     maps = np.zeros((DIRECTIONS, height, width), np.int16)
     for k, angle in enumerate(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS):
         nx, ny = np.cos(angle), np.sin(angle)
@@ -159,13 +164,7 @@ def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
 
 def _log_odds_maps(odds: ContourMap, depth: float) -> NDArray[np.int16]:
     """As `_evidence_maps`: log odds of a contour of each normal somewhere in a cell, halved."""
-    count = len(odds.depths)
-    label = np.clip(odds.labels(depth), 0, count - 1)
-    below = min(int(label), count - 2)
-    part = np.float32(label - below)
-    tensor = (1 - part) * odds.tensor[:, :, below] + part * odds.tensor[:, :, below + 1]
-    height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
-    tensor = tensor[:height * _CELL, :width * _CELL]
+    tensor, height, width = _cells_at(odds, depth)
     maps = np.zeros((DIRECTIONS, height, width), np.int16)
     for k, each in enumerate(harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)):
         ratio = cv2.resize(np.exp(tensor @ each), (width, height), interpolation=cv2.INTER_AREA)

@@ -14,9 +14,10 @@ from scipy.optimize import minimize
 from scipy.special import expit
 
 from pmcl_ros.drawing.charts import Chart, Line
+from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.evidence.contour_net import logits
 from pmcl_ros.evidence.learned import Calibration
-from pmcl_ros.learning.contour_net.network import DIRECTIONS, direction_targets, fourier
+from pmcl_ros.learning.contour_net.network import DIRECTIONS, direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
 from pmcl_ros.simulation.labelled_pictures import read_labelled
 
@@ -107,7 +108,7 @@ class Measured:
     def measure(cls, net: cv2.dnn.Net, files: Iterable[Path]) -> 'Measured':
         """Run the network on whole labelled pictures."""
         steps = BINS // DIRECTIONS * np.arange(DIRECTIONS)
-        basis, shares = fourier(2 * np.pi * steps / BINS), direction_targets(steps)
+        basis, shares = harmonics(2 * np.pi * steps / BINS).T, direction_targets(steps)
         sums: Measured | None = None
         for each in files:
             labelled = read_labelled(each)

@@ -10,6 +10,7 @@ import numpy as np
 import tensorflow as tf
 from numpy.typing import NDArray
 
+from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.learning.contour_net.pictures import BINS
 
 WIDTHS = (32, 48, 64, 96)  # channels at 1/2, 1/4, 1/8, 1/16 of the resolution
@@ -71,12 +72,6 @@ def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Mod
     return network
 
 
-def fourier(angles: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(5, n): what a0, c1, s1, c2, s2 are multiplied with for the angles (n,) [rad]."""
-    return np.stack([np.ones_like(angles), np.cos(angles), np.sin(angles), np.cos(2 * angles),
-                     np.sin(2 * angles)]).astype(np.float32)
-
-
 def direction_targets(directions: NDArray[np.integer]) -> NDArray[np.float32]:
     """(33, n): the share of a label -1, 0, ..., 31 that lies within 22.5 degrees of a direction.
 
@@ -91,7 +86,7 @@ def direction_targets(directions: NDArray[np.integer]) -> NDArray[np.float32]:
 
 
 _TURNS = [_EVERY * np.arange(BINS // _EVERY) + offset for offset in range(_EVERY)]
-_BASES = np.stack([fourier(2 * np.pi * each / BINS) for each in _TURNS])
+_BASES = np.stack([harmonics(2 * np.pi * each / BINS).T for each in _TURNS])
 _TARGETS = np.stack([direction_targets(each) for each in _TURNS])
 
 

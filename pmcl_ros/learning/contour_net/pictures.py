@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.evidence.contour_net import network_input
 from pmcl_ros.runtime.errors import PictureError
 from pmcl_ros.simulation.labelled_pictures import LabelledPicture, read_labelled
 
@@ -87,11 +88,6 @@ def held_out(files: tuple[Path, ...], size: int, crop: int) -> Iterator[Batch]:
         yield Batch(np.stack([network_input(each.picture) for each in chosen]),
                     np.stack([each.direction for each in chosen]),
                     np.stack([each.inside for each in chosen]))
-
-
-def network_input(picture: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """What the network takes: gamma encoded values in -0.5 to 0.5, of any shape."""
-    return picture.astype(np.float32) / 255 - np.float32(0.5)
 
 
 def _crop(whole: LabelledPicture, size: int, rng: np.random.Generator) -> LabelledPicture:

@@ -1,6 +1,5 @@
 """Trains the network of the contour map; goes on where it was stopped."""
 
-import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,6 @@ _RATE, _WARM_UP = 3e-3, 0.02  # of Adam, and the part of all steps in which it r
 _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_HELD_OUT = 64  # crops
 
-logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)

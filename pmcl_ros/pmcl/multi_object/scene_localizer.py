@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
@@ -101,7 +102,7 @@ class SceneLocalizer:
         Raises LocalizationError for edges made of a likelihood, else what `Localizer.localize`
         raises.
         """
-        if not edges.shows_creases and edges.components == 3:
+        if isinstance(edges, EdgeVolume) and edges.from_likelihood:
             raise LocalizationError('several objects are distinguished by their contours: they '
                                     'need an edge volume (dlv/edges)')
         search = SceneSearch(self._localizers, self._distinct, self._solids, self._listed, edges,

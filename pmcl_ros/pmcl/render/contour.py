@@ -144,9 +144,12 @@ _WEIGHTS = np.exp(-_FALL * np.add.outer(np.arange(-2, 3) ** 2, np.arange(-2, 3) 
 
 
 @compiled(inlined=True, inner=True)
-def _log_odds(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
-    """The log odds of a ContourMap for a normal, between pixels and labels."""
-    height, width, labels, _ = tensor.shape
+def reading(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
+    """A tensor's reading for a normal, between pixels and labels; beyond it that of its end.
+
+    It is the edge energy across the normal, or the log odds of a ContourMap.
+    """
+    height, width, labels, components = tensor.shape
     x = min(max(x, np.float32(0)), np.float32(width - 1))
     y = min(max(y, np.float32(0)), np.float32(height - 1))
     label = min(max(label, np.float32(0)), np.float32(labels - 1))
@@ -154,7 +157,7 @@ def _log_odds(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
     right, below = min(column + 1, width - 1), min(row + 1, height - 1)
     c2, s2 = nx * nx - ny * ny, np.float32(2) * nx * ny
-    total = np.float32(0)
+    odds, xx, yy, xy = np.float32(0), np.float32(0), np.float32(0), np.float32(0)
     for j in range(2):
         line = tensor[below if j else row]
         down = fy if j else np.float32(1) - fy
@@ -164,38 +167,15 @@ def _log_odds(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
             for k in range(2):
                 share = part * (fl if k else np.float32(1) - fl)
                 each = ray[level + k]
-                total += share * (each[0] + each[1] * nx + each[2] * ny + each[3] * c2
-                                  + each[4] * s2)
-    return total
-
-
-@compiled(inlined=True, inner=True)
-def energy(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
-    """A tensor's reading for a normal, between pixels and labels; beyond it that of its end.
-
-    It is the edge energy across the normal, or the log odds of a ContourMap.
-    """
-    if tensor.shape[3] == 5:
-        return _log_odds(tensor, x, y, label, nx, ny)
-    height, width, labels, _ = tensor.shape
-    x = min(max(x, np.float32(0)), np.float32(width - 1))
-    y = min(max(y, np.float32(0)), np.float32(height - 1))
-    label = min(max(label, np.float32(0)), np.float32(labels - 1))
-    column, row, level = int(x), int(y), min(int(label), labels - 2)
-    fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
-    right, below = min(column + 1, width - 1), min(row + 1, height - 1)
-    xx, yy, xy = np.float32(0), np.float32(0), np.float32(0)
-    for j in range(2):
-        line = tensor[below if j else row]
-        down = fy if j else np.float32(1) - fy
-        for i in range(2):
-            ray = line[right if i else column]
-            part = down * (fx if i else np.float32(1) - fx)
-            for k in range(2):
-                share = part * (fl if k else np.float32(1) - fl)
-                xx += share * ray[level + k, 0]
-                yy += share * ray[level + k, 1]
-                xy += share * ray[level + k, 2]
+                if components == 5:
+                    odds += share * (each[0] + each[1] * nx + each[2] * ny + each[3] * c2
+                                     + each[4] * s2)
+                else:
+                    xx += share * each[0]
+                    yy += share * each[1]
+                    xy += share * each[2]
+    if components == 5:
+        return odds
     square = xx * nx * nx + yy * ny * ny + np.float32(2) * xy * nx * ny
     return np.sqrt(max(square, np.float32(0)))
 
@@ -286,7 +266,7 @@ def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
         value = bias
         for j in range(len(offsets)):
             off = offsets[j]
-            e = energy(tensor, x + off * nx, y + off * ny, label, nx, ny)
+            e = reading(tensor, x + off * nx, y + off * ny, label, nx, ny)
             value += evidence(e, knots, widths, slopes[j])
         # A line is crossed by |nx| horizontal and |ny| vertical pairs for each pixel of it.
         pixels = window[2] / (abs(nx) + abs(ny))

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.render.contour import (
     Edges,
-    energy,
     find,
     is_silhouette,
     normal,
     place,
+    reading,
     region_sum,
 )
 from pmcl_ros.pmcl.render.raster import MARGIN
@@ -87,7 +87,7 @@ def _values(found, box, z, edges):  # type: ignore[no-untyped-def]
             values[k, 5] = edges.scale / (abs(nx) + abs(ny))
         for j in range(len(edges.offsets)):
             off = edges.offsets[j]
-            values[k, 7 + j] = energy(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
+            values[k, 7 + j] = reading(edges.tensor, x + off * nx, y + off * ny, label, nx, ny)
     return values
 
 

@@ -14,12 +14,12 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour import (
     Edges,
     check_profile,
-    energy,
     evidence,
     find,
     is_silhouette,
     normal,
     place,
+    reading,
     region_at,
     region_sum,
 )
@@ -214,7 +214,7 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
             aside = np.float32((i - 1) * step)
             for j in range(len(offsets)):
                 off = offsets[j] + aside
-                e = energy(tensor, x + off * nx, y + off * ny, label, nx, ny)
+                e = reading(tensor, x + off * nx, y + off * ny, label, nx, ny)
                 values[i] += evidence(e, knots, widths, slopes[j])
         weight = window[2] / (abs(nx) + abs(ny))
         total += weight * values[1]

@@ -5,12 +5,12 @@ import keras
 import numpy as np
 import pytest
 
+from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.learning.contour_net.network import (
     POSITIVE_WEIGHT,
     FusedNormalization,
     build,
     direction_targets,
-    fourier,
     losses,
 )
 from pmcl_ros.learning.contour_net.onnx_file import write
@@ -70,7 +70,7 @@ def test_the_loss_is_the_weighted_cross_entropy_of_directions():
     inside = rng.random((2, 3, 4)) < 0.5
     contour, region = losses(out, direction, inside, 3)
     directions = np.arange(3, 32, 4)
-    chance = 1 / (1 + np.exp(-out[..., :5] @ fourier(2 * np.pi * directions / 32)))
+    chance = 1 / (1 + np.exp(-out[..., :5] @ harmonics(2 * np.pi * directions / 32).T))
     share = direction_targets(directions)[direction + 1]
     expected = -(POSITIVE_WEIGHT * share * np.log(chance) + (1 - share) * np.log(1 - chance))
     assert float(contour) == pytest.approx(expected.sum(-1).mean(), rel=1e-5)
