@@ -5,15 +5,15 @@
     print(run.estimate.describe())
 
 The source is a LightField, or a PosedView of an ordinary camera.
-The evidence is an EdgeVolume, which the contour search reads, or in the mode faithful the
-DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the same stages
-themselves; of this module they use `make_localizer`.
+The evidence is an EdgeVolume or a ContourMap, which the contour search reads, or in the mode
+faithful the DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the
+same stages themselves; of this module they use `make_localizer`.
 """
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -33,11 +33,10 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocal
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
-EvidenceKind = Literal['edges', 'map']  # of the mode default: edges, or the learned contour map
 Evidence = EvidenceVolume | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
@@ -130,25 +129,26 @@ class Pipeline(Generic[Estimate]):
     """Finds an object, or several, in light fields or pictures; use and close it in one thread.
 
     localizer: closed with this. near, far: depths that can hold a part of an object [m].
-    changes: parameters of evidence and volume that differ from `volume_settings`; origin: where
-    they are from, for errors. kind: of the evidence.
+    settings: mode and kind of the evidence. changes: parameters of evidence and volume that differ
+    from `volume_settings`; origin: where they are from, for errors.
     """
 
-    def __init__(self, localizer: AnyLocalizer[Estimate], mode: Mode, near: float, far: float,
-                 changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
-                 kind: EvidenceKind = 'edges') -> None:
+    def __init__(self, localizer: AnyLocalizer[Estimate], settings: PmclSettings, near: float,
+                 far: float, changes: Mapping[str, Any] | None = None,
+                 origin: str = 'region of interest') -> None:
         self.localizer = localizer
-        self.mode, self.near, self.far, self.kind = mode, near, far, kind
+        self.mode, self.kind = settings.mode, settings.evidence
+        self.near, self.far = near, far
         self._changes, self._origin = changes, origin
 
     @classmethod
     def for_object(cls, model: ObjectModel, settings: PmclSettings,
-                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
-                   kind: EvidenceKind = 'edges') -> 'Pipeline[PoseEstimate]':
+                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
+                   ) -> 'Pipeline[PoseEstimate]':
         """One object. Raises RenderError, LocalizationError (`Localizer`)."""
         localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings)
         near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
-        return Pipeline(localizer, settings.mode, near, far, changes, origin, kind)
+        return Pipeline(localizer, settings, near, far, changes, origin)
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
@@ -158,7 +158,7 @@ class Pipeline(Generic[Estimate]):
         localizer: AnyLocalizer[SceneEstimate] = SceneLocalizer(models, settings)
         near, far = Region(settings.roi_center, settings.roi_size).grown(
             max(each.radius for each in models))
-        return Pipeline(localizer, settings.mode, near, far, changes, origin)
+        return Pipeline(localizer, settings, near, far, changes, origin)
 
     def __enter__(self) -> 'Pipeline[Estimate]':
         return self

@@ -16,11 +16,11 @@ from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pipeline import Estimate, EvidenceKind, Pipeline, Run
+from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 
 
 @click.command()
@@ -33,8 +33,7 @@ from pmcl_ros.pmcl.settings import Mode, PmclSettings
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']), default='edges',
-              show_default=True, help='Of the mode default: edges of the refocused views, or the '
-              'contour map of the learned network.')
+              show_default=True, help=PmclSettings.model_fields['evidence'].description)
 @click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
               "the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
@@ -57,19 +56,17 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
     of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
-    settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed,
-                                  'roi_center': roi[:3], 'roi_size': roi[3:]} | dict(of_search),
-                                 '--roi, --mode, --set, --seed')
+    settings = PmclSettings.make({'mode': mode, 'evidence': kind, 'object': str(objects[0]),
+                                  'seed': seed, 'roi_center': roi[:3], 'roi_size': roi[3:]}
+                                 | dict(of_search), '--roi, --mode, --evidence, --set, --seed')
     model = ObjectModel.load(objects[0])
     read = open_source(source, calibration, white, every, shrink)
     if len(objects) > 1:
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
-        if kind == 'map':
-            raise click.UsageError('--evidence map finds one object: give one --object')
         _localize_several(read, objects, settings, dict(of_volume), as_json, out)
         return
-    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', kind)
+    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set')
     run = _run(pipeline, read, seed, with_volume=out is not None)
     estimate, seconds = run.estimate, run.seconds
     _print(estimate, {'decode': seconds['views'],

@@ -17,7 +17,7 @@ from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Evidence, build_evidence, volume_settings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.settings import Mode, PmclSettings
+from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
 Base = Literal['default', 'faithful', 'centre', 'map', 'map-centre']
@@ -75,9 +75,15 @@ class Variant:
         """The mode of the search."""
         return 'faithful' if self.base == 'faithful' else 'default'
 
+    @property
+    def evidence(self) -> EvidenceKind:
+        """What the search reads in the mode default."""
+        return 'map' if self.base.startswith('map') else dict(self.pmcl).get('evidence', 'edges')
+
     def search(self, capture: Capture) -> PmclSettings:
         """The search's settings for a capture. Raises SettingsError for impossible values."""
-        return PmclSettings.make({'mode': self.mode, 'roi_center': capture.truth.roi_center,
+        return PmclSettings.make({'mode': self.mode, 'evidence': self.evidence,
+                                  'roi_center': capture.truth.roi_center,
                                   'roi_size': capture.truth.roi_size} | dict(self.pmcl), self.name)
 
     def volume(self, capture: Capture, model: ObjectModel, source: Source) -> DlvSettings:
@@ -88,12 +94,10 @@ class Variant:
 
     def build(self, source: Source, settings: DlvSettings) -> Evidence:
         """The evidence that the row's search reads; of the centre view alone, labels are equal."""
-        if self.base.startswith('map'):
-            if self.base == 'map-centre' and isinstance(source, LightField):
-                source = centre_view(source)
-            return build_evidence(source, settings, self.mode, 'map')
+        if self.base == 'map-centre' and isinstance(source, LightField):
+            source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
-            return build_evidence(source, settings, self.mode)
+            return build_evidence(source, settings, self.mode, self.evidence)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(
             PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))

@@ -1,4 +1,4 @@
-"""DepthLikelihoodVolume and EdgeVolume: `dlv` and `dlv/edges`."""
+"""DepthLikelihoodVolume, EdgeVolume, ContourMap: `dlv`, `dlv/edges`, `dlv/contour_map`."""
 
 from collections.abc import Sequence
 from math import prod
@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.messages.header import promised_by, time_to_message
@@ -20,11 +23,13 @@ from pmcl_ros.messages.types import (
 )
 from pmcl_ros.runtime.errors import MessageError
 
-_VOLUME, _EDGES = ('height', 'width', 'depth'), ('height', 'width', 'depth', 'tensor')
+_VOLUME = 'height', 'width', 'depth'
+_EDGES, _MAP = (*_VOLUME, 'tensor'), (*_VOLUME, 'log_odds')
+_COMPONENTS = {'tensor': 'xx,yy,xy', 'log_odds': 'a0,c1,s1,c2,s2,inside'}
 _Number = TypeVar('_Number', int, float)
 # what follows the name in a dimension's label
 _KEYS = {'height': ('stamp', 'frame'), 'width': ('fx', 'fy', 'cx', 'cy'), 'depth': ('metres',),
-         'tensor': ('components',)}
+         'tensor': ('components',), 'log_odds': ('components',)}
 
 
 def volume_to_message(volume: DepthLikelihoodVolume,
@@ -56,18 +61,30 @@ def edges_from(message: Float32MultiArray) -> EdgeVolume:
     """The inverse of `edges_to_message`."""
     header, pinhole, depths, values = _read_volume(message, _EDGES, 'dlv/edges')
     with promised_by('dlv/edges'):
-        if values.shape[3] != 3:
-            raise MessageError(f'dlv/edges: {values.shape[3]} components, expected xx, yy, xy')
         return EdgeVolume(header, values, depths, pinhole)
 
 
-def _write_volume(source: DepthLikelihoodVolume | EdgeVolume, values: NDArray[np.float32],
+def map_to_message(odds: ContourMap, buffer: Buffer | None = None) -> Float32MultiArray:
+    """As `volume_to_message`, with `log_odds;components=a0,c1,s1,c2,s2,inside`."""
+    values = np.concatenate([odds.tensor, odds.inside[..., None]], axis=-1)
+    return _write_volume(odds, values, _MAP, buffer)
+
+
+def map_from(message: Float32MultiArray) -> ContourMap:
+    """The inverse of `map_to_message`, with the learned numbers of this package."""
+    header, pinhole, depths, values = _read_volume(message, _MAP, 'dlv/contour_map')
+    with promised_by('dlv/contour_map'):
+        return ContourMap(header, np.ascontiguousarray(values[..., :5]), depths, pinhole,
+                          np.ascontiguousarray(values[..., 5]), learned_map_evidence())
+
+
+def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume, values: NDArray[np.float32],
                   names: Sequence[str], buffer: Buffer | None) -> Float32MultiArray:
     header, pinhole = source.header, source.pinhole
     texts = {'height': (header.stamp_ns, header.frame_id),
              'width': (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy),
              'depth': (','.join(repr(float(depth)) for depth in source.depths),),
-             'tensor': ('xx,yy,xy',)}
+             **{name: (each,) for name, each in _COMPONENTS.items()}}
     dimensions = []
     for axis, name in enumerate(names):
         pairs = zip(_KEYS[name], texts[name], strict=True)
@@ -97,6 +114,10 @@ def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
     if strides != expected or not prod(shape):
         raise MessageError(f'{topic}: sizes {list(shape)} with strides {strides}, expected '
                            f'strides {expected} (products of the sizes inwards) and no size 0')
+    for name, (found,) in zip(names[3:], texts[3:], strict=True):
+        wanted = _COMPONENTS[name]
+        if found != wanted or shape[3] != len(wanted.split(',')):
+            raise MessageError(f'{topic}: {shape[3]} components {found[:60]}, expected {wanted}')
     stamp, frame = texts[0]
     with promised_by(topic):
         header = Header(_number(int, stamp, topic), frame)
@@ -105,11 +126,11 @@ def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
         pinhole = Pinhole(shape[1], shape[0], *intrinsics)
     depths = np.array([_number(float, text, topic) for text in texts[2][0].split(',')])
     padding = _padding(header, pinhole, depths)
-    found = len(depths), offset, len(message.data)
+    sizes = len(depths), offset, len(message.data)
     right = shape[2], len(padding), len(padding) + expected[0]
-    if found != right:
+    if sizes != right:
         raise MessageError(
-            f'{topic}: {found[0]} depths, data_offset {found[1]} and {found[2]} values for sizes '
+            f'{topic}: {sizes[0]} depths, data_offset {sizes[1]} and {sizes[2]} values for sizes '
             f'{list(shape)}; expected {right[0]}, {right[1]} and {right[2]}')
     data = np.frombuffer(message.data, '<f4')
     if not np.array_equal(data[:offset], padding):

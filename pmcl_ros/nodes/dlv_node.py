@@ -1,4 +1,4 @@
-"""LightField -> EdgeVolume, DepthLikelihoodVolume: only what has a subscriber is computed."""
+"""LightField -> EdgeVolume, ContourMap, DepthLikelihoodVolume: what has a subscriber."""
 
 import sys
 from dataclasses import dataclass
@@ -11,6 +11,8 @@ from pmcl_ros.dlv.build import build_volume, choose, tiny_light_field, warm_up
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.messages.camera_info import pinhole_from
@@ -18,7 +20,7 @@ from pmcl_ros.messages.header import Part, part_from
 from pmcl_ros.messages.image import depth_to_message, picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_from
 from pmcl_ros.messages.types import Buffer
-from pmcl_ros.messages.volume import edges_to_message, volume_to_message
+from pmcl_ros.messages.volume import edges_to_message, map_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
@@ -46,6 +48,11 @@ class Products:
         return build_edges(self.light_field, self.settings)
 
     @cached_property
+    def contour_map(self) -> ContourMap:
+        """For `dlv/contour_map`."""
+        return build_map(self.light_field, self.settings)
+
+    @cached_property
     def volume(self) -> DepthLikelihoodVolume:
         """For `dlv` and the pictures of it."""
         return build_volume(self.light_field, self.settings)
@@ -64,15 +71,18 @@ class DlvNode(StageNode):
         warm_up(settings.back_end, settings.layers)
         self.health.back_end = ('numpy' if settings.interpolation == 'phase'
                                 else choose(settings.back_end))
-        # First, so that whoever finds the publisher of dlv has found this one before.
+        # First, so that whoever finds the publisher of dlv has found these before.
         edges = ValuePublisher(self, Float32MultiArray, 'dlv/edges', BIG,
                                edges_to_message, each_a_capture=True)
+        odds = ValuePublisher(self, Float32MultiArray, 'dlv/contour_map', BIG, map_to_message,
+                              each_a_capture=True)
         volume = ValuePublisher(self, Float32MultiArray, 'dlv', BIG, volume_to_message,
                                 each_a_capture=True)
         depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, depth_to_message)
         layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
         self._outputs: list[Output[Products]] = [
             Output(edges.wanted, lambda made: edges.publish(made.edges)),
+            Output(odds.wanted, lambda made: odds.publish(made.contour_map)),
             Output(volume.wanted, lambda made: volume.publish(made.volume)),
             Output(depth.wanted, lambda made: depth.publish(made.volume)),
             Output(layers.wanted, lambda made: layers.publish(made.volume))]
@@ -82,7 +92,8 @@ class DlvNode(StageNode):
         # The small topics bring as many captures as their history holds before the big one's turn.
         self._matching = ExactSynchronizer(list(_INPUTS), SMALL.depth, self.dropped)
         self._deferred = DeferredPublisher(
-            self, self._outputs, 'no subscriber of dlv/edges, dlv, dlv/depth or dlv/layers')
+            self, self._outputs, 'no subscriber of dlv/edges, dlv/contour_map, dlv, '
+            'dlv/depth or dlv/layers')
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',

@@ -1,4 +1,4 @@
-"""The input of pmcl_node: the evidence of each capture, from `dlv/edges` or `dlv`."""
+"""The input of pmcl_node: evidence, from `dlv/contour_map`, `dlv/edges` or `dlv`."""
 
 import time
 from collections.abc import Callable
@@ -7,60 +7,63 @@ from contextlib import ExitStack
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.messages.volume import edges_from, volume_from
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.messages.volume import edges_from, map_from, volume_from
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
 from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.pipeline import Evidence
-from pmcl_ros.pmcl.settings import Mode
+from pmcl_ros.pmcl.settings import EvidenceKind, Mode
 
+# of each kind: its topic, and what reads a message
+_TOPICS: dict[EvidenceKind, tuple[str, Callable[..., EvidenceVolume]]] = {
+    'edges': ('dlv/edges', edges_from), 'map': ('dlv/contour_map', map_from)}
 ENDED = 'the node was reset or deactivated before it was searched'
-_NO_EDGES = 'no dlv/edges came with it before the next'
 _LOOK = 0.25  # s between two looks for publishers
-_PATIENCE = 5.0  # s: how much later than its volume an edge volume may come
+_PATIENCE = 5.0  # s: how much later than its volume the evidence may come
 _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
 
 
 class EvidenceInput:
     """Subscribes to the evidence of captures, for `start` of a node.
 
-    In the mode faithful that is `dlv`, else `dlv/edges`. While `dlv` is published and `dlv/edges`
-    is not, `dlv` replaces it: a likelihood alone is less exact. DDS may discover the publishers
-    one after the other: the first volumes wait some seconds for their edges.
+    In the mode faithful that is `dlv`, else the topic of its kind. While `dlv` is published and
+    that topic is not, `dlv` replaces it: a likelihood alone is less exact. DDS may discover the
+    publishers one after the other: the first volumes wait some seconds for their evidence.
     callback: gets the evidence of each capture, once. discovery: how long after the subscription
-    to `dlv` a publisher of `dlv/edges` may still be discovered [s].
+    to `dlv` a publisher of the evidence may still be discovered [s].
     """
 
-    def __init__(self, node: StageNode, mode: Mode, callback: Callable[[Evidence], None],
-                 discovery: float = _DISCOVERY) -> None:
+    def __init__(self, node: StageNode, mode: Mode, kind: EvidenceKind,
+                 callback: Callable[[Evidence], None], discovery: float = _DISCOVERY) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
+        self._topic, read = _TOPICS[kind]
         self._volumes: ExitStack | None = None  # the subscription to dlv, while there is one
         self._since = 0.0  # when it was made
-        self._alone = False  # at the last look: dlv was published, and dlv/edges was not
-        # A volume that waits for its edges, and since when.
+        self._alone = False  # at the last look: dlv was published, and the evidence was not
+        # A volume that waits for its evidence, and since when.
         self._held: tuple[float, DepthLikelihoodVolume] | None = None
         if mode == 'faithful':
             subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback, BIG)
             return
-        self._edges = subscribe_value(node, Float32MultiArray, 'dlv/edges', edges_from,
-                                      self._on_edges, BIG)
+        self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
+                                         self._on_evidence, BIG)
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
 
     def forget(self) -> None:
-        """Drop the volume that waits for its edges."""
+        """Drop the volume that waits for its evidence."""
         self._drop_held(ENDED)
 
-    def _on_edges(self, edges: EdgeVolume) -> None:
-        self._end_volumes()  # a volume that comes after its edges would be searched too
-        if self._held is not None and self._held[1].header.stamp_ns == edges.header.stamp_ns:
+    def _on_evidence(self, evidence: EvidenceVolume) -> None:
+        self._end_volumes()  # a volume that comes after its evidence would be searched too
+        if self._held is not None and self._held[1].header.stamp_ns == evidence.header.stamp_ns:
             self._held = None
-        self._drop_held(_NO_EDGES)
-        self._callback(edges)
+        self._drop_held(f'no {self._topic} came with it before the next')
+        self._callback(evidence)
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
-        self._drop_held(_NO_EDGES)
+        self._drop_held(f'no {self._topic} came with it before the next')
         self._held = time.monotonic(), volume
         self._wait_no_longer()
 
@@ -70,8 +73,8 @@ class EvidenceInput:
             self._node.dropped(f'capture {held[1].header.stamp_ns}: {why}')
 
     def _published(self) -> bool:
-        """Whether DDS has discovered a publisher of dlv/edges."""
-        return self._edges.get_publisher_count() > 0
+        """Whether DDS has discovered a publisher of the evidence."""
+        return self._evidence.get_publisher_count() > 0
 
     def _look(self) -> None:
         """Subscribe to dlv or end that, as publishers come and go."""
@@ -89,12 +92,12 @@ class EvidenceInput:
         self._wait_no_longer()
 
     def _wait_no_longer(self) -> None:
-        """Deliver the volume that waits when its edges have had their time."""
+        """Deliver the volume that waits when its evidence has had their time."""
         if self._held is None:
             return
         came, volume = self._held
-        end, why = ((came + _PATIENCE, 'its dlv/edges do not come') if self._published()
-                    else (self._since + self._discovery, 'nobody publishes dlv/edges'))
+        end, why = ((came + _PATIENCE, f'its {self._topic} does not come') if self._published()
+                    else (self._since + self._discovery, f'nobody publishes {self._topic}'))
         if time.monotonic() > end:
             self._node.get_logger().warning(f'localizes from dlv alone: {why}', once=True)
             self._held = None

@@ -97,6 +97,8 @@ TOPICS = (
     TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),
     TopicEntry('dlv/edges', _ARRAY, BIG, (_DLV,), (_PMCL,),
                'edge energy, height x width x depth x tensor'),
+    TopicEntry('dlv/contour_map', _ARRAY, BIG, (_DLV,), (_PMCL,),
+               'log odds of contours and solids, height x width x depth x log_odds'),
     TopicEntry('dlv/depth', _IMAGE, SMALL, (_DLV,), (),
                'most likely depth, 32FC1 [m], NaN: unknown'),
     TopicEntry('dlv/layers', _IMAGE, SMALL, (_DLV,), (),
@@ -131,7 +133,7 @@ _CENTRE = ('center/camera_info', 'center/image')
 PRESETS = {
     'raw': ('metadata', 'image_raw'),
     'views': (*_CENTRE, 'views/camera_info', 'views/pupil', 'views'),
-    'dlv': (*_CENTRE, 'dlv', 'dlv/edges', 'camera_pose'),
+    'dlv': (*_CENTRE, 'dlv', 'dlv/edges', 'dlv/contour_map', 'camera_pose'),
     'poses': ('pose', 'pose_with_covariance', 'particles', 'objects', 'markers', 'overlay',
               'grasps', 'pre_grasps', 'grasps/details', '/diagnostics'),
     'all': tuple(each.name for each in TOPICS),

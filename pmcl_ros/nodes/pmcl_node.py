@@ -59,13 +59,16 @@ class PmclNodeSettings(TrackingSettings):
         return tuple(each for each in self.objects if each)
 
     @model_validator(mode='after')
-    def _objects_are_searched_anew(self) -> 'PmclNodeSettings':
+    def _some_exclude_others(self) -> 'PmclNodeSettings':
         if self.several and (self.tracking != 'none' or self.mode != 'default'):
             raise ValueError(f'objects need tracking none and mode default, they are '
                              f'{self.tracking} and {self.mode}')
         if self.several and self.object_frame:
             raise ValueError(f'objects have frames of their own names: object_frame '
                              f'{self.object_frame!r} must be empty')
+        if self.evidence != 'edges' and self.tracking != 'none':
+            raise ValueError(f'tracking {self.tracking} needs evidence edges, it is '
+                             f'{self.evidence}')
         return self
 
 
@@ -131,7 +134,8 @@ class PmclNode(StageNode):
             self._camera_poses.start()
         self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
         self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
-        self._input = EvidenceInput(self, self._settings.mode, self._on_evidence)
+        self._input = EvidenceInput(self, self._settings.mode, self._settings.evidence,
+                                    self._on_evidence)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
 

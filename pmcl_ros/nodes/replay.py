@@ -36,7 +36,7 @@ class Player:
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
         """Return once every topic has `count` subscribers; BagError names those that have not.
 
-        Of dlv and dlv/edges one is enough: pmcl_node subscribes to one of them.
+        Of dlv, dlv/edges and dlv/contour_map one is enough: pmcl_node subscribes to one of them.
         """
         deadline = time.monotonic() + timeout
         while missing := self._missing(count):
@@ -48,8 +48,9 @@ class Player:
     def _missing(self, count: int) -> list[str]:
         heard = {line.name for line in self._lines.values() if line.subscribers() >= count}
         for dlv in [each.name for each in self._lines.values() if each.name.endswith('/dlv')]:
-            if heard & {dlv, f'{dlv}/edges'}:
-                heard |= {dlv, f'{dlv}/edges'}
+            kinds = {dlv, f'{dlv}/edges', f'{dlv}/contour_map'}
+            if heard & kinds:
+                heard |= kinds
         return [line.name for line in self._lines.values() if line.name not in heard]
 
     def play(self, messages: Iterable[Recorded], rate: float,

@@ -9,6 +9,7 @@ from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
+EvidenceKind = Literal['edges', 'map']
 _Size = Annotated[float, Field(gt=0, le=10)]
 
 
@@ -19,6 +20,9 @@ class PmclSettings(Settings):
         'default', description='default: global search by contour evidence; faithful: the '
         'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
         'to true and view_weights to equal in dlv_node too')
+    evidence: EvidenceKind = Field(
+        'edges', description='default mode: edges of the refocused views (dlv/edges), or map, the '
+        'contour map of the learned network (dlv/contour_map)')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

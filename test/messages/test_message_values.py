@@ -22,7 +22,9 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.bench.timing import best_ms
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import VIEW_WHITE, LightField, ViewGrid, nominal_positions
@@ -43,6 +45,8 @@ from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import (
     edges_from,
     edges_to_message,
+    map_from,
+    map_to_message,
     volume_from,
     volume_to_message,
 )
@@ -80,6 +84,14 @@ def light_field(rng):
 def edges(rng):
     tensor = rng.normal(size=(5, 7, 4, 3)).astype(np.float32)
     return EdgeVolume(HEADER, tensor, depth_labels(0.3, 0.9, 4), PINHOLE)
+
+
+@pytest.fixture
+def odds(rng):
+    tensor = rng.normal(size=(5, 7, 4, 5)).astype(np.float32)
+    inside = rng.normal(size=(5, 7, 4)).astype(np.float32)
+    return ContourMap(HEADER, tensor, depth_labels(0.3, 0.9, 4), PINHOLE, inside,
+                      learned_map_evidence())
 
 
 @pytest.fixture
@@ -446,6 +458,25 @@ def test_a_volume_is_no_edge_volume(volume, edges):
         edges_from(volume_to_message(volume))
     with pytest.raises(MessageError, match=r'dlv.*4 dimensions'):
         volume_from(edges_to_message(edges))
+
+
+def test_a_contour_map_is_read_as_it_was_written(odds):
+    found = map_from(wired(map_to_message(odds)))
+    assert (found.header, found.pinhole, found.numbers) == (odds.header, odds.pinhole,
+                                                            odds.numbers)
+    for name in ('tensor', 'inside', 'depths'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(odds, name))
+
+
+def test_a_contour_map_is_no_edge_volume(odds, edges):
+    with pytest.raises(MessageError, match=r'dlv/edges: .*expected .tensor;components'):
+        edges_from(map_to_message(odds))
+    with pytest.raises(MessageError, match=r'dlv/contour_map: .*expected .log_odds;components'):
+        map_from(edges_to_message(edges))
+    other = map_to_message(odds)
+    other.layout.dim[3].label = 'log_odds;components=a0,inside'
+    with pytest.raises(MessageError, match='6 components a0,inside, expected a0,c1,s1,c2,s2,ins'):
+        map_from(other)
 
 
 def test_markers_are_the_mesh_at_the_pose_and_the_region(estimate):

@@ -16,6 +16,7 @@ from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import layers_picture, overlay
+from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import Decoder
@@ -29,6 +30,8 @@ from pmcl_ros.messages.raw_frame import counts_from
 from pmcl_ros.messages.volume import (
     edges_from,
     edges_to_message,
+    map_from,
+    map_to_message,
     volume_from,
     volume_to_message,
 )
@@ -117,11 +120,13 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
         assert all(user.change('dlv_node', CONFIGURE, ACTIVATE))
         volumes = user.listen(Float32MultiArray, 'dlv', BIG)
         edges = user.listen(Float32MultiArray, 'dlv/edges', BIG)
+        maps = user.listen(Float32MultiArray, 'dlv/contour_map', BIG)
         depths = user.listen(Image, 'dlv/depth', SMALL)
         layers = user.listen(Image, 'dlv/layers', SMALL)
         with play(tmp_path, recorded):
-            user.wait(lambda: volumes and edges and depths and layers, 'a volume')
+            user.wait(lambda: volumes and edges and maps and depths and layers, 'a volume')
         found, seen = volume_from(volumes[0]), edges_from(edges[0])
+        read = map_from(maps[0])
     assert found.header == volume.header
     assert found.pinhole == volume.pinhole
     np.testing.assert_array_equal(found.depths, volume.depths)
@@ -129,12 +134,33 @@ def test_dlv_node_builds_from_a_bag_as_the_core_does(tmp_path, user, light_field
     assert (seen.header, seen.pinhole) == (expected.header, expected.pinhole)
     np.testing.assert_array_equal(seen.depths, expected.depths)
     np.testing.assert_array_equal(seen.tensor, expected.tensor)
+    odds = build_map(light_field, DlvSettings())
+    assert (read.header, read.pinhole) == (odds.header, odds.pinhole)
+    np.testing.assert_array_equal(read.tensor, odds.tensor)
+    np.testing.assert_array_equal(read.inside, odds.inside)
     np.testing.assert_array_equal(found.likelihood, volume.likelihood)
     np.testing.assert_allclose(depth_from(depths[0]), found.depth_map())
     settings = DlvSettings()
     np.testing.assert_array_equal(
         picture_from(layers[0]),
         layers_picture(found.layers(), settings.near, settings.far))
+
+
+def test_pmcl_node_localizes_from_a_bag_of_the_contour_map(tmp_path, user, parameters, truth,
+                                                           light_field, bag):
+    odds = build_map(light_field, DlvSettings())
+    recorded = bag({'/dlv/contour_map': map_to_message(odds)})
+    values = parameters['pmcl_node'] | {'evidence': 'map'}
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=values):
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE))
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        with play(tmp_path, recorded):
+            user.wait(lambda: poses, 'a pose')
+        header, pose = pose_from(poses[0])
+    assert header == odds.header
+    distance, angle = error_of(pose, truth('wine_glass'))
+    assert distance < 0.02
+    assert angle < 10
 
 
 @pytest.mark.parametrize('alone', [False, True], ids=['with edges', 'dlv alone'])

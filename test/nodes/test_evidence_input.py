@@ -23,7 +23,8 @@ class Searcher(StageNode):
         self.evidence = []
 
     def start(self):
-        self.input = EvidenceInput(self, 'default', self.evidence.append, discovery=3600.0)
+        self.input = EvidenceInput(self, 'default', 'edges', self.evidence.append,
+                                   discovery=3600.0)
 
     def hand_over(self, topic, value, stamp):
         """By reference: the number of subscriptions that it reaches."""

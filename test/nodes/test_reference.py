@@ -28,7 +28,8 @@ ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml
 
 
 # Topics to which a node subscribes in other circumstances.
-CONDITIONAL = {'pmcl_node': ('dlv',)}  # mode faithful, or while nobody publishes dlv/edges
+# dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map.
+CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map')}
 
 
 @pytest.fixture(params=ALL, ids=lambda entry: entry.name)

@@ -149,7 +149,7 @@ def test_edges_that_do_not_come_are_not_waited_for_forever(search, user):
     process, publish = search({'particles': 16, 'proposals': 4})
     publish(8)
     user.publisher(Float32MultiArray, 'dlv/edges', BIG)  # the node knows: it waits longer
-    user.wait(lambda: 'its dlv/edges do not come' in process.log, 'the search')
+    user.wait(lambda: 'its dlv/edges does not come' in process.log, 'the search')
     assert user.change('pmcl_node', DEACTIVATE)
 
 

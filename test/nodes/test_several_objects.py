@@ -122,6 +122,9 @@ def test_objects_that_cannot_be_looked_for_are_refused(refused, files, tmp_path)
             ({'objects': [cup_file, str(empty)]}, 'empty'),
             ({'objects': [cup_file], 'tracking': 'constant_pose'}, 'need tracking none'),
             ({'objects': [cup_file], 'mode': 'faithful'}, 'mode default'),
+            ({'objects': [cup_file], 'evidence': 'map'}, 'need evidence edges, it is map'),
+            ({'object': cup_file, 'tracking': 'camera', 'evidence': 'map'},
+             'tracking camera needs evidence edges'),
             ({'objects': [cup_file], 'object_frame': 'cup'}, 'object_frame')):
         log = refused(**params)
         assert words in log, log

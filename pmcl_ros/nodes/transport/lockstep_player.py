@@ -1,8 +1,9 @@
 """Lockstep replay: a capture is played when pmcl_node has published the result of the last."""
 
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cache
+from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -11,16 +12,19 @@ from visualization_msgs.msg import MarkerArray
 from pmcl_ros.messages.bags import Recorded, Topic
 from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.volume import edges_from, volume_from
+from pmcl_ros.messages.volume import edges_from, map_from, volume_from
 from pmcl_ros.nodes.graph import PRESETS, TOPICS
 from pmcl_ros.nodes.runtime.base import LATCHED
 from pmcl_ros.nodes.runtime.running import pause
+from pmcl_ros.nodes.transport.values import Stamped
 from pmcl_ros.runtime.errors import BagError
 
 _TYPES = {each.name: each.type for each in TOPICS}
 _LATCHED_COMES = 0.5  # s
 # a message of each capture, that knows its stamp
-_STAMPED = ('image_raw', 'views', 'dlv', 'dlv/edges')
+_STAMPED = ('image_raw', 'views', 'dlv', 'dlv/edges', 'dlv/contour_map')
+_READERS: dict[str, Callable[[Any], Stamped]] = {
+    'dlv': volume_from, 'dlv/edges': edges_from, 'dlv/contour_map': map_from}
 _PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
 
 
@@ -91,10 +95,8 @@ class LockstepPlayer:
 
     def _stamp_of(self, message: Recorded) -> int:
         read = message_from(message.cdr, message.type)
-        if self._kind == 'dlv':
-            return volume_from(read).header.stamp_ns
-        if self._kind == 'dlv/edges':
-            return edges_from(read).header.stamp_ns
+        if self._kind in _READERS:
+            return _READERS[self._kind](read).header.stamp_ns
         return header_from(read.header).stamp_ns
 
 

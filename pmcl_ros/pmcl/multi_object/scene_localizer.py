@@ -68,6 +68,9 @@ class SceneLocalizer:
                                     'searched for jointly')
         if settings.mode != 'default':
             raise LocalizationError(f'several objects need mode default, it is {settings.mode}')
+        if settings.evidence != 'edges':
+            raise LocalizationError('several objects need evidence edges, it is '
+                                    f'{settings.evidence}')
         self._settings = settings
         self._least = (profile or ContourProfile.learned()).least
         self.models = tuple(models)
