@@ -113,7 +113,9 @@ def _joined(kind: str, z: Profile, outer: Profile, inner: Profile, rng: np.rando
 
 
 def _even(profile: Profile) -> Profile:
-    """The same curve, resampled to points `_STEP` apart."""
+    """The same curve, resampled to points `_STEP` apart; empty: a wall that leaves no cavity."""
+    if not len(profile):
+        return profile
     way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1))])
     at = np.linspace(0, way[-1], max(4, int(way[-1] / _STEP)))
     return np.stack([np.interp(at, way, profile[:, 0]), np.interp(at, way, profile[:, 1])], axis=1)

@@ -42,6 +42,15 @@ def test_a_vessel_has_walls_and_a_closed_mesh(seed, kind):
     assert away.min() > 0.0009
 
 
+def test_a_bottle_whose_wall_leaves_no_cavity_is_of_solid_glass():
+    vessel = random_vessel(np.random.default_rng(136), ('bottle',), (0.006, 0.008))
+    below = vessel.inner[:, 1] < vessel.outer[-1, 1] - 0.005
+    assert not below[:-1].any()  # the last point is the floor
+    assert vessel.inner[-1, 0] == 0
+    assert np.isfinite(vessel.inner).all()
+    assert trimesh.Trimesh(*outer_mesh(vessel.closed), process=False).is_volume
+
+
 @pytest.mark.parametrize('name', PATTERNS)
 def test_patterns_are_periodic_reflectances(name):
     texture = PATTERNS[name](np.random.default_rng(4))
