@@ -36,21 +36,29 @@ class Estimator:
     def from_posterior(self, edges: EvidenceVolume, posterior: Posterior,
                        local_model_at: LocalModelAt, contour: Contour, least: float,
                        rng: np.random.Generator,
-                       share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0
-                       ) -> PoseEstimate:
+                       share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0,
+                       flat: bool = False) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
         local_model_at: as of `ContourPosterior`. contour: the points of a pose's contour that
         count; share: their share of it. least: mean evidence below which the object is absent
-        [nat / px].
+        [nat / px]. flat: the prior is uniform. The pose is then the mode's where the mean of the
+        posterior is much less likely.
         """
         symmetry, poses = self.model.symmetry, posterior.poses
         shares = np.bincount(posterior.own, minlength=len(posterior.modes)) / len(poses)
         order = np.argsort(-shares, kind='stable')
         ours = poses[posterior.own == order[0]]
         pose = self._representative(symmetry.mean_pose(ours))
-        ours = symmetry.nearest_equivalents(ours, pose)
         local = local_model_at(pose, True)
+        mode = posterior.modes[order[0]]
+        # Between several maxima the mean can be less likely than what it is the mean of: of a
+        # Gaussian they are half a nat a degree of freedom less likely than it.
+        less = posterior.modes[0].local.scale * (mode.local.evidence - local.evidence)
+        if flat and less > len(local.gradient) / 2:
+            pose = self._representative(symmetry.canonical_spin(mode.pose))
+            local = local_model_at(pose, True)
+        ours = symmetry.nearest_equivalents(ours, pose)
         # The model error adds to the uncertainty of the posterior.
         error = local.basis @ local.model_error @ local.basis.T
         spread = symmetry.covariance(ours, pose) + error

@@ -155,9 +155,11 @@ class Localizer:
             sample = ContourSearch(
                 evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),
                 evidence.refinement(optimizers[1], score=score),
-                evidence.refinement(optimizers[2]), posterior).run(start, rng, progress, watch)
+                evidence.refinement(optimizers[2], score=score), posterior).run(
+                    start, rng, progress, watch)
             estimate = self._estimator.from_posterior(
-                edges, sample, posterior.local_model_at, exact.points, evidence.profile.least, rng)
+                edges, sample, posterior.local_model_at, exact.points, evidence.profile.least, rng,
+                flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 

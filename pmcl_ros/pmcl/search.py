@@ -11,8 +11,9 @@ from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
 from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Refine
 from pmcl_ros.runtime.progress import Progress
 
-# Numbers of poses refined by coarse contours, by fine ones, kept, and modes at the end.
-_LIKELY, _HOPEFUL, _LEFT, _MODES = 100, 24, 4, 3
+# Numbers of poses refined by coarse contours, by fine ones, by those of the image, kept, and modes
+# at the end.
+_LIKELY, _HOPEFUL, _JUDGED, _LEFT, _MODES = 100, 32, 12, 4, 3
 _CHALLENGED = 2  # best poses whose ambiguous poses are tried
 # Random restarts about each pose that is left: their number, the motion of the contour in each
 # direction of freedom [image px, rms], the largest deviation [m, rad].
@@ -47,18 +48,18 @@ class ContourSearch:
             values = self.rough(found)[1]
             found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
             found = self._refined(self.coarse, found, _HOPEFUL, 'coarse', watch)
+        judged = _Judged(found[:0], np.zeros(0))
         if stages.go_on(0.3):
-            found = self._refined(self.fine, found, _LEFT, 'fine', watch)
+            judged = self._judged(found, judged, 'fine', watch)
         if stages.go_on(0.4):
             others = np.concatenate([ambiguous_poses(self.posterior.model, each)
-                                     for each in found[:_CHALLENGED]])
+                                     for each in judged.poses[:_CHALLENGED]])
             if len(others):
-                found = np.concatenate([found, self.coarse(others)[0]])
-                found = self._refined(self.fine, found, _LEFT, 'ambiguous', watch)
+                judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
         if stages.go_on(0.5):
-            found = self._refined(self.fine, self._scattered(found, rng), _MODES, 'scattered',
-                                  watch)
-        modes = self._modes(found[:_MODES])
+            judged = self._judged(self._scattered(judged.poses, rng), judged, 'scattered', watch)
+        modes = self._modes(judged.poses[:_MODES] if len(judged.poses) else
+                            self.finest(found[:_MODES])[0])
         if watch is not None:
             watch(Generation('modes', np.stack([mode.pose for mode in modes]),
                              np.array([mode.local.evidence for mode in modes])))
@@ -73,10 +74,24 @@ class ContourSearch:
         poses = poses[np.argsort(-values, kind='stable')]
         return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
+    def _judged(self, poses: NDArray[np.float64], kept: '_Judged', stage: Stage,
+                watch: Watch | None) -> '_Judged':
+        """The best `_LEFT` of those kept before and of poses, refined.
+
+        Fine contours choose some; contours at the resolution of the image judge them, as these
+        alone tell a contour in its place from one near by.
+        """
+        found, values = self.finest(self._refined(self.fine, poses, _JUDGED, stage, watch))
+        found = np.concatenate([kept.poses, found])
+        values = np.concatenate([kept.values, values])
+        best = np.argsort(-values, kind='stable')
+        best = best[suppress_duplicates(found[best], self.posterior.model.symmetry, _LEFT)]
+        return _Judged(found[best], values[best])
+
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
-        """Poses and random ones about each, as far as the contour moves by a few pixels."""
-        result = [poses]
+        """Random poses about each, as far as the contour moves by a few pixels."""
+        result = []
         for pose in poses:
             local = self.posterior.local_model_at(pose, False)
             widest = local.basis.T @ np.diag((_ASIDE / _WIDEST) ** 2) @ local.basis
@@ -87,11 +102,19 @@ class ContourSearch:
 
     def _modes(self, poses: NDArray[np.float64]) -> list[Mode]:
         """The different modes near poses (n, 4, 4), best first."""
-        modes = sorted((self.posterior.refine(each) for each in self.finest(poses)[0]),
+        modes = sorted((self.posterior.refine(each) for each in poses),
                        key=lambda mode: -mode.local.evidence)
         kept = suppress_duplicates(np.stack([mode.pose for mode in modes]),
                                    self.posterior.model.symmetry, _MODES)
         return [modes[k] for k in kept]
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """Poses (n, 4, 4) and their evidence (n,) at the resolution of the image, best first."""
+
+    poses: NDArray[np.float64]
+    values: NDArray[np.float64]
 
 
 class _Stages:
