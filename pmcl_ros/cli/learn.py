@@ -29,6 +29,7 @@ _FALSE_ALARMS = 0.05
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
 # pose higher (docs/results/contour_map.md).
 _WEIGHTS = {'contour_weight': 0.33, 'inside_weight': 0.0}
+_LEAST_WEIGHT = 0.9  # of the posterior: a pose that is claimed is surer than nine to one
 _DIGITS = 2  # of the numbers that are printed and written
 
 
@@ -87,15 +88,16 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, out:
 def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
                         ) -> LearnedMapEvidence:
     """Thresholds and model error, by searches with the weights."""
-    numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, common_error=1,
-                                 local_error=1, error_length=1)
+    numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, least_weight=0,
+                                 common_error=1, local_error=1, error_length=1)
     looked = list(searches(maps_of(captures, views, numbers, 'searches'), None, seed))
-    return LearnedMapEvidence.make(_WEIGHTS | _learn_thresholds(looked), 'the contour map')
+    return LearnedMapEvidence.make(_WEIGHTS | {'least_weight': _LEAST_WEIGHT} | _learn_thresholds(
+        looked, _LEAST_WEIGHT), 'the contour map')
 
 
-def _learn_thresholds(looked: Sequence[Search]) -> dict[str, float]:
+def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0) -> dict[str, float]:
     """Print and return the least support, the least evidence and the model's error."""
-    supports = Supports.from_searches(looked)
+    supports = Supports.from_searches(looked, least_weight)
     least = supports.threshold(_FALSE_ALARMS)
     click.echo(f'support of objects there: {np.sort(supports.there).round(2).tolist()}')
     click.echo('support of objects that are elsewhere: '
@@ -106,7 +108,8 @@ def _learn_thresholds(looked: Sequence[Search]) -> dict[str, float]:
     click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
     click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
     deviations = [each.deviation for each in looked if each.deviation is not None
-                  and each.support >= least and each.evidence >= evidence]
+                  and each.support >= least and each.evidence >= evidence
+                  and each.weight >= least_weight]
     error = fitted_error(deviations)
     levels = np.array([each.level(error.common, error.local) for each in deviations])
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')

@@ -65,6 +65,11 @@ class ContourMap(EvidenceVolume):
         return self.numbers.least_support
 
     @property
+    def least_weight(self) -> float:
+        """See `EvidenceVolume`."""
+        return self.numbers.least_weight
+
+    @property
     def model_error(self) -> ModelError:
         """See `EvidenceVolume`."""
         return ModelError(self.numbers.common_error, self.numbers.local_error,

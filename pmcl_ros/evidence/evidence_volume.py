@@ -50,6 +50,11 @@ class EvidenceVolume(ABC):
         """Support below which an object is lost (`contour_support`) [nat / px]."""
 
     @property
+    def least_weight(self) -> float:
+        """Posterior weight of a pose's mode below which the object is lost: it is ambiguous."""
+        return 0.0
+
+    @property
     @abstractmethod
     def model_error(self) -> ModelError:
         """How far contours in such pictures are from rendered ones. Raises SettingsError."""

@@ -102,6 +102,8 @@ class LearnedMapEvidence(Settings):
     least_evidence: float = Field(
         description='mean evidence of a contour below which the object is lost [nat / px]')
     least_support: float = Field(description='support below which it is [nat / px]')
+    least_weight: float = Field(
+        ge=0, le=1, description="posterior weight of the pose's mode below which it is [1]")
     common_error: _Error = Field(
         description='standard deviation of the displacement of a whole contour [px]')
     local_error: _Error = Field(

@@ -26,13 +26,14 @@ _OTHERS = 1  # objects of other scenes that each scene is searched for
 class Search:
     """One search. there: whether the object is in the scene.
 
-    support, evidence: of the pose found (`PoseEstimate`). deviation: of that pose from the truth;
-    None where the pose is wrong.
+    support, evidence: of the pose found (`PoseEstimate`). weight: of its mode. deviation: of that
+    pose from the truth; None where the pose is wrong.
     """
 
     there: bool
     support: float
     evidence: float
+    weight: float
     deviation: Deviation | None = None
 
 
@@ -53,10 +54,11 @@ def searches(examples: Iterable[Example], profile: ContourProfile | None, seed: 
             if error.right:
                 deviation = Deviation.from_estimate(
                     each, estimate, profile or each.edges.profile, NumbaRenderer())
-        yield Search(each.there, estimate.support, estimate.evidence, deviation)
+        yield Search(each.there, estimate.support, estimate.evidence, estimate.modes[0].weight,
+                     deviation)
         for other in before:
             estimate = found(each, other, profile, seed)
-            yield Search(False, estimate.support, estimate.evidence)
+            yield Search(False, estimate.support, estimate.evidence, estimate.modes[0].weight)
         before = [*before, each.model][-_OTHERS:]
 
 
@@ -72,10 +74,14 @@ class Supports:
     evidence: NDArray[np.float64]
 
     @classmethod
-    def from_searches(cls, found: Sequence[Search]) -> 'Supports':
-        """Of all searches. Raises LocalizationError when each object was in its scene."""
+    def from_searches(cls, found: Sequence[Search], least_weight: float = 0.0) -> 'Supports':
+        """Of all searches; poses of less weight have no support.
+
+        Raises LocalizationError when each object was in its scene.
+        """
         there = np.array([each.there for each in found], bool)
-        support = np.array([each.support for each in found])
+        support = np.array([each.support if each.weight >= least_weight else -np.inf
+                            for each in found])
         if there.all():
             raise LocalizationError('0 searches for an object that is not in its scene; learn '
                                     'from two scenes at least')

@@ -69,15 +69,18 @@ class Estimator:
         in_view = share_in_view(self.model, pose, edges.pinhole)
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
-        # Lost: a part of the contour is missing, or the whole is more likely absent than present.
+        # Lost: a part of the contour is missing, the whole is more likely absent than present, or
+        # another pose is too likely.
         chosen = 'least_support' in self.settings.model_fields_set
         least_support = self.settings.least_support if chosen else edges.least_support
         partly, absent = support < least_support, evidence < least
+        ambiguous = bool(shares[order[0]] < edges.least_weight)
         return PoseEstimate(edges.header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
-                            partly or absent, self.settings.mode, modes, support, evidence,
-                            incomplete=partly and not absent, in_view=in_view)
+                            partly or absent or ambiguous, self.settings.mode, modes, support,
+                            evidence, incomplete=partly and not (absent or ambiguous),
+                            in_view=in_view)
 
     def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:

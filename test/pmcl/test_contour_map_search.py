@@ -21,13 +21,13 @@ NEAR, FAR = 0.3, 0.6
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 
 
-def seen(model, pose):
+def seen(model, pose, camera=CAMERA):
     """The contour map of an object alone."""
     zoom = 4
-    camera = Pinhole(CAMERA.width * zoom, CAMERA.height * zoom, CAMERA.fx * zoom,
-                     CAMERA.fy * zoom, CAMERA.cx * zoom + 1.5, CAMERA.cy * zoom + 1.5)
-    scene = Scene(model, camera, Window(0, 0, (camera.width, camera.height)), NEAR, FAR)
-    return map_seen(NumbaRenderer().depths(scene, pose[None])[0] > 0, CAMERA, NEAR, FAR, zoom)
+    finer = Pinhole(camera.width * zoom, camera.height * zoom, camera.fx * zoom,
+                    camera.fy * zoom, camera.cx * zoom + 1.5, camera.cy * zoom + 1.5)
+    scene = Scene(model, finer, Window(0, 0, (finer.width, finer.height)), NEAR, FAR)
+    return map_seen(NumbaRenderer().depths(scene, pose[None])[0] > 0, camera, NEAR, FAR, zoom)
 
 
 CUP, BRACKET = model_of(cup(), axis=(0, 0, 1)), model_of(bracket())
@@ -79,3 +79,21 @@ def test_covered_pixels_count_near_a_pose_as_at_it():
                                                                     rel=1e-6)
     assert exact[0] > exact[1]
     assert np.ptp(local.evidence(nearer)) == pytest.approx(np.ptp(exact), rel=0.1)
+
+
+def test_a_pose_that_is_as_likely_as_another_is_lost():
+    """The right half of a picture and its mirror image: a cup's mirrored pose is one of it."""
+    camera = replace(CAMERA, cx=(CAMERA.width - 1) / 2)
+    pose = pose_of(Rotation.from_euler('xyz', [1.9, 0.3, 0.2]), [0.04, -0.005, 0.45])
+    one = seen(CUP, pose, camera)
+    mirrored = one.tensor[:, ::-1] * np.array([1, -1, 1, 1, -1], np.float32)
+    right = np.arange(camera.width) > camera.cx
+    both = np.where(right[:, None, None], one.tensor, mirrored)
+    settings = PmclSettings(roi_center=(0.0, -0.005, 0.45), roi_size=(0.12, 0.06, 0.1),
+                            renderer='numba')
+    for least, tensor, lost in ((0.9, both, True), (0.0, both, False), (0.9, one.tensor, False)):
+        odds = replace(one, tensor=np.ascontiguousarray(tensor), numbers=NUMBERS.model_copy(
+            update={'least_weight': least, 'inside_weight': 0.0}))
+        with Localizer(CUP, settings) as localizer:
+            found = localizer.localize(odds, np.random.default_rng(0))
+        assert found.lost is lost, found.modes

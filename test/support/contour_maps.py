@@ -9,8 +9,8 @@ from pmcl_ros.evidence.learned import LearnedMapEvidence
 from pmcl_ros.geometry.header import Header
 
 NUMBERS = LearnedMapEvidence(contour_weight=0.3, inside_weight=0.02, least_evidence=0.0,
-                             least_support=-1.0, common_error=0.1, local_error=0.2,
-                             error_length=40.0)
+                             least_support=-1.0, least_weight=0.0, common_error=0.1,
+                             local_error=0.2, error_length=40.0)
 
 
 def map_seen(mask, pinhole, near, far, zoom=4):
