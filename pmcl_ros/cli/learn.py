@@ -29,7 +29,7 @@ _FALSE_ALARMS = 0.05
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
 # pose higher (docs/results/contour_map.md).
 _WEIGHTS = {'contour_weight': 0.33, 'inside_weight': 0.0}
-_LEAST_WEIGHT = 0.9  # of the posterior: a pose that is claimed is surer than nine to one
+_LEAST_WEIGHT = 0.95  # of the posterior: one claimed pose in twenty may be another one
 _DIGITS = 2  # of the numbers that are printed and written
 
 
