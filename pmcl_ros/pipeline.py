@@ -5,11 +5,12 @@
     print(run.estimate.describe())
 
 The source is a LightField, or a PosedView of an ordinary camera.
-The evidence is an EdgeVolume or a ContourMap, which the contour search reads, or in the mode
+The evidence is an EdgeVolume, a ContourMap or both, which the contour search reads, or in the mode
 faithful the DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the
 same stages themselves; of this module they use `make_localizer`.
 """
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
@@ -37,7 +39,8 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
-Evidence = EvidenceVolume | DepthLikelihoodVolume
+_LOG = logging.getLogger(__name__)
+Evidence = EvidenceVolume | CombinedEvidence | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
 
@@ -81,9 +84,19 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
                           'likelihood volume; choose the mode default')
     if kind == 'map':
         return build_map(source, settings)
-    if isinstance(source, LightField):
-        return build_edges(source, settings)
-    return view_edges(source, settings)
+    edges = (build_edges(source, settings) if isinstance(source, LightField)
+             else view_edges(source, settings))
+    return edges if kind == 'edges' else CombinedEvidence(build_map(source, settings), edges)
+
+
+def evidence_of(settings: PmclSettings, source: Source) -> EvidenceKind:
+    """The kind that was chosen; by default both of one picture, edges of a light field."""
+    if ('evidence' in settings.model_fields_set or isinstance(source, LightField)
+            or settings.mode == 'faithful'):
+        return settings.evidence
+    _LOG.info('evidence both: poses of one picture are found by the contour map, and placed by '
+              'edges')
+    return 'both'
 
 
 def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
@@ -137,7 +150,7 @@ class Pipeline(Generic[Estimate]):
                  far: float, changes: Mapping[str, Any] | None = None,
                  origin: str = 'region of interest') -> None:
         self.localizer = localizer
-        self.mode, self.kind = settings.mode, settings.evidence
+        self.mode, self._settings = settings.mode, settings
         self.near, self.far = near, far
         self._changes, self._origin = changes, origin
 
@@ -195,7 +208,9 @@ class Pipeline(Generic[Estimate]):
         finished('views')
         progress('evidence', 0.0)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
-        evidence = build_evidence(source, settings, self.mode, self.kind)
+        kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
+                              else evidence_of(self._settings, source))
+        evidence = build_evidence(source, settings, self.mode, kind)
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
         if with_volume and volume is None and isinstance(source, LightField):

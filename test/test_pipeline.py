@@ -10,12 +10,22 @@ import pytest
 from pmcl_scenes import CAMERA, cup, model_of
 
 from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.combined import CombinedEvidence
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
-from pmcl_ros.pipeline import Pipeline, make_localizer, volume_settings
+from pmcl_ros.pipeline import (
+    Pipeline,
+    build_evidence,
+    evidence_of,
+    make_localizer,
+    volume_settings,
+)
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError, VolumeError
 
@@ -77,15 +87,27 @@ def test_a_picture_has_the_evidence_of_a_centre_view():
     assert found.volume is None
     assert (found.source.picture == picture().picture).all()
     assert found.estimate.header == Header(5, 'wrist')
-    edges = found.evidence
+    assert isinstance(found.evidence, CombinedEvidence)
+    edges = found.evidence.edges
     assert (edges.pinhole, edges.tensor.shape[2]) == (CAMERA, 2)
     np.testing.assert_array_equal(edges.tensor[:, :, 0], edges.tensor[:, :, 1])
     centre = edge_volume(light_field(), edges.depths, views=1)
     np.testing.assert_allclose(edges.tensor, centre.tensor, rtol=1e-3, atol=1e-4)
     assert edges.depths == pytest.approx([found.settings.far, found.settings.near])
     with make_localizer(CUP, settings) as localizer:
-        again = localizer.localize(edges, np.random.default_rng(1))
+        again = localizer.localize(found.evidence, np.random.default_rng(1))
     np.testing.assert_array_equal(again.pose, found.estimate.pose)
+    odds = build_map(picture(), found.settings)
+    np.testing.assert_array_equal(found.evidence.contour_map.tensor, odds.tensor)
+
+
+@pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap),
+                                              ('both', CombinedEvidence)])
+@pytest.mark.parametrize('read', [light_field, picture])
+def test_the_evidence_may_be_chosen(read, chosen, kind):
+    settings = SETTINGS.model_copy(update={'evidence': chosen})
+    assert isinstance(build_evidence(read(), DlvSettings(near=0.3, far=0.5, **FEW), 'default',
+                                     evidence_of(settings, read())), kind)
 
 
 def test_the_papers_filter_needs_a_light_field():

@@ -32,8 +32,8 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               '[m].')
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
-@click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']), default='edges',
-              show_default=True, help=PmclSettings.model_fields['evidence'].description)
+@click.option('--evidence', 'kind', type=click.Choice(['edges', 'map', 'both']),
+              help=PmclSettings.model_fields['evidence'].description)
 @click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
               "the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
@@ -42,9 +42,9 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
-             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode, kind: EvidenceKind,
-             changes: str | None, seed: int, as_json: bool, out: Path | None,
-             truth: Path | None) -> None:
+             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode,
+             kind: EvidenceKind | None, changes: str | None, seed: int, as_json: bool,
+             out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
@@ -56,9 +56,11 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
     of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
-    settings = PmclSettings.make({'mode': mode, 'evidence': kind, 'object': str(objects[0]),
-                                  'seed': seed, 'roi_center': roi[:3], 'roi_size': roi[3:]}
-                                 | dict(of_search), '--roi, --mode, --evidence, --set, --seed')
+    chosen = {} if kind is None else {'evidence': kind}
+    settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed,
+                                  'roi_center': roi[:3], 'roi_size': roi[3:]}
+                                 | chosen | dict(of_search),
+                                 '--roi, --mode, --evidence, --set, --seed')
     model = ObjectModel.load(objects[0])
     read = open_source(source, calibration, white, every, shrink)
     if len(objects) > 1:

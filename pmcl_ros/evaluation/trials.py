@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
@@ -171,8 +172,8 @@ class Worker:
         decoders = self._decoders  # made once, not timed
         source = self._source.get(capture.source, lambda: capture.read(decoders))
         settings = variant.volume(capture, model, source)
-        evidence = self._evidence.get((capture.source, variant.base, settings),
-                                      lambda: variant.build(source, settings))
+        key = capture.source, variant.base, *variant.chosen.values(), settings
+        evidence = self._evidence.get(key, lambda: variant.build(source, settings))
         search = variant.search(capture)
         localizer = self._localizer.get((job.sought.model, search),
                                         lambda: make_localizer(model, search))
@@ -183,10 +184,11 @@ class Worker:
         if self._stopped():
             return None
         of_poses: dict[str, float] = {}
-        if (isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume)
+        read = evidence.edges if isinstance(evidence, CombinedEvidence) else evidence
+        if (isinstance(localizer, Localizer) and isinstance(read, EvidenceVolume)
                 and job.sought.object == capture.object and not capture.truth.empty):
             poses = np.stack([estimate.pose, capture.truth.pose])
-            found, truth = localizer.evidence(evidence, poses).tolist()
+            found, truth = localizer.evidence(read, poses).tolist()
             of_poses = {'evidence_found': found, 'evidence_truth': truth}
         return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
                       dlv_seconds=self._evidence.seconds,

@@ -14,13 +14,13 @@ from pmcl_ros.evidence.build_map import centre_view
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pipeline import Evidence, build_evidence, volume_settings
+from pmcl_ros.pipeline import Evidence, build_evidence, evidence_of, volume_settings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
-Base = Literal['default', 'faithful', 'centre', 'map', 'map-centre']
+Base = Literal['default', 'faithful', 'centre', 'edges', 'map', 'map-centre']
 
 _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
 
@@ -30,7 +30,7 @@ class Variant:
     """One row of a comparison.
 
     name: as shown. base: the row that this one changes; 'centre' and 'map-centre' use the
-        centre view alone, 'map' ones the learned contour map.
+        centre view alone, 'edges' and 'map' ones that evidence.
     dlv, pmcl: changed parameters, (name, value) pairs. group: the parameter that a sweep varies,
     for its chart of accuracy over time; empty outside sweeps.
     """
@@ -76,15 +76,19 @@ class Variant:
         return 'faithful' if self.base == 'faithful' else 'default'
 
     @property
-    def evidence(self) -> EvidenceKind:
-        """What the search reads in the mode default."""
-        return 'map' if self.base.startswith('map') else dict(self.pmcl).get('evidence', 'edges')
+    def chosen(self) -> dict[str, EvidenceKind]:
+        """The evidence of the mode default, where the row does not leave it to the source."""
+        if self.base.startswith('map'):
+            return {'evidence': 'map'}
+        if self.base == 'edges':
+            return {'evidence': 'edges'}
+        return {name: value for name, value in self.pmcl if name == 'evidence'}
 
     def search(self, capture: Capture) -> PmclSettings:
         """The search's settings for a capture. Raises SettingsError for impossible values."""
-        return PmclSettings.make({'mode': self.mode, 'evidence': self.evidence,
-                                  'roi_center': capture.truth.roi_center,
-                                  'roi_size': capture.truth.roi_size} | dict(self.pmcl), self.name)
+        return PmclSettings.make({'mode': self.mode, 'roi_center': capture.truth.roi_center,
+                                  'roi_size': capture.truth.roi_size} | dict(self.pmcl)
+                                 | self.chosen, self.name)
 
     def volume(self, capture: Capture, model: ObjectModel, source: Source) -> DlvSettings:
         """The settings of the evidence, to look for a model's object in a capture's source."""
@@ -97,7 +101,8 @@ class Variant:
         if self.base == 'map-centre' and isinstance(source, LightField):
             source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
-            return build_evidence(source, settings, self.mode, self.evidence)
+            return build_evidence(source, settings, self.mode,
+                                  evidence_of(PmclSettings(**self.chosen), source))
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(
             PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))

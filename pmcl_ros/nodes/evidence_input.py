@@ -15,7 +15,7 @@ from pmcl_ros.pipeline import Evidence
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode
 
 # of each kind: its topic, and what reads a message
-_TOPICS: dict[EvidenceKind, tuple[str, Callable[..., EvidenceVolume]]] = {
+_TOPICS: dict[str, tuple[str, Callable[..., EvidenceVolume]]] = {
     'edges': ('dlv/edges', edges_from), 'map': ('dlv/contour_map', map_from)}
 ENDED = 'the node was reset or deactivated before it was searched'
 _LOOK = 0.25  # s between two looks for publishers

@@ -9,7 +9,7 @@ from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
-EvidenceKind = Literal['edges', 'map']
+EvidenceKind = Literal['edges', 'map', 'both']
 _Size = Annotated[float, Field(gt=0, le=10)]
 
 
@@ -21,8 +21,9 @@ class PmclSettings(Settings):
         'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
         'to true and view_weights to equal in dlv_node too')
     evidence: EvidenceKind = Field(
-        'edges', description='default mode: edges of the refocused views (dlv/edges), or map, the '
-        'contour map of the learned network (dlv/contour_map)')
+        'edges', description='default mode: edges of the refocused views (dlv/edges); map, the '
+        'contour map of the learned network (dlv/contour_map); both, which finds poses by the map '
+        'and places them by edges (not by nodes; the default for one ordinary picture)')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),
