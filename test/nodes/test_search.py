@@ -18,7 +18,7 @@ from sensor_msgs.msg import CameraInfo
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 
-from pmcl_ros.evidence.learned import learned_contour
+from pmcl_ros.evidence.edges import edges_from_likelihood
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
@@ -125,7 +125,7 @@ def test_localize_searches_again_and_reset_forgets(search, user):
     assert 'Traceback' not in process.log
 
 
-def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
+def test_a_lost_object_is_told_and_no_pose_is_published(search, user, small_volume):
     process, publish = search({'particles': 16, 'proposals': 4})
     states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
     poses = user.listen(PoseStamped, 'pose', SMALL)
@@ -140,9 +140,9 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user):
     values = {each.key: each.value for each in states[-1].status[0].values}
     first, second = float(values['weight']), float(values['weight of the runner-up'])
     assert 0 <= second <= first <= first + second <= 1 + 1e-9
-    least = learned_contour()
-    assert (float(values['support']) < least.least_support
-            or float(values['evidence']) < least.least_evidence)
+    read = edges_from_likelihood(small_volume)
+    assert (float(values['support']) < read.least_support
+            or float(values['evidence']) < read.profile.least)
     assert 'lost: no wine_glass in capture 8' in process.log
     assert user.change('pmcl_node', DEACTIVATE)
     assert poses == []
