@@ -89,7 +89,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     return edges if kind == 'edges' else CombinedEvidence(build_map(source, settings), edges)
 
 
-def evidence_of(settings: PmclSettings, source: Source) -> EvidenceKind:
+def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
     """The kind that was chosen; by default both of one picture, edges of a light field."""
     if ('evidence' in settings.model_fields_set or isinstance(source, LightField)
             or settings.mode == 'faithful'):
@@ -209,7 +209,7 @@ class Pipeline(Generic[Estimate]):
         progress('evidence', 0.0)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
-                              else evidence_of(self._settings, source))
+                              else evidence_kind(self._settings, source))
         evidence = build_evidence(source, settings, self.mode, kind)
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None

@@ -22,7 +22,7 @@ from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
 from pmcl_ros.pipeline import (
     Pipeline,
     build_evidence,
-    evidence_of,
+    evidence_kind,
     make_localizer,
     volume_settings,
 )
@@ -107,7 +107,7 @@ def test_a_picture_has_the_evidence_of_a_centre_view():
 def test_the_evidence_may_be_chosen(read, chosen, kind):
     settings = SETTINGS.model_copy(update={'evidence': chosen})
     assert isinstance(build_evidence(read(), DlvSettings(near=0.3, far=0.5, **FEW), 'default',
-                                     evidence_of(settings, read())), kind)
+                                     evidence_kind(settings, read())), kind)
 
 
 def test_the_papers_filter_needs_a_light_field():

@@ -14,7 +14,7 @@ from pmcl_ros.evidence.build_map import centre_view
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pipeline import Evidence, build_evidence, evidence_of, volume_settings
+from pmcl_ros.pipeline import Evidence, build_evidence, evidence_kind, volume_settings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
@@ -102,7 +102,7 @@ class Variant:
             source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
             return build_evidence(source, settings, self.mode,
-                                  evidence_of(PmclSettings(**self.chosen), source))
+                                  evidence_kind(PmclSettings(**self.chosen), source))
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(
             PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))

@@ -42,7 +42,7 @@ def volume_to_message(volume: DepthLikelihoodVolume,
     most significant first, then fx, fy, cx, cy, then the depth of every label. The value of row i,
     column j, label k is data[data_offset + dim[1].stride * i + dim[2].stride * j + k].
     """
-    return _write_volume(volume, volume.likelihood, _VOLUME, buffer)
+    return _write_volume(volume, (volume.likelihood,), _VOLUME, buffer)
 
 
 def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
@@ -54,7 +54,7 @@ def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
 
 def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32MultiArray:
     """As `volume_to_message`, with a fourth dimension `tensor;components=xx,yy,xy`."""
-    return _write_volume(edges, edges.tensor, _EDGES, buffer)
+    return _write_volume(edges, (edges.tensor,), _EDGES, buffer)
 
 
 def edges_from(message: Float32MultiArray) -> EdgeVolume:
@@ -66,8 +66,7 @@ def edges_from(message: Float32MultiArray) -> EdgeVolume:
 
 def map_to_message(odds: ContourMap, buffer: Buffer | None = None) -> Float32MultiArray:
     """As `volume_to_message`, with `log_odds;components=a0,c1,s1,c2,s2,inside`."""
-    values = np.concatenate([odds.tensor, odds.inside[..., None]], axis=-1)
-    return _write_volume(odds, values, _MAP, buffer)
+    return _write_volume(odds, (odds.tensor, odds.inside[..., None]), _MAP, buffer)
 
 
 def map_from(message: Float32MultiArray) -> ContourMap:
@@ -78,9 +77,12 @@ def map_from(message: Float32MultiArray) -> ContourMap:
                           np.ascontiguousarray(values[..., 5]), learned_map_evidence())
 
 
-def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume, values: NDArray[np.float32],
-                  names: Sequence[str], buffer: Buffer | None) -> Float32MultiArray:
+def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume,
+                  parts: Sequence[NDArray[np.float32]], names: Sequence[str],
+                  buffer: Buffer | None) -> Float32MultiArray:
+    """parts: the values, apart along the last axis; they are copied once, into the message."""
     header, pinhole = source.header, source.pinhole
+    shape = (*parts[0].shape[:-1], sum(each.shape[-1] for each in parts))
     texts = {'height': (header.stamp_ns, header.frame_id),
              'width': (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy),
              'depth': (','.join(repr(float(depth)) for depth in source.depths),),
@@ -89,14 +91,14 @@ def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume, values: NDArra
     for axis, name in enumerate(names):
         pairs = zip(_KEYS[name], texts[name], strict=True)
         label = ';'.join([name, *(f'{key}={value}' for key, value in pairs)])
-        dimensions.append(MultiArrayDimension(label=label, size=values.shape[axis],
-                                              stride=prod(values.shape[axis:])))
+        dimensions.append(MultiArrayDimension(label=label, size=shape[axis],
+                                              stride=prod(shape[axis:])))
     padding = _padding(header, pinhole, source.depths)
     message, data = (buffer or Buffer()).message(Float32MultiArray, 'f',
-                                                 (len(padding) + values.size,), '<f4')
+                                                 (len(padding) + prod(shape),), '<f4')
     message.layout = MultiArrayLayout(dim=dimensions, data_offset=len(padding))
     data[:len(padding)] = padding
-    data[len(padding):].reshape(values.shape)[:] = values
+    np.concatenate(parts, axis=-1, out=data[len(padding):].reshape(shape))
     return message
 
 

@@ -92,7 +92,7 @@ class EvidenceInput:
         self._wait_no_longer()
 
     def _wait_no_longer(self) -> None:
-        """Deliver the volume that waits when its evidence has had their time."""
+        """Deliver the volume that waits when its evidence has had its time."""
         if self._held is None:
             return
         came, volume = self._held

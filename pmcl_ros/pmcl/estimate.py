@@ -42,6 +42,7 @@ class PoseEstimate:
     evaluations: number of poses that were rendered and scored.
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
+    least_support, least_evidence: the thresholds that support and evidence were compared with.
     """
 
     header: Header
@@ -58,6 +59,8 @@ class PoseEstimate:
     evaluations: int = 0
     incomplete: bool = False
     in_view: float = 1.0
+    least_support: float = math.nan
+    least_evidence: float = math.nan
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

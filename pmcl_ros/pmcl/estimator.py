@@ -52,8 +52,8 @@ class Estimator:
         pose = self._representative(symmetry.mean_pose(ours))
         local = local_model_at(pose, True)
         mode = posterior.modes[order[0]]
-        # Between several maxima the mean can be less likely than what it is the mean of: of a
-        # Gaussian they are half a nat a degree of freedom less likely than it.
+        # The particles of a Gaussian are on average half a nat per degree of freedom less likely
+        # than its mean. The mean of several maxima can be less likely than its particles.
         less = posterior.modes[0].local.scale * (mode.local.evidence - local.evidence)
         if flat and less > len(local.gradient) / 2:
             pose = self._representative(symmetry.canonical_spin(mode.pose))
@@ -80,7 +80,8 @@ class Estimator:
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent or ambiguous, self.settings.mode, modes, support,
                             evidence, incomplete=partly and not (absent or ambiguous),
-                            in_view=in_view)
+                            in_view=in_view, least_support=least_support,
+                            least_evidence=least)
 
     def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:

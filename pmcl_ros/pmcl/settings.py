@@ -23,7 +23,8 @@ class PmclSettings(Settings):
     evidence: EvidenceKind = Field(
         'edges', description='default mode: edges of the refocused views (dlv/edges); map, the '
         'contour map of the learned network (dlv/contour_map); both, which finds poses by the map '
-        'and places them by edges (not by nodes; the default for one ordinary picture)')
+        'and places them by edges: the default of commands for one ordinary picture, not for '
+        'nodes')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

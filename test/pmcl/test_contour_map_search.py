@@ -126,9 +126,11 @@ def test_by_both_a_pose_is_found_by_the_map_and_placed_by_edges():
         found, off = error(seen(CUP, aside), edges)
         assert not found.lost
         assert off < 0.0015
+        assert found.least_support == edges.least_support
         found, off = error(seen(CUP, aside), nothing)
         assert not found.lost
         np.testing.assert_array_equal(found.pose, alone.pose)
+        assert found.least_support == NUMBERS.least_support
         odds = seen(CUP, CUP_POSE)
         blank = replace(odds, tensor=np.zeros_like(odds.tensor) + np.float32([-4, 0, 0, 0, 0]))
         assert error(blank, nothing)[0].lost

@@ -18,7 +18,6 @@ from pmcl_ros.evaluation.records import libraries
 from pmcl_ros.evaluation.report import drawings
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
-from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.history import Stage
@@ -122,9 +121,9 @@ def _sureness(run: Localization) -> list[Fact]:
         facts.append(Fact('score', 'evidence', f'{estimate.score:.0f} nat',
                           f'over {length:.0f} px of contour'))
     facts.append(Fact('whole', 'whole contour', f'{estimate.evidence:+.2f} nat/px',
-                      f'lost below {ContourProfile.learned().least:+.2f}'))
+                      f'lost below {estimate.least_evidence:+.2f}'))
     facts.append(Fact('support', 'weakest fifth', f'{estimate.support:+.2f} nat/px',
-                      f'lost below {run.settings.least_support:+.2f}'))
+                      f'lost below {estimate.least_support:+.2f}'))
     return facts
 
 

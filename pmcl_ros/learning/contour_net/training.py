@@ -20,7 +20,6 @@ _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_HELD_OUT = 64  # crops
 
 
-
 @dataclass(frozen=True)
 class Plan:
     """How to train.
