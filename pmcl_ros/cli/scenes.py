@@ -5,15 +5,17 @@ from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
-from pmcl_ros.simulation.files import write_capture, write_sequence, write_view
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.files import write_capture, write_sequence, write_view, write_views
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.render import render
+from pmcl_ros.simulation.scenes.render import render, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
@@ -35,6 +37,9 @@ def scenes() -> None:
 @click.option('--camera', type=FILE, help='An ordinary camera, YAML: width, height, fx, cx, cy, '
               'and as you like fy, model, distortion, gamma, noise, blur. It takes one picture of '
               'each scene; default: a light-field camera.')
+@click.option('--cameras', 'plan', metavar='PLAN', help='Of --camera: pictures of each scene from '
+              'several poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a '
+              'YAML file with these or poses, and errors of the poses that are told.')
 @click.option('--views', type=click.IntRange(1), show_default='7; with --camera 1',
               help='Side of the square of views, odd; with --camera the number of pictures, 1.')
 @click.option('--size', type=click.IntRange(16), show_default='328',
@@ -51,13 +56,15 @@ def scenes() -> None:
               'and cameras, as those of `pmcl scenes pictures`.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
 def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None,
-                  views: int | None, size: int | None, targets: int, samples: int | None,
-                  noise: float, preset: str, out: Path) -> None:
+                  plan: str | None, views: int | None, size: int | None, targets: int,
+                  samples: int | None, noise: float, preset: str, out: Path) -> None:
     """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
     given = {'views': views, 'size': size, 'kinds': kinds}
     values = {'targets': targets, 'noise': noise} | {
         name: value for name, value in given.items() if value}
-    ordinary = None
+    ordinary, placed = None, None if plan is None else CameraPlan.parse(plan)
+    if camera is None and plan is not None:
+        raise click.UsageError(f'--cameras {plan}: of which camera? Say --camera too')
     if camera is not None:
         if size is not None or views not in (None, 1):
             raise click.UsageError(f'--camera {camera}: it has its own size and takes one picture '
@@ -82,9 +89,16 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
             if ordinary is None:
                 capture = render(scene, rng, samples or 2, show)
                 write_capture(folder, scene, capture, seed + number)
-            else:
-                picture = take_picture(scene, ordinary, rng, samples or 16, show)
+            elif placed is None:
+                picture = take_picture(scene, ordinary, rng, samples or 16)
                 write_view(folder, scene, picture, ordinary, seed + number)
+            else:
+                taken: list[NDArray[np.uint8]] = []
+                for pose in (poses := placed.cameras(scene)):
+                    taken.append(take_picture(seen_from(scene, pose), ordinary, rng,
+                                              samples or 16))
+                    show(len(taken) / len(poses))
+                write_views(folder, scene, taken, ordinary, placed, seed + number)
             click.echo(f'{folder}: {scene.name}')
 
 

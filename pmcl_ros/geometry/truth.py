@@ -14,7 +14,8 @@ from pmcl_ros.runtime.errors import SettingsError
 class Truth:
     """Where an object is.
 
-    pose: (4, 4), object to camera [m]. roi_center, roi_size: the region of interest [m].
+    pose: (4, 4), object to camera, or to the reference frame of several views [m]. roi_center,
+    roi_size: the region of interest in that frame [m].
     empty: the object is not there; its pose means nothing. film: whether the object is behind one.
     name: of the scene.
     """
@@ -31,10 +32,12 @@ class Truth:
         """Read a truth.json; SettingsError without a pose and a region."""
         try:
             values = json.loads(Path(path).read_text())
-            pose = np.array(values['object_to_camera'], float).reshape(4, 4)
+            key = 'object_to_camera' if 'object_to_camera' in values else 'object_to_reference'
+            pose = np.array(values[key], float).reshape(4, 4)
             x, y, z = (float(each) for each in values['roi']['center'])
             width, height, depth = (float(each) for each in values['roi']['size'])
             return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
                        bool(values.get('film', False)), str(values.get('name', '')))
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise SettingsError(f'{path} holds no object_to_camera and roi: {error!r}') from None
+            raise SettingsError(f'{path} holds no object_to_camera (or, of several '
+                                f'views, object_to_reference) and roi: {error!r}') from None

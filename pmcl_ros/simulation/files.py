@@ -1,7 +1,7 @@
 """Writes generated captures and sequences to disk, with their truth."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,9 +18,10 @@ from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
 from pmcl_ros.simulation.scenes.render import SyntheticCapture
 from pmcl_ros.simulation.scenes.scene import Scene, Target
-from pmcl_ros.simulation.sequence import Sequence
+from pmcl_ros.simulation.sequence import Sequence as MovingScene
 
 FIXED_FRAME = 'odom'
 _STEP = 2.0 ** -10  # of a view's values: far below their noise, and half the bytes on disk
@@ -50,14 +51,57 @@ def write_view(folder: Path, scene: Scene, picture: NDArray[np.uint8],
     """
     folder.mkdir(parents=True, exist_ok=True)
     write_png(folder / 'view.png', picture)
-    values = camera.model_dump(mode='json', exclude_none=True,
-                               include=set(posed_views.ViewCamera.model_fields))
-    written = {'cameras': {'camera': values}, 'views': [{'file': 'view.png', 'camera': 'camera'}]}
-    (folder / posed_views.NAME).write_text(yaml.safe_dump(written, sort_keys=False))
+    _write_views(folder, camera, [{'file': 'view.png'}])
     _write_targets(folder, scene, seed)
 
 
-def _write_targets(folder: Path, scene: Scene, seed: int) -> None:
+def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]],
+                camera: posed_views.ViewCamera, plan: CameraPlan, seed: int) -> None:
+    """Write 000.png, ..., views.yaml, model.obj, truth.json into a folder.
+
+    pictures: (height, width, 3) RGB each, from the plan's poses. The reference frame is that of
+    the room (`in_room`), the region of interest a box along its axes. The errors of the poses in
+    views.yaml are drawn from the seed.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    cameras = plan.cameras(scene)
+    told = in_room(scene, plan.told(cameras, np.random.default_rng([seed, len(cameras)])))
+    entries: list[dict[str, Any]] = []
+    for number, (picture, pose) in enumerate(zip(pictures, told, strict=True)):
+        write_png(folder / f'{number:03d}.png', picture)
+        entry = {'file': f'{number:03d}.png', 'camera_to_reference': pose.ravel().tolist()}
+        if plan.sigma_mm or plan.sigma_deg:
+            entry |= {'sigma_mm': plan.sigma_mm, 'sigma_deg': plan.sigma_deg}
+            if plan.common:
+                entry |= {'group': 'arm', 'common': plan.common}
+        entries.append(entry)
+    _write_views(folder, camera, entries, 'room')
+    room = in_room(scene, np.eye(4))
+    targets = tuple(replace(
+        each, pose=room @ each.pose,
+        roi_center=_triple(room[:3, :3] @ each.roi_center)) for each in scene.targets)
+    _write_targets(folder, replace(scene, targets=targets), seed, 'object_to_reference')
+
+
+def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _write_views(folder: Path, camera: posed_views.ViewCamera, entries: list[dict[str, Any]],
+                 reference: str | None = None) -> None:
+    values = camera.model_dump(mode='json', exclude_none=True,
+                               include=set(posed_views.ViewCamera.model_fields))
+    written = {'cameras': {'camera': values},
+               'views': [{'camera': 'camera'} | each for each in entries]}
+    if reference is not None:
+        written['reference'] = reference
+    (folder / posed_views.NAME).write_text(
+        yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
+
+
+def _write_targets(folder: Path, scene: Scene, seed: int, key: str = 'object_to_camera') -> None:
+    """key: of the pose, after its frame."""
     for number, target in enumerate(scene.targets):
         place = folder if number == 0 else folder / str(number)
         place.mkdir(exist_ok=True)
@@ -66,7 +110,7 @@ def _write_targets(folder: Path, scene: Scene, seed: int) -> None:
         if len(target.discrete) > 1:
             (place / 'model.yaml').write_text(yaml.safe_dump(_object(target)))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
-        truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target)
+        truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target, key)
         (place / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
 
 
@@ -76,15 +120,15 @@ def _object(target: Target) -> dict[str, Any]:
             'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
 
 
-def _truth(target: Target) -> dict[str, Any]:
+def _truth(target: Target, key: str) -> dict[str, Any]:
     """As in the truth.json of a capture."""
     symmetry = None if target.axis is None else {'axis': target.axis.tolist()}
-    return {'object_to_camera': target.pose.tolist(), 'empty': target.empty,
+    return {key: target.pose.tolist(), 'empty': target.empty,
             'symmetry_continuous': symmetry,
             'roi': {'center': list(target.roi_center), 'size': list(target.roi_size)}}
 
 
-def write_sequence(folder: Path, sequence: Sequence,
+def write_sequence(folder: Path, sequence: MovingScene,
                    report: Callable[[int], None] = lambda _: None) -> None:
     """Write bag/, model.obj, truth.json, parameters.yaml into a folder.
 
@@ -114,7 +158,7 @@ def write_sequence(folder: Path, sequence: Sequence,
          for node, values in _parameters(folder, sequence).items()}, sort_keys=False))
 
 
-def _parameters(folder: Path, sequence: Sequence) -> dict[str, dict[str, object]]:
+def _parameters(folder: Path, sequence: MovingScene) -> dict[str, dict[str, object]]:
     of = sequence.settings
     near, far = Region(sequence.roi_center, sequence.roi_size).grown(sequence.model.radius)
     return {
@@ -126,7 +170,7 @@ def _parameters(folder: Path, sequence: Sequence) -> dict[str, dict[str, object]
             'track_camera': 'topic', 'track_frame': FIXED_FRAME}}
 
 
-def _messages(sequence: Sequence, report: Callable[[int], None]) -> Iterator[Recorded]:
+def _messages(sequence: MovingScene, report: Callable[[int], None]) -> Iterator[Recorded]:
     for number, frame in enumerate(sequence):
         light_field = frame.light_field
         views = np.round(light_field.views / np.float32(_STEP)) * np.float32(_STEP)

@@ -1,7 +1,6 @@
 """Photographs of generated scenes by an ordinary camera, with the distortion of its lens."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -97,13 +96,11 @@ def _distorted(camera: OrdinaryCamera, pixels: NDArray[np.float64]) -> NDArray[n
 
 
 def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator,
-                samples: int = 16, progress: Callable[[float], None] = lambda _: None
-                ) -> NDArray[np.uint8]:
+                samples: int = 16) -> NDArray[np.uint8]:
     """(height, width, 3) RGB, 8 bits, encoded by the camera's gamma: the scene seen by a camera.
 
-    scene: its sensor is the camera's (`OrdinaryCamera.sensor`). samples: rays per pixel.
-    progress: called with the share done, 0 to 1. The same scene and generator state give the same
-    picture.
+    scene: its sensor is the camera's (`OrdinaryCamera.sensor`). samples: rays per pixel. The same
+    scene and generator state give the same picture.
     """
     sensor, world = scene.sensor, World.from_scene(scene)
     margin = math.ceil(3 * sensor.blur)
@@ -116,7 +113,6 @@ def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator,
                                                 cv2.INTER_CUBIC), np.float32), np.float32(0))
     else:
         light = light_of_view(world, sensor, 0, 0, margin, samples, seed)
-    progress(1.0)
     linear = sensed(light, exposure(light, sensor.level), sensor.blur, margin)
     linear = np.clip(noisy(linear, 1.0, sensor, rng), 0, 1)
     return np.rint(255 * linear ** np.float32(1 / camera.gamma)).astype(np.uint8)

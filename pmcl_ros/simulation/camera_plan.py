@@ -1,0 +1,112 @@
+"""CameraPlan: where cameras stand around a scene, and the errors of an arm that holds them."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.sweep.plan import SweepPlan
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.simulation.scenes.scene import Scene
+
+_ARC = re.compile(r'arc:(\d{1,3}):(\d{1,3}(?:\.\d*)?)')
+_GRID = re.compile(r'grid:(\d{1,2})x(\d{1,2}):(\d*\.?\d*)')
+_Pose = tuple[float, ...]
+
+
+class CameraPlan(Settings):
+    """Poses of a camera around a scene: an arc about the object, a grid, or a list."""
+
+    arc: tuple[int, float] | None = Field(
+        None, description='number of cameras, and the angle [deg] from the first to the last: on '
+        "a level circle about the middle of the object's region")
+    grid: tuple[int, int, float] | None = Field(
+        None, description='rows, columns, and the width [m]: parallel cameras in a plane')
+    poses: tuple[_Pose, ...] = Field(
+        (), description="4x4 each, row by row: camera to the scene's own camera [m]")
+    sigma_mm: float = Field(0.0, ge=0, le=100, description='error of the poses that are told: '
+                            'standard deviation of the position on each axis [mm]')
+    sigma_deg: float = Field(0.0, ge=0, le=30, description='of the rotation about each [deg]')
+    common: float = Field(0.0, ge=0, le=1, description='share of the variance of these errors '
+                          'that all views share, as that of a hand-eye transform')
+
+    @model_validator(mode='after')
+    def _one(self) -> 'CameraPlan':
+        if sum((self.arc is not None, self.grid is not None, bool(self.poses))) != 1:
+            raise ValueError('give one of arc, grid and poses')
+        if self.arc is not None and not (1 <= self.arc[0] <= 360 and 0 <= self.arc[1] <= 360):
+            raise ValueError(f'an arc of {self.arc[0]} cameras over {self.arc[1]:g} degrees: 1 to '
+                             '360 cameras, 0 to 360 degrees')
+        if self.grid is not None and not (min(self.grid) > 0 and self.grid[0] * self.grid[1] > 1):
+            raise ValueError(f'a grid of {self.grid[0]}x{self.grid[1]} over {self.grid[2]:g} m: '
+                             'at least 2 cameras, a positive width')
+        if any(len(each) != 16 for each in self.poses):
+            raise ValueError('each of poses has 16 numbers')
+        return self
+
+    @classmethod
+    def parse(cls, text: str) -> 'CameraPlan':
+        """`arc:COUNT:DEGREES`, `grid:ROWSxCOLUMNS:METRES`, or the path of a YAML file.
+
+        Raises SettingsError.
+        """
+        arc, grid = _ARC.fullmatch(text), _GRID.fullmatch(text)
+        if arc:
+            return cls.make({'arc': (int(arc[1]), float(arc[2]))}, text)
+        if grid and grid[3].strip('.'):
+            return cls.make({'grid': (int(grid[1]), int(grid[2]), float(grid[3]))}, text)
+        if not Path(text).is_file():
+            raise SettingsError(f'{text} is no plan of cameras: expected arc:COUNT:DEGREES, '
+                                'grid:ROWSxCOLUMNS:METRES or a YAML file')
+        return cls.load(Path(text))
+
+    def cameras(self, scene: Scene) -> NDArray[np.float64]:
+        """(n, 4, 4) the poses of the cameras, camera to the scene's own camera [m]."""
+        if self.arc is not None:
+            return _arc(scene, *self.arc)
+        if self.grid is not None:
+            rows, columns, width = self.grid
+            plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
+            return np.array([each.pose for each in plan.poses])
+        return np.array(self.poses, float).reshape(-1, 4, 4)
+
+    def told(self, cameras: NDArray[np.float64], rng: np.random.Generator
+             ) -> NDArray[np.float64]:
+        """(n, 4, 4) the poses that an arm with these errors tells of cameras (n, 4, 4).
+
+        Errors are motions of the camera in its own frame; a part is the same for all.
+        """
+        sigma = np.repeat([1e-3 * self.sigma_mm, np.deg2rad(self.sigma_deg)], 3)
+        shared = np.sqrt(self.common) * rng.normal(size=6)
+        own = np.sqrt(1 - self.common) * rng.normal(size=(len(cameras), 6))
+        errors = retract(np.tile(np.eye(4), (len(cameras), 1, 1)), sigma * (shared + own))
+        return np.asarray(cameras @ errors)
+
+
+def _arc(scene: Scene, count: int, degrees: float) -> NDArray[np.float64]:
+    """About the vertical through the middle of the first target's region."""
+    middle = np.array(scene.targets[0].roi_center)
+    vertical = scene.world_from_camera[2]  # upwards, in the camera's frame
+    angles = np.deg2rad(degrees) * (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1))
+    turns = Rotation.from_rotvec(angles[:, None] * vertical).as_matrix()
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, :3, :3] = turns
+    poses[:, :3, 3] = middle - turns @ middle
+    return poses
+
+
+def in_room(scene: Scene, cameras: Sequence[NDArray[np.float64]] | NDArray[np.float64]
+            ) -> NDArray[np.float64]:
+    """(n, 4, 4) cameras (n, 4, 4) in the frame of the room.
+
+    Its axes are those of the room (z up), its origin is that of the scene's own camera.
+    """
+    room = np.eye(4)
+    room[:3, :3] = scene.world_from_camera
+    return np.asarray(room @ np.asarray(cameras))
