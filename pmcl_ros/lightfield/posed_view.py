@@ -1,4 +1,4 @@
-"""PosedView: one picture of an ordinary camera, and the camera's pose in a reference frame."""
+"""Pictures of ordinary cameras, and the cameras' poses in a reference frame."""
 
 from dataclasses import dataclass, field
 
@@ -25,7 +25,9 @@ class PosedView:
     camera_to_reference: (4, 4) pose of the camera's optical frame (x right, y down, z forward) in
         the reference frame [m].
     sigma: standard deviations of that pose on each axis: position [m], rotation [rad].
-    group: name of the views that share the errors of their poses; empty: this view alone.
+    group: name of the views that share errors of their poses, as of one hand-eye transform; empty:
+        this view alone. common: share of the variance of these errors that the group shares; the
+        rest is of each view.
     Raises LightFieldError when these do not fit together.
     """
 
@@ -35,6 +37,7 @@ class PosedView:
     camera_to_reference: NDArray[np.float64] = field(default_factory=lambda: np.eye(4))
     sigma: tuple[float, float] = (0.0, 0.0)
     group: str = ''
+    common: float = 1.0
 
     def __post_init__(self) -> None:
         expected = (self.pinhole.height, self.pinhole.width, 3)
@@ -58,6 +61,8 @@ class PosedView:
         if not (np.isfinite(self.sigma).all() and min(self.sigma) >= 0):
             raise LightFieldError(f'standard deviations of the pose {self.sigma} must be finite '
                                   'and not negative')
+        if not 0 <= self.common <= 1:
+            raise LightFieldError(f'common: a share of the variance is 0 to 1, not {self.common}')
 
     def linear(self) -> NDArray[np.float32]:
         """(height, width, 3) linear light, 1 at white."""
@@ -66,3 +71,26 @@ class PosedView:
     def displayed(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8 RGB for a screen."""
         return np.rint(255 * self.picture).astype(np.uint8)
+
+
+@dataclass(frozen=True)
+class PosedViews:
+    """Several views of one scene, with poses in one frame.
+
+    views: at least one, all of the same reference frame. Raises LightFieldError otherwise.
+    """
+
+    views: tuple[PosedView, ...]
+
+    def __post_init__(self) -> None:
+        if not self.views:
+            raise LightFieldError('there is no view; at least one is needed')
+        frames = sorted({each.header.frame_id for each in self.views})
+        if len(frames) > 1:
+            raise LightFieldError(f'views have poses in the frames {", ".join(frames)}; give them '
+                                  'all in one')
+
+    @property
+    def header(self) -> Header:
+        """The stamp of the last view, and the reference frame."""
+        return max((each.header for each in self.views), key=lambda header: header.stamp_ns)

@@ -66,7 +66,10 @@ class ViewEntry(Settings):
                              'about each axis [deg]')
     stamp: float | None = Field(None, ge=0, le=9e9, description='time of the exposure since 1970 '
                                 "[s]; default: the file's modification time")
-    group: str = Field('', description='name of the views that share the errors of their poses')
+    group: str = Field('', description='name of the views that share errors of their poses, as '
+                       'those of one hand-eye transform')
+    common: float = Field(1.0, ge=0, le=1, description='share of the variance of these errors '
+                          'that the group shares; the rest is of each view')
 
 
 class ViewsFile(Settings):
@@ -75,6 +78,11 @@ class ViewsFile(Settings):
     cameras: dict[str, ViewCamera] = Field(min_length=1, description='by name')
     views: list[ViewEntry] = Field(min_length=1, description='in any order')
     reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
+
+    @property
+    def posed(self) -> bool:
+        """Whether the poses of the cameras are given."""
+        return 'camera_to_reference' in self.views[0].model_fields_set
 
     @model_validator(mode='after')
     def _whole(self) -> 'ViewsFile':
@@ -120,7 +128,8 @@ def _view(yaml: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> 
         return PosedView(Header(stamp_ns, of.reference), reduction.shrunk(picture),
                          reduction.pinhole(camera.pinhole),
                          np.array(entry.camera_to_reference).reshape(4, 4),
-                         (1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))), entry.group)
+                         (1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))), entry.group,
+                         entry.common)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
 

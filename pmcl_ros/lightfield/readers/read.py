@@ -1,42 +1,38 @@
-"""Read a light field of any format, or a picture of an ordinary camera."""
+"""Read a light field of any format, or pictures of ordinary cameras."""
 
 from pathlib import Path
 
-import numpy as np
-
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import folder, hci, posed_views, sweep_folder
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
 
-Source = LightField | PosedView  # what an object is looked for in
+Source = LightField | PosedView | PosedViews  # what an object is looked for in
 
 _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
 def read_source(path: Path | str, every: int = 1, shrink: int = 1) -> Source:
-    """Read a light field (`read_light_field`), or the picture of a views.yaml.
+    """Read a light field (`read_light_field`), or the pictures of a views.yaml.
 
-    path: as of `read_light_field`, or a views.yaml or the folder with it. The picture's camera is
-    the reference frame.
-    Raises as `read_light_field`, and LightFieldError for several views or another pose of the
-    camera: these are not yet supported.
+    path: as of `read_light_field`, or a views.yaml or the folder with it. A single picture whose
+    camera has no pose is a `PosedView`: the camera is the reference frame.
+    Raises as `read_light_field`.
     """
     yaml = _views_yaml(Path(path))
     if yaml is None:
         return read_light_field(path, every, shrink)
-    view, *others = posed_views.read_views(yaml, Reduction(every, shrink))
-    if others:
-        raise LightFieldError(f'{yaml} has {1 + len(others)} views: several are not yet '
-                              'supported, give one')
-    if not np.allclose(view.camera_to_reference, np.eye(4), atol=1e-6):
-        raise LightFieldError(f'{yaml}: an object in a single picture is found in the frame of '
-                              'its camera; leave out camera_to_reference, and give the region of '
-                              'interest in that frame')
-    return view
+    views = posed_views.read_views(yaml, Reduction(every, shrink))
+    return PosedViews(views) if posed_views.ViewsFile.load(yaml).posed else views[0]
+
+
+def has_posed_views(path: Path | str) -> bool:
+    """Whether `read_source` makes `PosedViews` of a path. Raises SettingsError."""
+    yaml = _views_yaml(Path(path))
+    return yaml is not None and posed_views.ViewsFile.load(yaml).posed
 
 
 def _views_yaml(path: Path) -> Path | None:
@@ -67,7 +63,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
     if not path.exists():
         raise LightFieldError(f'there is no {path}')
     if _views_yaml(path) is not None:
-        raise LightFieldError(f'{path} is a picture of an ordinary camera, and here a light field '
+        raise LightFieldError(f'{path} is of pictures of ordinary cameras, and here a light field '
                               'is needed; localize, report and evaluate take pictures')
     if header is None:
         header = Header(stamp_ns=path.stat().st_mtime_ns)
