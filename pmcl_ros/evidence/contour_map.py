@@ -17,6 +17,7 @@ from pmcl_ros.runtime.errors import VolumeError
 
 DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
 _REACH = 4  # standard deviations of a Gaussian
+_RESOLUTION = 3.0  # px: a contour is found within half of this on either side
 _MOST = 30.0  # nat / px: no log odds of a network are larger
 
 
@@ -58,6 +59,11 @@ class ContourMap(EvidenceVolume):
         if self.numbers.inside_weight == 0:
             return super().region
         return np.float32(self.numbers.inside_weight) * self.inside
+
+    @property
+    def resolution(self) -> float:
+        """See `EvidenceVolume`."""
+        return _RESOLUTION
 
     @property
     def least_support(self) -> float:

@@ -65,6 +65,11 @@ class EvidenceVolume(ABC):
         return False
 
     @property
+    def resolution(self) -> float:
+        """Contours that are nearer to each other than this are one in the evidence [px]."""
+        return 0.0
+
+    @property
     def region(self) -> NDArray[np.float32]:
         """(height, width, labels) evidence that a pixel shows a solid [nat / px]; empty: none."""
         return np.zeros((0, 0, 0), np.float32)

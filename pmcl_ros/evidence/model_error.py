@@ -21,11 +21,13 @@ class ModelError:
 
     common: standard deviation of the displacement of the whole contour [px].
     local: standard deviation of the local displacement [px]. length: its correlation length [px].
+    angle: between two views, by which the correlation of their displacements falls to 1 / e [rad].
     """
 
     common: float
     local: float
     length: float
+    angle: float = 0.2
 
     @classmethod
     def learned(cls) -> 'ModelError':
@@ -42,3 +44,7 @@ class ModelError:
         """
         near = np.where(same_side, np.exp(-distance / self.length), 0)
         return self.common ** 2 + self.local ** 2 * near
+
+    def between_views(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Correlation of the displacements in two views, by the angle between them [rad]."""
+        return np.asarray(np.exp(-angles / self.angle))

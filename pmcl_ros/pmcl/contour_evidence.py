@@ -22,7 +22,7 @@ from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
-from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
+from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -31,6 +31,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 _LOG = logging.getLogger(__name__)
 _COARSE, _FINE = 4, 2  # image px per pixel of the z-buffers of refinements
 _DETAIL = 0.3  # image px: tolerance of the simplified mesh in them
+_STEPS_OF_DETAIL = 2  # of that tolerance, in an octave
 # Refinements: step of the finite differences on coarse, fine and finest contours, largest and
 # smallest motion of the contour in a step [image px], number of steps.
 _STEPS, _FARTHEST, _CONVERGED, _TRIES = (1.5, 1.0, 1.0), 2.0, 0.1, 8
@@ -65,11 +66,11 @@ class ContourEvidence:
     def from_edges(cls, edges: EvidenceVolume, renderer: Renderer, model: ObjectModel,
                    settings: PmclSettings, profile: ContourProfile | None,
                    error: ModelError | None,
-                   creases: Creases | None) -> 'ContourEvidence':
+                   creases: Creases | None, region: Region | None = None) -> 'ContourEvidence':
         """The evidence in an edge volume or a contour map.
 
-        profile, error: None for those of `edges`. Creases were learned on refocused edges: they
-        are ignored where the evidence has none.
+        profile, error: None for those of `edges`. region: by default that of the settings.
+        Creases were learned on refocused edges: they are ignored where the evidence has none.
         """
         if profile is None or not edges.shows_creases:
             profile = edges.profile
@@ -80,7 +81,7 @@ class ContourEvidence:
         if isinstance(edges, ContourMap) and renderer.name != 'numba':
             _LOG.info('contour maps are scored on the processor')
             renderer = NumbaRenderer()
-        region = Region(settings.roi_center, settings.roi_size)
+        region = region or Region(settings.roi_center, settings.roi_size)
         return cls(renderer, model, settings, region, edges, profile, error or edges.model_error,
                    creases)
 
@@ -96,31 +97,28 @@ class ContourEvidence:
 
     def optimizers(self, count: int = 3) -> list[GaussNewton]:
         """Gauss-Newton on coarse contours, fine ones, those of the image: the first `count`."""
+        return [GaussNewton([self.expansion(stage)], self.region) for stage in range(count)]
+
+    def expansion(self, stage: int, uncertain: float = 0.0,
+                  camera: NDArray[np.float64] | None = None) -> ContourExpansion:
+        """Of coarse (0), fine (1) contours, those of the image (2).
+
+        uncertain: standard deviation of the contour's place beside that of the stage [image px].
+        camera: as of `ContourExpansion`.
+        """
         window = self.window
         box = (window.left, window.top, window.left + window.size[0],
                window.top + window.size[1])
         least = -(-max(window.size) // LARGEST)  # they are drawn by the processor
-        return [GaussNewton(self._scene(window.coarser(max(scale, least))),
-                            self.edges.blurred(blur, box), self.profile, self.region, step)
-                for scale, step, blur in zip((_COARSE, _FINE, 1)[:count], _STEPS[:count],
-                                             _BLURS[:count], strict=True)]
+        scale, step, blur = (_COARSE, _FINE, 1)[stage], _STEPS[stage], _BLURS[stage]
+        return ContourExpansion(
+            self._scene(window.coarser(max(scale, least))),
+            self.edges.blurred(float(np.hypot(blur, uncertain)), box), self.profile, step, camera)
 
-    def refinement(self, gauss_newton: GaussNewton, tries: int = _TRIES,
+    def refinement(self, gauss_newton: GaussNewton, tries: int | None = None,
                    score: Score | None = None) -> Refine:
-        """Refines poses by Gauss-Newton steps, and evaluates them there.
-
-        score: evaluates them; by default the evidence of `gauss_newton`, without creases.
-        """
-        def refine(poses: NDArray[np.float64]
-                   ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            found, values = gauss_newton(poses, tries, _FARTHEST, _CONVERGED)
-            barred = ~self.feasible(found)
-            if barred.any():  # infeasible results go back to the start
-                found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
-            if score is not None:
-                return found, score(found)
-            return found, np.where(self.feasible(found), values, -np.inf)
-        return refine
+        """As the function `refinement`, in the region."""
+        return refinement(gauss_newton, self.feasible, tries, score)
 
     def posterior(self, score: Score, contour: Contour,
                   creases: Callable[[NDArray[np.float64]], CreasePoints | None] = lambda _: None
@@ -155,8 +153,30 @@ def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
     """An object anywhere in a region; detail: tolerance of its simplified mesh [image px]."""
     near, far = region.grown(model.radius)
     if detail > 0:
-        model = simplified(model, detail * near / max(camera.fx, camera.fy))
+        # In steps, so that views from about the same distance share a mesh.
+        octaves = np.log2(detail * near / max(camera.fx, camera.fy))
+        model = simplified(model, float(2 ** (np.floor(_STEPS_OF_DETAIL * octaves)
+                                              / _STEPS_OF_DETAIL)))
     return Scene(model, camera, window, near, far)
+
+
+def refinement(gauss_newton: GaussNewton, feasible: Feasible, tries: int | None = None,
+               score: Score | None = None) -> Refine:
+    """Refines poses by Gauss-Newton steps, and evaluates them there.
+
+    tries: steps at most. score: evaluates them; by default the evidence of `gauss_newton`,
+    without creases.
+    """
+    def refine(poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        found, values = gauss_newton(poses, _TRIES if tries is None else tries, _FARTHEST,
+                                     _CONVERGED)
+        barred = ~feasible(found)
+        if barred.any():  # infeasible results go back to the start
+            found[barred], values[barred] = gauss_newton(poses[barred], 0, 0, 0)
+        if score is not None:
+            return found, score(found)
+        return found, np.where(feasible(found), values, -np.inf)
+    return refine
 
 
 def where(feasible: Feasible, score: Score, outside: float) -> Score:

@@ -6,6 +6,7 @@ each orientation is rendered once, scaled to each depth, and correlated with map
 evidence.
 """
 
+from copy import copy
 from dataclasses import dataclass
 
 import cv2
@@ -68,6 +69,12 @@ class Proposals:
         self._turns = 2 * np.pi * np.arange(turns) / turns
         self.templates = Templates.from_views(renderer, model, region.center[2])
 
+    def within(self, region: Region) -> 'Proposals':
+        """The same templates for another region."""
+        other = copy(self)
+        other._region = region
+        return other
+
     def propose(self, edges: EvidenceVolume, count: int
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The best `count` poses (n, 4, 4) and their scores (n,), without duplicates, best first.
@@ -76,7 +83,10 @@ class Proposals:
         """
         pinhole = edges.pinhole
         offsets, directions = self.templates.turned(self._turns, pinhole)
-        places = [self._at_depth(edges, depth, offsets, directions, _TRIED * count)
+        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # one picture: at any depth
+        maps = _maps_at(edges, self._region.center[2]) if flat else None
+        places = [self._at_depth(edges, depth, _maps_at(edges, depth) if maps is None else maps,
+                                 offsets, directions, _TRIED * count)
                   for depth in self._region.depths(_DEPTH_STEP)]
         seen = [each for each in places if each is not None]
         if not seen:
@@ -92,15 +102,17 @@ class Proposals:
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
 
-    def _at_depth(self, edges: EvidenceVolume, depth: float, offsets: NDArray[np.float32],
-                  directions: NDArray[np.uint8], count: int) -> _Places | None:
-        """The best `count` places at a depth; None where the object is out of view in all."""
+    def _at_depth(self, edges: EvidenceVolume, depth: float, maps: NDArray[np.int16],
+                  offsets: NDArray[np.float32], directions: NDArray[np.uint8], count: int
+                  ) -> _Places | None:
+        """The best `count` places at a depth; None where the object is out of view in all.
+
+        maps: (directions, rows, columns) of cells.
+        """
         pinhole = edges.pinhole
         scale = self.templates.depth / depth
         cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
         reach = int(np.abs(cells).max()) + 1
-        maps = (_log_odds_maps(edges, depth) if isinstance(edges, ContourMap)
-                else _evidence_maps(edges, depth))
         _, height, width = maps.shape
         left, top, right, bottom = self._region.footprint(pinhole, depth)
         # Farther out than the object's reach nothing of it is seen.
@@ -136,6 +148,12 @@ def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32],
     tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
     height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
     return tensor[:height * _CELL, :width * _CELL], height, width
+
+
+def _maps_at(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
+    """(directions, rows, columns) of cells: what templates are correlated with."""
+    return (_log_odds_maps(edges, depth) if isinstance(edges, ContourMap)
+            else _evidence_maps(edges, depth))
 
 
 def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:

@@ -4,6 +4,7 @@ A contour runs between two neighbouring pixels of which one is nearer by the fra
 more, or covered where the other is not. Each such pair is a point of the contour.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +30,8 @@ class Edges(NamedTuple):
     left, top, scale: of the z-buffer in them [image px].
     farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
     keep: a pixel is beyond another if its 1/z is less than this times the other's.
+    merged: a contour inside the outline that is so near to it is one with it [pixels of the
+        z-buffer].
     offsets: (j,) from the contour [image px]. knots, widths: (k,) where ramps begin and how long
         they are [1]. slopes: (j, k) of the evidence in them [nat / px]. bias: [nat / px].
     """
@@ -41,6 +44,7 @@ class Edges(NamedTuple):
     farthest: float
     per_closeness: float
     keep: np.float32
+    merged: int
     offsets: NDArray[np.float32]
     knots: NDArray[np.float32]
     widths: NDArray[np.float32]
@@ -56,6 +60,7 @@ class Edges(NamedTuple):
         return cls(np.ascontiguousarray(edges.tensor, np.float32),
                    np.ascontiguousarray(edges.region, np.float32), window.left, window.top,
                    window.scale, farthest, per_closeness, np.float32(1 - jump_of(scene, edges)),
+                   math.ceil(edges.resolution / window.scale),
                    profile.offsets.astype(np.float32), profile.knots[:-1].astype(np.float32),
                    widths.astype(np.float32),
                    (np.diff(profile.tables) / widths).astype(np.float32),
@@ -82,8 +87,11 @@ def check_profile(profile: ContourProfile) -> None:
 
 
 @compiled(inlined=True)
-def find(box, keep, z, found):  # type: ignore[no-untyped-def]
+def find(box, keep, merged, z, found):  # type: ignore[no-untyped-def]
     """Write the pairs of pixels on the contour to `found`; returns how many.
+
+    A pair inside the outline is left out where the outline is within `merged` pixels beyond it:
+    a picture shows such two contours as one, whose evidence must not count twice.
 
     4 times the index of the pair's first pixel, 2 if the other is below it, not beside it, 1 if
     the other is the nearer.
@@ -99,11 +107,11 @@ def find(box, keep, z, found):  # type: ignore[no-untyped-def]
         for k in range(MARGIN - 1, right - left + MARGIN):
             a = here[k]
             b = here[k + 1]
-            if _across(a, b, keep):
+            if _across(a, b, keep) and not _is_merged(a, b, begin + k, 1, merged, z):
                 found[count] = 4 * (begin + k) + (1 if b > a else 0)
                 count += 1
             b = below[k]
-            if _across(a, b, keep):
+            if _across(a, b, keep) and not _is_merged(a, b, begin + k, stride, merged, z):
                 found[count] = 4 * (begin + k) + 2 + (1 if b > a else 0)
                 count += 1
     return count
@@ -114,6 +122,19 @@ def _across(a, b, keep):  # type: ignore[no-untyped-def]
     """Whether a contour runs between two pixels."""
     least, most = (a, b) if a < b else (b, a)
     return (least < most * keep) & (least >= 0)
+
+
+@compiled(inlined=True, inner=True)
+def _is_merged(a, b, first, step, merged, z):  # type: ignore[no-untyped-def]
+    """Whether the outline is within `merged` pixels beyond a pair inside it."""
+    if a == 0 or b == 0:
+        return False
+    at, step = (first, -step) if b > a else (first + step, step)
+    for _ in range(merged):
+        at += step
+        if z[at] <= 0:
+            return z[at] == 0
+    return False
 
 
 @compiled(inlined=True, inner=True)
@@ -251,7 +272,7 @@ def sums(box, z, edges, found):  # type: ignore[no-untyped-def]
     knots, widths, slopes = edges.knots, edges.widths, edges.slopes
     window = (edges.left, edges.top, edges.scale)
     farthest, per_closeness = edges.farthest, edges.per_closeness
-    count = find(box, keep, z, found)
+    count = find(box, keep, edges.merged, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
     total, length = region_sum(box, z, edges), 0.0
     last, nx, ny = -1, np.float32(0), np.float32(0)

@@ -49,7 +49,7 @@ class ContourPoints:
                      profile: ContourProfile) -> 'ContourPoints':
         """Of the contour in a z-buffer (`raster`)."""
         found = np.zeros(2 * len(z), np.int32)
-        found = found[:find(box, edges.keep, z, found)]
+        found = found[:find(box, edges.keep, edges.merged, z, found)]
         order, piece = _followed(found, box[2] - box[0] + 2 * MARGIN)
         values = _values(found[order], box, z, edges)
         known = values[:, 5] > 0

@@ -1,8 +1,11 @@
-"""Gauss-Newton refinement of many poses at once, on the processor.
+"""Gauss-Newton refinement of many poses at once, by one view or several.
 
-The steps are those of `pmcl_ros.pmcl.local_model`, without its covariances. Each thread draws a
-pose, sums the slopes of the evidence along its contour, and moves it.
+The steps are those of `pmcl_ros.pmcl.local_model`, without its covariances. The processor draws
+each pose in each view, and sums the slopes of the evidence along its contour.
 """
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import prange
@@ -10,6 +13,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour import (
     Edges,
@@ -34,35 +38,100 @@ LEAST_SHOWN = 1e-3  # nat / px: weight of a point without positive evidence
 # m, rad: standard deviations of a weak prior, which keeps the information positive definite
 WIDEST = np.array([0.05, 0.05, 0.05, 1, 1, 1])
 _SHORTER, _LONGER = 0.25, 2.0  # factors of the next step, after a worse and a better pose
+_STILL = 1e-18  # px^2: keeps the motion of no contour positive
 
 
-class GaussNewton:
-    """Moves poses to maxima of the contour's evidence in a scene.
+@dataclass(frozen=True)
+class Expansion:
+    """The contour's evidence at poses, to second order: sums over the contour.
 
-    region: bounds of the origins. step: of the finite differences along the normals [image px].
+    values: (n,) evidence [nat]. lengths: (n,) of the contour [px]. gradient: (n, 6) and
+    information: (n, 6, 6), minus the second derivative, of the evidence in the tangent space
+    [m, rad]. moments: (n, 6, 6) of the motions along the normals [px^2 px].
+    """
+
+    values: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    moments: NDArray[np.float64]
+
+    def __add__(self, other: 'Expansion') -> 'Expansion':
+        return Expansion(*(getattr(self, each) + getattr(other, each)
+                           for each in self.__dataclass_fields__))
+
+    def rotated(self, rotation: NDArray[np.float64]) -> 'Expansion':
+        """In a frame into which `rotation` (3, 3) turns directions."""
+        both = np.zeros((6, 6))
+        both[:3, :3] = both[3:, 3:] = rotation
+        return Expansion(self.values, self.lengths, self.gradient @ both.T,
+                         both @ self.information @ both.T, both @ self.moments @ both.T)
+
+    def put(self, where: NDArray[np.integer], other: 'Expansion', chosen: NDArray[np.bool_]
+            ) -> None:
+        """Take over the chosen poses of another, in place."""
+        for each in self.__dataclass_fields__:
+            getattr(self, each)[where[chosen]] = getattr(other, each)[chosen]
+
+
+class ContourExpansion:
+    """Expands the evidence of poses in one view: `Expansion`.
+
+    step: of the finite differences along the normals [image px]. camera: (4, 4) of the view, in
+    the frame of the poses; default: that frame.
     evaluations: number of poses drawn so far. Raises RenderError as scores do.
     """
 
-    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
-                 region: Region, step: float) -> None:
+    def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile, step: float,
+                 camera: NDArray[np.float64] | None = None) -> None:
         check_profile(profile)
         self._drawing = Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
         self._room = Room.for_threads(self._drawing)
         threads, pixels = self._room.z.shape
         self._found = np.zeros((threads, 2 * pixels), np.int32)
-        camera = edges.pinhole
+        pinhole = edges.pinhole
         # Kernels are compiled for each combination of types that they are called with.
-        self._camera = tuple(map(float, (camera.fx, camera.fy, camera.cx, camera.cy)))
-        self._box = np.stack([region.low, region.high])
+        self._pinhole = tuple(map(float, (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy)))
+        self._camera = camera
         self._step = float(step)
         self.evaluations = 0
+
+    def __call__(self, poses: NDArray[np.float64]) -> Expansion:
+        """At poses (n, 4, 4)."""
+        if self._camera is not None:
+            poses = np.linalg.inv(self._camera) @ poses
+        poses, count = np.array(poses, np.float64, order='C'), len(poses)
+        made = Expansion(np.zeros(count), np.zeros(count), np.zeros((count, 6)),
+                         np.zeros((count, 6, 6)), np.zeros((count, 6, 6)))
+        with LOCK:
+            _expand(self._drawing, self._room, self._edges, self._found, self._pinhole,
+                    self._step, poses, made.values, made.lengths, made.gradient,
+                    made.information, made.moments)
+        self.evaluations += count
+        return made if self._camera is None else made.rotated(self._camera[:3, :3])
+
+
+class GaussNewton:
+    """Moves poses to maxima of the contour's evidence, summed over views.
+
+    views: one at least. region: bounds of the origins, in the frame of the poses.
+    """
+
+    def __init__(self, views: Sequence[ContourExpansion], region: Region) -> None:
+        self._views = views
+        self._low, self._high = region.low, region.high
 
     @classmethod
     def warm_up(cls) -> None:
         """Compile, or load from numba's cache, all that it needs."""
-        region = Region((0, 0, 1), (1, 1, 1))
-        cls(*tiny_scene(), ContourProfile.contrast(), region, 1.0)(np.eye(4)[None], 1, 1, 0.1)
+        view = ContourExpansion(*tiny_scene(), ContourProfile.contrast(), 1.0)
+        cls([view], Region((0, 0, 1), (1, 1, 1)))(np.eye(4)[None], 1, 1, 0.1)
+
+    @property
+    def evaluations(self) -> int:
+        """Number of poses drawn so far, in each view."""
+        return sum(each.evaluations for each in self._views)
 
     def __call__(self, poses: NDArray[np.float64], tries: int, farthest: float, converged: float
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -71,118 +140,69 @@ class GaussNewton:
         tries: largest number of steps, also of rejected ones. farthest: largest step; converged:
         length of the step to stop at [image px, rms along the contour].
         """
-        found = np.array(poses, np.float64, order='C')
-        values, drawn = np.zeros(len(found)), np.zeros(len(found), np.int64)
-        with LOCK:
-            _refine_all(self._drawing, self._room, self._edges, self._found, self._camera,
-                        self._box, self._step, int(tries), float(farthest), float(converged),
-                        found, values, drawn)
-        self.evaluations += int(drawn.sum())
-        return found, values
+        best = np.array(poses, np.float64, order='C')
+        at = self._expanded(best)
+        reach = np.full(len(best), float(farthest))
+        going = np.arange(len(best))
+        for _ in range(tries):
+            tried, length, inside = self._step_from(
+                best[going], at.gradient[going], at.information[going], at.moments[going],
+                at.lengths[going], reach[going], converged)
+            going, tried, length = going[inside], tried[inside], length[inside]
+            if not len(going):
+                break
+            there = self._expanded(tried)
+            better = there.values > at.values[going]
+            best[going[better]] = tried[better]
+            at.put(going, there, better)
+            reach[going] = np.where(better, np.minimum(_LONGER * length, farthest),
+                                    _SHORTER * length)
+        return best, at.values
+
+    def _expanded(self, poses: NDArray[np.float64]) -> Expansion:
+        first, *others = (each(poses) for each in self._views)
+        return sum(others, first)
+
+    def _step_from(self, poses: NDArray[np.float64], gradient: NDArray[np.float64],
+                   information: NDArray[np.float64], moments: NDArray[np.float64],
+                   lengths: NDArray[np.float64], reach: NDArray[np.float64], converged: float
+                   ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+        """Poses a step on (n, 4, 4), its length (n,) [px], and whether there is one (n,).
+
+        A step that leaves the region is shortened.
+        """
+        weak = information + np.diag(LEAST_CURVATURE / WIDEST ** 2)
+        step = np.linalg.solve(weak, gradient[..., None])
+        square = step.transpose(0, 2, 1) @ moments @ step
+        motion = np.sqrt(square[:, 0, 0] / np.maximum(lengths, 1) + _STILL)
+        step = step[..., 0] / motion[:, None]
+        length = np.minimum(motion, reach)
+        while True:
+            there = poses[:, :3, 3] + length[:, None] * step[:, :3]
+            outside = ((there < self._low) | (there > self._high)).any(axis=1)
+            outside &= length > converged
+            if not outside.any():
+                break
+            length[outside] *= _SHORTER
+        return retract(poses, length[:, None] * step), length, length > converged
 
 
 @compiled(parallel=True)
-def _refine_all(drawing, room, edges, found, camera, box, step, tries,  # type: ignore[no-untyped-def]
-                farthest, converged, poses, values, drawn):
+def _expand(drawing, room, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
+            values, lengths, gradient, information, moments):
     for n in prange(len(poses)):
         k = thread_id()
-        values[n], drawn[n] = _refine(drawing, room.z[k], room.corners[k], room.exact[k], edges,
-                                      found[k], camera, box, step, tries, farthest, converged,
-                                      poses[n])
-
-
-@compiled(inlined=True, inner=True)
-def _refine(drawing, z, corners, exact, edges, pairs, camera,  # type: ignore[no-untyped-def]
-            box, step, tries, farthest, converged, best):
-    """Refine one pose in place; returns its evidence and the number of drawings."""
-    gradient, information, moments = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
-    there, around, between = np.zeros(6), np.zeros((6, 6)), np.zeros((6, 6))
-    tried, to = best.copy(), np.zeros(6)
-    value, length, reach, drawn = -np.inf, farthest, farthest, 0
-    for _ in range(tries + 1):
-        window = draw(drawing, tried.astype(np.float32), corners, exact, z)
-        reached = _slopes(window, z, edges, pairs, camera, tried[:3, 3], step, there, around,
-                          between)
-        drawn += 1
-        if reached > value:
-            value = reached
-            for i in range(4):
-                for j in range(4):
-                    best[i, j] = tried[i, j]
-            gradient, there = there, gradient
-            information, around = around, information
-            moments, between = between, moments
-            reach = min(_LONGER * length, farthest)
-        else:
-            reach = _SHORTER * length
-        _solve(information, gradient, to)
-        motion = _length(moments, to)
-        length = min(motion, reach)
-        while length > converged:
-            _move(best, to, length / motion, tried)
-            inside = True
-            for i in range(3):
-                inside &= box[0, i] <= tried[i, 3] <= box[1, i]
-            if inside:
-                break
-            length *= _SHORTER
-        if length <= converged:
-            break
-    return value, drawn
-
-
-@compiled(inlined=True, inner=True)
-def _solve(matrix, given, result):  # type: ignore[no-untyped-def]
-    """Solve with a positive definite matrix (6, 6), by Cholesky: the same digits everywhere."""
-    lower = np.zeros((6, 6))
-    for i in range(6):
-        for j in range(i + 1):
-            rest = matrix[i, j]
-            for k in range(j):
-                rest -= lower[i, k] * lower[j, k]
-            lower[i, j] = np.sqrt(max(rest, 1e-12)) if i == j else rest / lower[j, j]
-    for i in range(6):
-        rest = given[i]
-        for k in range(i):
-            rest -= lower[i, k] * result[k]
-        result[i] = rest / lower[i, i]
-    for i in range(5, -1, -1):
-        rest = result[i]
-        for k in range(i + 1, 6):
-            rest -= lower[k, i] * result[k]
-        result[i] = rest / lower[i, i]
-
-
-@compiled(inlined=True, inner=True)
-def _length(moments, to):  # type: ignore[no-untyped-def]
-    """Motion of the contour by a tangent vector, rms [px]; positive."""
-    square = 1e-18
-    for i in range(6):
-        for j in range(6):
-            square += moments[i, j] * to[i] * to[j]
-    return np.sqrt(square)
-
-
-@compiled(inlined=True, inner=True)
-def _move(pose, to, part, result):  # type: ignore[no-untyped-def]
-    """A pose (4, 4) moved by a part of a tangent vector (6,), as by `se3.retract`."""
-    x, y, z = part * to[3], part * to[4], part * to[5]
-    angle = np.sqrt(x * x + y * y + z * z)
-    a = np.sin(angle) / angle if angle > 1e-9 else 1.0
-    b = (1 - np.cos(angle)) / (angle * angle) if angle > 1e-6 else 0.5
-    for k in range(3):  # Rodrigues: v + a w x v + b w x (w x v)
-        u, v, w = pose[0, k], pose[1, k], pose[2, k]
-        cu, cv, cw = y * w - z * v, z * u - x * w, x * v - y * u
-        result[0, k] = u + a * cu + b * (y * cw - z * cv)
-        result[1, k] = v + a * cv + b * (z * cu - x * cw)
-        result[2, k] = w + a * cw + b * (x * cv - y * cu)
-        result[k, 3] = pose[k, 3] + part * to[k]
+        window = draw(drawing, poses[n].astype(np.float32), room.corners[k], room.exact[k],
+                      room.z[k])
+        values[n], lengths[n] = _slopes(window, room.z[k], edges, found[k], camera,
+                                        poses[n, :3, 3], step, gradient[n], information[n],
+                                        moments[n])
 
 
 @compiled(inlined=True, inner=True)
 def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyped-def]
             gradient, information, moments):
-    """The evidence of the contour in a z-buffer [nat]; its expansion goes to the last three.
+    """The contour's evidence in a z-buffer [nat], its length [px]; more goes to the last three.
 
     The expansion is that of `local_model.LocalModel`.
     """
@@ -190,12 +210,8 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
     knots, widths, slopes = edges.knots, edges.widths, edges.slopes
     window = (edges.left, edges.top, edges.scale)
     fx, fy, cx, cy = camera
-    count = find(box, keep, z, found)
+    count = find(box, keep, edges.merged, z, found)
     stride = box[2] - box[0] + 2 * MARGIN
-    for a in range(6):
-        gradient[a] = 0.0
-        for b in range(6):
-            information[a, b], moments[a, b] = 0.0, 0.0
     total, length, shown, bend = region_sum(box, z, edges), 0.0, 0.0, 0.0
     inside = edges.region.shape[0] > 0
     last, nx, ny = -1, np.float32(0), np.float32(0)
@@ -246,8 +262,5 @@ def _slopes(box, z, edges, found, camera, origin, step,  # type: ignore[no-untyp
     for a in range(6):
         for b in range(a + 1):
             information[a, b] *= curvature * length / max(shown, 1e-9)
-            moments[a, b] /= max(length, 1.0)
             information[b, a], moments[b, a] = information[a, b], moments[a, b]
-        information[a, a] += LEAST_CURVATURE / (WIDEST[a] * WIDEST[a])
-        moments[a, a] += 1e-12
-    return total
+    return total, length

@@ -12,7 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
+from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime import kernels
@@ -27,6 +27,10 @@ WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 
 def seen(model, scale=1):
     return Scene(model, CAMERA, WHOLE.coarser(scale), 0.25, 0.75)
+
+
+def climber(scene, edges, region=REGION):
+    return GaussNewton([ContourExpansion(scene, edges, PROFILE, 1.0)], region)
 
 
 @pytest.fixture(scope='module', params=[CUP, BRACKET], ids=['cup', 'bracket'])
@@ -51,7 +55,7 @@ def beside(truth, count, size=1.0, seed=0):
 def test_without_a_step_it_is_the_score(shown, scale):
     model, truth, edges = shown
     poses = np.concatenate([beside(truth, 20, 3), random_poses(10, 5)])
-    climb = GaussNewton(seen(model, scale), edges, PROFILE, REGION, 1.0)
+    climb = climber(seen(model, scale), edges, REGION)
     found, values = climb(poses, 0, 1.0, 0.1)
     np.testing.assert_array_equal(found, poses)
     assert climb.evaluations == len(poses)
@@ -62,7 +66,7 @@ def test_without_a_step_it_is_the_score(shown, scale):
 
 def test_its_first_step_is_the_local_models(shown):
     model, truth, edges = shown
-    climb = GaussNewton(seen(model), edges, PROFILE, REGION, 1.0)
+    climb = climber(seen(model), edges, REGION)
     with NumbaRenderer().contour_score(seen(model), edges, PROFILE) as score:
         compared = 0
         for pose in beside(truth, 20, 0.7):
@@ -81,7 +85,7 @@ def test_its_first_step_is_the_local_models(shown):
 
 def test_it_leads_to_the_truth(shown):
     model, truth, edges = shown
-    climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
+    climb = climber(seen(model, 2), edges, REGION)
     start = beside(truth, 60)
     (_, before), (found, after) = climb(start, 0, 2.0, 0.05), climb(start, 12, 2.0, 0.05)
     assert (after >= before).all()
@@ -97,7 +101,7 @@ def test_more_tries_go_higher_and_cost_no_more_than_they_are(shown):
     model, truth, edges = shown
     start, last = beside(truth, 30, 2), np.full(30, -np.inf)
     for tries in (0, 1, 3, 9):
-        climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
+        climb = climber(seen(model, 2), edges, REGION)
         _, values = climb(start, tries, 2.0, 0.1)
         assert (values >= last).all()
         assert len(start) <= climb.evaluations <= len(start) * (1 + tries)
@@ -107,7 +111,7 @@ def test_more_tries_go_higher_and_cost_no_more_than_they_are(shown):
 def test_each_pose_climbs_by_itself(shown):
     model, truth, edges = shown
     start = beside(truth, 9, 2)
-    climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1.0)
+    climb = climber(seen(model, 2), edges, REGION)
     together, alone = climb(start, 6, 2.0, 0.1), [climb(each[None], 6, 2.0, 0.1)
                                                   for each in start]
     np.testing.assert_array_equal(together[0], np.concatenate([each[0] for each in alone]))
@@ -121,7 +125,7 @@ def test_none_leaves_the_region(shown):
     region = Region(tuple(truth[:3, 3] + [0.012, 0, 0]), (0.02, 0.02, 0.04))
     start = beside(truth, 30)
     start[:, :3, 3] = region.clip(start[:, :3, 3])
-    found, _ = GaussNewton(seen(model, 2), edges, PROFILE, region, 1.0)(start, 8, 2.0, 0.05)
+    found, _ = climber(seen(model, 2), edges, region)(start, 8, 2.0, 0.05)
     assert region.contains(found[:, :3, 3]).all()
     assert (found != start).any()
 
@@ -129,7 +133,7 @@ def test_none_leaves_the_region(shown):
 def test_what_begins_outside_the_region_stays_there(shown):
     model, truth, edges = shown
     region = Region((0.5, 0, 0.42), (0.02, 0.02, 0.02))
-    climb = GaussNewton(seen(model, 2), edges, PROFILE, region, 1.0)
+    climb = climber(seen(model, 2), edges, region)
     for reach in ((8, 2.0, 0.05), (0, 0, 0)):
         np.testing.assert_array_equal(climb(beside(truth, 3), *reach)[0], beside(truth, 3))
 
@@ -142,7 +146,7 @@ def test_what_shows_nothing_stays_where_it_is():
     tiny = EdgeVolume(Header(), tensor, depth_labels(0.3, 0.6, 3),
                       Pinhole(3, 2, 300, 300, 1.5, 1))
     scene = Scene(CUP, tiny.pinhole, Window(0, 0, (3, 2)), 0.25, 0.75)
-    found, values = GaussNewton(scene, tiny, PROFILE, region, 1.0)(hidden[None], 5, 2.0, 0.1)
+    found, values = climber(scene, tiny, region)(hidden[None], 5, 2.0, 0.1)
     np.testing.assert_array_equal(found[0], hidden)
     np.testing.assert_array_equal(values, 0)
 
@@ -152,7 +156,7 @@ def test_a_warm_climb_compiles_no_more(shown):
     GaussNewton.warm_up()
     compiled = []
     with kernels.reporting(compiled.append):
-        climb = GaussNewton(seen(model, 2), edges, PROFILE, REGION, 1)
+        climb = climber(seen(model, 2), edges, REGION)
         for reach in ((8, 2.0, 0.05), (0, 0, 0)):
             climb(beside(truth, 2)[::-1], *reach)
     assert not compiled
