@@ -4,10 +4,12 @@
         run = pipeline.run(lambda: read_source(path), np.random.default_rng(settings.seed))
     print(run.estimate.describe())
 
-The source is a LightField, or a PosedView of an ordinary camera.
-The evidence is an EdgeVolume, a ContourMap or both, which the contour search reads, or in the mode
-faithful the DepthLikelihoodVolume, which the paper's particle filter reads. The nodes call the
-same stages themselves; of this module they use `make_localizer`.
+The source is a LightField, a PosedView of an ordinary camera, or several of these in one frame,
+PosedViews.
+The evidence is an EdgeVolume, a ContourMap or both, which the contour search reads; of several
+views one each, ViewsEvidence; or in the mode faithful the DepthLikelihoodVolume, which the paper's
+particle filter reads. The nodes call the same stages themselves; of this module they use
+`make_localizer`.
 """
 
 import logging
@@ -26,12 +28,15 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
@@ -40,7 +45,7 @@ from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
 _LOG = logging.getLogger(__name__)
-Evidence = EvidenceVolume | CombinedEvidence | DepthLikelihoodVolume
+Evidence = EvidenceVolume | CombinedEvidence | ViewsEvidence | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
 
@@ -63,9 +68,14 @@ class AnyLocalizer(Protocol[Found]):
         ...
 
 
-def make_localizer(model: ObjectModel, settings: PmclSettings
-                   ) -> Localizer | ParticleFilterLocalizer:
-    """What finds one object in the settings' mode; use and close it in the calling thread."""
+def make_localizer(model: ObjectModel, settings: PmclSettings, posed: bool = False
+                   ) -> Localizer | ParticleFilterLocalizer | MultiViewLocalizer:
+    """What finds one object in the settings' mode; use and close it in the calling thread.
+
+    posed: in `PosedViews`; the region of interest is then in their reference frame.
+    """
+    if posed:
+        return MultiViewLocalizer(model, settings)
     if settings.mode == 'faithful':
         return ParticleFilterLocalizer(model, settings)
     return Localizer(model, settings)
@@ -80,8 +90,16 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     if mode == 'faithful':
         if isinstance(source, LightField):
             return build_volume(source, settings)
-        raise VolumeError('the mode faithful needs a light field: one picture has no depth '
+        raise VolumeError('the mode faithful needs a light field: pictures have no depth '
                           'likelihood volume; choose the mode default')
+    if isinstance(source, PosedViews):
+        if kind == 'both':
+            raise VolumeError('the evidence both is for one picture; several views need edges or '
+                              'map')
+        build = build_map if kind == 'map' else view_edges
+        return ViewsEvidence(source.header, tuple(
+            PosedEvidence(build(each, settings), each.camera_to_reference, each.sigma, each.group,
+                          each.common) for each in source.views))
     if kind == 'map':
         return build_map(source, settings)
     edges = (build_edges(source, settings) if isinstance(source, LightField)
@@ -90,13 +108,29 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
 
 
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
-    """The kind that was chosen; by default both of one picture, edges of a light field."""
+    """The kind that was chosen; by default edges of a light field, both of one picture, else map.
+    """
     if ('evidence' in settings.model_fields_set or isinstance(source, LightField)
             or settings.mode == 'faithful'):
         return settings.evidence
+    if isinstance(source, PosedViews):
+        _LOG.info('evidence map: poses are found in several views by contour maps')
+        return 'map'
     _LOG.info('evidence both: poses of one picture are found by the contour map, and placed by '
               'edges')
     return 'both'
+
+
+def depths_of(center: tuple[float, float, float], size: tuple[float, float, float],
+              radius: float, posed: bool) -> tuple[float, float]:
+    """Depths that can hold a part of an object of this radius whose origin is in a box [m].
+
+    posed: of several views, whose evidence does not depend on them: any.
+    """
+    if posed:
+        default = DlvSettings()
+        return default.near, default.far
+    return Region(center, size).grown(radius)
 
 
 def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
@@ -156,11 +190,11 @@ class Pipeline(Generic[Estimate]):
 
     @classmethod
     def for_object(cls, model: ObjectModel, settings: PmclSettings,
-                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
-                   ) -> 'Pipeline[PoseEstimate]':
-        """One object. Raises RenderError, LocalizationError (`Localizer`)."""
-        localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings)
-        near, far = Region(settings.roi_center, settings.roi_size).grown(model.radius)
+                   changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
+                   posed: bool = False) -> 'Pipeline[PoseEstimate]':
+        """One object. posed: as of `make_localizer`. Raises RenderError, LocalizationError."""
+        localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings, posed)
+        near, far = depths_of(settings.roi_center, settings.roi_size, model.radius, posed)
         return Pipeline(localizer, settings, near, far, changes, origin)
 
     @classmethod

@@ -16,12 +16,19 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.evidence.learned import LearnedContour, LearnedMapEvidence, LearnedProfile
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.learning.contour_errors import LEVEL, fitted_error
 from pmcl_ros.learning.contour_tables import Example, Samples, crease_profile, fitted, profiles
+from pmcl_ros.learning.posed_views import ViewsExample, learned_from
+from pmcl_ros.learning.posed_views import searches as posed_searches
 from pmcl_ros.learning.searches import Search, Supports, searches
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.pipeline import build_evidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 _LARGEST = 0.14  # m: radius of any generated object
 _FALSE_ALARMS = 0.05
@@ -42,23 +49,32 @@ _DIGITS = 2  # of the numbers that are printed and written
               'without an axis instead.')
 @click.option('--map', 'of_map', is_flag=True, help='Learn how the log odds of the contour map '
               'become evidence instead.')
+@click.option('--posed', is_flag=True, help='Learn what the contour maps of several views say '
+              'together instead, from captures of several views each.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
-              '--creases: creases.yaml; with --map: contour_map_evidence.yaml), which is read at '
-              'start.')
-def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, out: Path | None
-          ) -> None:
+              '--creases: creases.yaml; --map: contour_map_evidence.yaml; --posed: views.yaml), '
+              'which is read at start.')
+def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, posed: bool,
+          out: Path | None) -> None:
     """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
 
     Prints the profile across contours, the support and evidence below which an object is lost, and
     the model's error. The support and the errors come from searches in each half of the scenes
     with the profile of the other half.
     """
-    if creases and of_map:
-        raise click.UsageError('--creases and --map are learned one after the other')
+    if creases + of_map + posed > 1:
+        raise click.UsageError('--creases, --map and --posed are learned one after the other')
     captures = find_captures(folder)
     command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
                f'{" --map" * of_map} --out {out}')
+    if posed:
+        numbers_of_views = learned_from(
+            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, _FALSE_ALARMS,
+            click.echo)
+        if out is not None:
+            numbers_of_views.save(out, f'pmcl learn {folder} --seed {seed} --posed --out {out}')
+        return
     if of_map:
         learned = _learn_map_evidence(captures, views, seed)
         if out is not None:
@@ -144,6 +160,19 @@ def examples_of(captures: Sequence[Capture], views: int, purpose: str) -> Iterat
                       ObjectModel.load(each.model), truth.pose, region, not truth.empty)
 
 
+def _views_of(captures: Sequence[Capture]) -> Iterator[ViewsExample]:
+    """An example of each capture of several views. Raises SettingsError for another capture."""
+    for each in track(captures, console=STDERR, description='searches', transient=True):
+        truth, source = each.truth, each.read(None)
+        if not isinstance(source, PosedViews):
+            raise SettingsError(f'{each.folder} has no several views; render them with pmcl '
+                                'scenes render --cameras')
+        evidence = build_evidence(source, DlvSettings(), 'default', 'map')
+        assert isinstance(evidence, ViewsEvidence)
+        yield ViewsExample(evidence, ObjectModel.load(each.model), truth.pose, PmclSettings(
+            roi_center=truth.roi_center, roi_size=truth.roi_size), not truth.empty)
+
+
 def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence, purpose: str
             ) -> Iterator[Example]:
     """An example of each capture, by its contour map."""
@@ -152,5 +181,8 @@ def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence
         region = Region(truth.roi_center, truth.roi_size)
         near, far = region.grown(_LARGEST)
         settings = DlvSettings.make({'near': near, 'far': far, 'views': views}, str(each.folder))
-        odds = build_map(each.read(None), settings, numbers=numbers)
+        source = each.read(None)
+        if isinstance(source, PosedViews):
+            raise SettingsError(f'{each.folder} has several views; learn from them with --posed')
+        odds = build_map(source, settings, numbers=numbers)
         yield Example(odds, ObjectModel.load(each.model), truth.pose, region, not truth.empty)

@@ -15,7 +15,8 @@ from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overla
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.readers.read import Source
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.read import Source, has_posed_views
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
@@ -29,7 +30,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               help='A mesh in metres, or an object YAML; several are found together.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
               help="Box that holds the object's origin: centre and size, camera's optical frame "
-              '[m].')
+              '(of posed views: their reference frame) [m].')
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map', 'both']),
@@ -49,8 +50,8 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
-    folder of the 4D Light Field Benchmark. A picture of an ordinary camera is a views.yaml, or the
-    folder with it.
+    folder of the 4D Light Field Benchmark. Pictures of ordinary cameras are a views.yaml, or the
+    folder with it; with poses of the cameras, --roi and the pose are in their reference frame.
     """
     changed = None if changes is None else Variant.parse(changes)
     if changed is not None and changed.base != 'default':
@@ -64,11 +65,15 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     model = ObjectModel.load(objects[0])
     read = open_source(source, calibration, white, every, shrink)
     if len(objects) > 1:
+        if has_posed_views(source):
+            raise click.UsageError(f'{source}: several objects are found in a light field or one '
+                                   'picture; give one --object for posed views')
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
         _localize_several(read, objects, settings, dict(of_volume), as_json, out)
         return
-    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set')
+    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set',
+                                   has_posed_views(source))
     run = _run(pipeline, read, seed, with_volume=out is not None)
     estimate, seconds = run.estimate, run.seconds
     _print(estimate, {'decode': seconds['views'],
@@ -80,6 +85,13 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
+        if isinstance(run.source, PosedViews):
+            for number, view in enumerate(run.source.views):
+                pose = np.linalg.inv(view.camera_to_reference) @ estimate.pose
+                write_png(out / f'overlay_{number:03d}.png',
+                          overlay(view.displayed(), view.pinhole, model, pose))
+            click.echo(f'pictures in {out}', err=True)
+            return
         picture = displayed(run.source)
         write_png(out / 'centre.png', picture)
         if run.volume is not None:
@@ -106,6 +118,7 @@ def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
         out.mkdir(parents=True, exist_ok=True)
         there = [(model, each.pose, name) for model, each, name
                  in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
+        assert not isinstance(run.source, PosedViews)
         write_png(out / 'overlay.png', outlines(displayed(run.source), run.source.pinhole, there))
         click.echo(f'picture in {out}', err=True)
 

@@ -16,7 +16,7 @@ from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.readers.read import Source
+from pmcl_ros.lightfield.readers.read import Source, has_posed_views
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -65,7 +65,8 @@ def report(source: Path, calibration: Path | None, white: Path | None, every: in
         task = bar.add_task('reading', total=1.0)
         read, serial = _open(source, calibration, white, every, shrink)
         run = localize(read, model, settings, lambda stage, part: bar.update(
-            task, description=stage, completed=part), str(source), serial, truth)
+            task, description=stage, completed=part), str(source), serial, truth,
+            has_posed_views(source))
         bar.update(task, description='page')
         text = page(run)
     try:

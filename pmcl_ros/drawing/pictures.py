@@ -14,7 +14,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import PmclError
 
 if TYPE_CHECKING:  # they import trimesh and scipy, which who draws depth maps does not need
-    from pmcl_ros.lightfield.readers.read import Source
+    from pmcl_ros.lightfield.posed_view import PosedView
     from pmcl_ros.pmcl.object_model import ObjectModel
 
 _ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pixels
@@ -25,7 +25,7 @@ _COLOURS = ((0, 255, 0), (255, 140, 0), (0, 190, 255), (255, 60, 200), (255, 240
 _AXES = ((255, 60, 60), (60, 200, 60), (80, 120, 255))  # x red, y green, z blue
 
 
-def displayed(source: 'Source') -> NDArray[np.uint8]:
+def displayed(source: 'LightField | PosedView') -> NDArray[np.uint8]:
     """(height, width, 3) RGB for a screen: the centre view of a light field, or the picture."""
     return source.picture() if isinstance(source, LightField) else source.displayed()
 

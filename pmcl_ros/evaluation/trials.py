@@ -16,14 +16,17 @@ from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import is_right, pose_error
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
@@ -33,6 +36,8 @@ Value = TypeVar('Value')
 @dataclass(frozen=True)
 class Trial:
     """One localisation, in all studies. What a study does not measure keeps its default.
+
+    Errors and pose of several views are in the frame of the first camera.
 
     capture: the picture or scene. mode: the row's name. sought: the capture whose object was
     looked for.
@@ -175,8 +180,9 @@ class Worker:
         key = capture.source, variant.base, *variant.chosen.values(), settings
         evidence = self._evidence.get(key, lambda: variant.build(source, settings))
         search = variant.search(capture)
-        localizer = self._localizer.get((job.sought.model, search),
-                                        lambda: make_localizer(model, search))
+        posed = isinstance(source, PosedViews)
+        localizer = self._localizer.get((job.sought.model, search, posed),
+                                        lambda: make_localizer(model, search, posed))
         started = time.perf_counter()
         estimate = localizer.localize(evidence, np.random.default_rng(job.seed),
                                       lambda _: not self._stopped())
@@ -185,12 +191,20 @@ class Worker:
             return None
         of_poses: dict[str, float] = {}
         read = evidence.edges if isinstance(evidence, CombinedEvidence) else evidence
-        if (isinstance(localizer, Localizer) and isinstance(read, EvidenceVolume)
-                and job.sought.object == capture.object and not capture.truth.empty):
+        if job.sought.object == capture.object and not capture.truth.empty:
             poses = np.stack([estimate.pose, capture.truth.pose])
-            found, truth = localizer.evidence(read, poses).tolist()
-            of_poses = {'evidence_found': found, 'evidence_truth': truth}
-        return _trial(job, estimate, evidence.pinhole, model, surface, seconds=seconds,
+            if isinstance(localizer, Localizer) and isinstance(read, EvidenceVolume):
+                found, truth = localizer.evidence(read, poses).tolist()
+                of_poses = {'evidence_found': found, 'evidence_truth': truth}
+            if isinstance(localizer, MultiViewLocalizer) and isinstance(read, ViewsEvidence):
+                found, truth = localizer.evidence(read, poses).tolist()
+                of_poses = {'evidence_found': found, 'evidence_truth': truth}
+        truth_pose = capture.truth.pose
+        if isinstance(source, PosedViews):  # errors are told in the frame of the first camera
+            into = np.asarray(np.linalg.inv(source.views[0].camera_to_reference), float)
+            estimate, truth_pose = in_frame(estimate, into), into @ truth_pose
+        return _trial(job, estimate, truth_pose, evidence.pinhole, model, surface,
+                      seconds=seconds,
                       dlv_seconds=self._evidence.seconds,
                       decode_seconds=self._source.seconds, renderer=localizer.renderer, **of_poses)
 
@@ -209,11 +223,11 @@ def _model(path: Path) -> tuple[ObjectModel, Surface]:
     return model, Surface.from_model(model)
 
 
-def _trial(job: Job, estimate: PoseEstimate, pinhole: Pinhole, model: ObjectModel,
-           surface: Surface, **measured: Any) -> Trial:
-    """The trial of a job. measured: the rest of its fields."""
+def _trial(job: Job, estimate: PoseEstimate, truth: NDArray[np.float64], pinhole: Pinhole,
+           model: ObjectModel, surface: Surface, **measured: Any) -> Trial:
+    """The trial of a job. truth: (4, 4). measured: the rest of its fields."""
     wrong, empty = job.sought.object != job.capture.object, job.capture.truth.empty
-    pose, truth = estimate.pose, job.capture.truth.pose
+    pose = estimate.pose
     if not (wrong or empty):
         measured |= {'mssd_mm': 1e3 * surface.mssd(pose, truth),
                      'mspd_px': surface.mspd(pose, truth, pinhole),

@@ -13,10 +13,16 @@ from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evidence.build_map import centre_view
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
-from pmcl_ros.pipeline import Evidence, build_evidence, evidence_kind, volume_settings
+from pmcl_ros.pipeline import (
+    Evidence,
+    build_evidence,
+    depths_of,
+    evidence_kind,
+    volume_settings,
+)
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -92,7 +98,8 @@ class Variant:
 
     def volume(self, capture: Capture, model: ObjectModel, source: Source) -> DlvSettings:
         """The settings of the evidence, to look for a model's object in a capture's source."""
-        near, far = Region(capture.truth.roi_center, capture.truth.roi_size).grown(model.radius)
+        near, far = depths_of(capture.truth.roi_center, capture.truth.roi_size, model.radius,
+                              isinstance(source, PosedViews))
         grid = source.grid if isinstance(source, LightField) else None
         return volume_settings(self.mode, near, far, grid, dict(self.dlv), self.name)
 

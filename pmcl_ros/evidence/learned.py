@@ -1,7 +1,7 @@
 """Numbers of the evidence that were learned from generated scenes: read once from data files.
 
-`config/learned/contour.yaml`, `creases.yaml` and `contour_map.yaml` lie in the package's share
-folder or source tree.
+`contour.yaml`, `creases.yaml`, `contour_map.yaml` and others lie in `config/learned`, in the
+package's share folder or source tree.
 The package can be imported, and a node started, where one of them is missing or wrong: what needs
 the numbers raises SettingsError.
 """
@@ -111,6 +111,20 @@ class LearnedMapEvidence(Settings):
     error_length: _Error = Field(description='correlation length along these stretches [px]')
 
 
+class LearnedViews(Settings):
+    """What is learned of one object in several views, by their contour maps."""
+
+    least_evidence: float = Field(
+        description='mean evidence of all contours below which the object is lost [nat / px]')
+    least_support: float = Field(description='support below which it is [nat / px]')
+    agreeing: float = Field(
+        ge=0, le=10, description='share of the variance of the model error of one view that is '
+        'left where views agree [1]')
+    disagreeing: float = Field(
+        ge=0, le=100, description='what is added for views that disagree by as much as the model '
+        'error of one view, in proportion to the square [1]')
+
+
 @cache
 def learned_contour() -> LearnedContour:
     """The numbers of `contour.yaml`; SettingsError names the file, and the field that is wrong."""
@@ -133,6 +147,12 @@ def learned_map() -> LearnedMap:
 def learned_map_evidence() -> LearnedMapEvidence:
     """The numbers of `contour_map_evidence.yaml`; SettingsError names the file, and the field."""
     return _load(LearnedMapEvidence, 'contour_map_evidence.yaml')
+
+
+@cache
+def learned_views() -> LearnedViews:
+    """The numbers of `views.yaml`; SettingsError names the file, and the field."""
+    return _load(LearnedViews, 'views.yaml')
 
 
 def learned_file(name: str) -> Path:

@@ -1,13 +1,16 @@
 """Posterior -> PoseEstimate: the result of a search."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -23,6 +26,25 @@ from pmcl_ros.pmcl.support import contour_support, share_in_view
 
 LocalModelAt = Callable[[NDArray[np.float64], bool], LocalModel]
 Contour = Callable[[NDArray[np.float64]], ContourPoints]
+Camera = tuple[Pinhole, NDArray[np.float64]]  # and its pose (4, 4)
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What a pose must reach, or the object is lost.
+
+    support: along the weakest part of its contour; evidence: mean along all of it [nat / px].
+    weight: of its mode.
+    """
+
+    support: float
+    evidence: float
+    weight: float = 0.0
+
+    @classmethod
+    def from_evidence(cls, evidence: EvidenceVolume, profile: ContourProfile) -> 'Thresholds':
+        """Of one view."""
+        return cls(evidence.least_support, profile.least, evidence.least_weight)
 
 
 @dataclass(frozen=True)
@@ -33,16 +55,16 @@ class Estimator:
     region: Region
     settings: PmclSettings
 
-    def from_posterior(self, edges: EvidenceVolume, posterior: Posterior,
-                       local_model_at: LocalModelAt, contour: Contour, least: float,
+    def from_posterior(self, header: Header, views: Sequence[Camera], posterior: Posterior,
+                       local_model_at: LocalModelAt, contour: Contour, least: Thresholds,
                        rng: np.random.Generator,
                        share: Callable[[NDArray[np.float64]], float] = lambda _: 1.0,
                        flat: bool = False) -> PoseEstimate:
         """By contours: the weightiest mode; lost where a part of its contour is missing.
 
-        local_model_at: as of `ContourPosterior`. contour: the points of a pose's contour that
-        count; share: their share of it. least: mean evidence below which the object is absent
-        [nat / px]. flat: the prior is uniform. The pose is then the mode's where the mean of the
+        views: cameras, of which the one that sees most of the object counts. local_model_at: as of
+        `ContourPosterior`. contour: the points of a pose's contour that count; share: their share
+        of it. flat: the prior is uniform. The pose is then the mode's where the mean of the
         posterior is much less likely.
         """
         symmetry, poses = self.model.symmetry, posterior.poses
@@ -66,22 +88,23 @@ class Estimator:
         modes = tuple(PoseMode(
             self._representative(symmetry.canonical_spin(posterior.modes[k].pose)),
             float(shares[k]), posterior.modes[k].local.evidence) for k in order)
-        in_view = share_in_view(self.model, pose, edges.pinhole)
+        in_view = max(share_in_view(self.model, np.linalg.inv(camera) @ pose, pinhole)
+                      for pinhole, camera in views)
         support = contour_support(contour(pose), share(pose) * in_view)
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
         chosen = 'least_support' in self.settings.model_fields_set
-        least_support = self.settings.least_support if chosen else edges.least_support
-        partly, absent = support < least_support, evidence < least
-        ambiguous = bool(shares[order[0]] < edges.least_weight)
-        return PoseEstimate(edges.header, pose, spread,
+        least_support = self.settings.least_support if chosen else least.support
+        partly, absent = support < least_support, evidence < least.evidence
+        ambiguous = bool(shares[order[0]] < least.weight)
+        return PoseEstimate(header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent or ambiguous, self.settings.mode, modes, support,
                             evidence, incomplete=partly and not (absent or ambiguous),
                             in_view=in_view, least_support=least_support,
-                            least_evidence=least)
+                            least_evidence=least.evidence)
 
     def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:

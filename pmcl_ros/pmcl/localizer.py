@@ -14,7 +14,7 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.estimator import Estimator
+from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.modes import MODE_EXTENT
@@ -185,8 +185,8 @@ class Localizer:
                 evidence.refinement(optimizers[2], score=score), posterior).run(
                     start, rng, progress, watch)
             estimate = self._estimator.from_posterior(
-                edges, sample, posterior.local_model_at, exact.points, evidence.profile.least, rng,
-                flat=True)
+                edges.header, [(edges.pinhole, np.eye(4))], sample, posterior.local_model_at,
+                exact.points, Thresholds.from_evidence(edges, evidence.profile), rng, flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -212,7 +212,8 @@ class Localizer:
                 return replace(self._estimator.from_prior(edges, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.from_posterior(
-                edges, posterior, search.local_model_at, exact.points, evidence.profile.least, rng)
+                edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
+                exact.points, Thresholds.from_evidence(edges, evidence.profile), rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -264,7 +265,8 @@ class Localizer:
 
             posterior = replace(search, exact=partly).sample([mode], rng, lambda _: True)
             estimate = self._estimator.from_posterior(
-                edges, posterior, search.local_model_at, contour, evidence.profile.least, rng,
+                edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
+                contour, Thresholds.from_evidence(edges, evidence.profile), rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)

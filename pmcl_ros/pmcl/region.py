@@ -27,6 +27,22 @@ class Region:
             raise LocalizationError(f'region of interest begins at {self.near:.3f} m: it must lie '
                                     'in front of the camera (z forward)')
 
+    @classmethod
+    def before_camera(cls, camera: NDArray[np.float64], center: tuple[float, float, float],
+                      size: tuple[float, float, float]) -> 'Region':
+        """The box along the axes of a camera (4, 4) that holds a box of the camera's reference.
+
+        camera: to that frame. Raises LocalizationError where it reaches behind the camera.
+        """
+        corners = np.array(list(itertools.product(*(
+            (middle - side / 2, middle + side / 2)
+            for middle, side in zip(center, size, strict=True)))))
+        seen = (corners - camera[:3, 3]) @ camera[:3, :3]
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        x, y, z = ((low + high) / 2).tolist()
+        width, height, depth = (high - low).tolist()
+        return cls((x, y, z), (width, height, depth))
+
     @property
     def near(self) -> float:
         """Smallest depth of the box [m]."""

@@ -1,14 +1,17 @@
 """The default mode's search: proposals are refined, by coarse contours, then by fine ones."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Stage, Watch
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import ambiguous_poses, suppress_duplicates
-from pmcl_ros.pmcl.posterior import ContourPosterior, Mode, Posterior, Refine
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Mode, Posterior, Refine
 from pmcl_ros.runtime.progress import Progress
 
 # Numbers of poses refined by coarse contours, by fine ones, by those of the image, kept, and modes
@@ -18,6 +21,28 @@ _CHALLENGED = 2  # best poses whose ambiguous poses are tried
 # Random restarts about each pose that is left: their number, the motion of the contour in each
 # direction of freedom [image px, rms], the largest deviation [m, rad].
 _AROUND, _ASIDE, _WIDEST = 12, 3.0, np.array([0.03, 0.03, 0.03, 0.4, 0.4, 0.4])
+
+
+class Modes(Protocol):
+    """A posterior whose modes the search finds: `ContourPosterior`, or that of several views."""
+
+    @property
+    def model(self) -> ObjectModel:
+        """Of the object."""
+        ...
+
+    def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
+        """The local model at a pose (4, 4); sure: with its uncertainty."""
+        ...
+
+    def refine(self, pose: NDArray[np.float64]) -> Mode:
+        """The mode near a pose (4, 4)."""
+        ...
+
+    def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
+               watch: Watch | None = None) -> Posterior:
+        """The posterior about modes, best first."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -33,7 +58,7 @@ class ContourSearch:
     coarse: Refine
     fine: Refine
     finest: Refine
-    posterior: ContourPosterior
+    posterior: Modes
 
     def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
             watch: Watch | None = None) -> Posterior:

@@ -29,6 +29,7 @@ from pmcl_ros.evaluation.report.slices import (
 )
 from pmcl_ros.evaluation.report.svg import axes, colour, dots, lines, outline, over, svg
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.history import Generation, Stage
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
@@ -56,16 +57,31 @@ class Figure(NamedTuple):
 
 def centre_view(run: Localization) -> Markup:
     """The centre view, or the picture, with outlines and axes."""
-    pinhole, pose = run.source.pinhole, run.estimate.pose
-    made = over(displayed(run.source))
+    return _view(run, run.source, run.estimate.pose, 'the centre view')
+
+
+def all_views(run: Localization) -> list[Markup]:
+    """Each of several views likewise."""
+    # From the frame of the estimate into that of each camera.
+    back = np.linalg.inv(run.estimate.pose)
+    return [_view(run, view, pose, f'view {number}', pose @ back)
+            for number, (view, pose) in enumerate(run.views)]
+
+
+def _view(run: Localization, source: LightField | PosedView, pose: NDArray[np.float64],
+          title: str, into: NDArray[np.float64] | None = None) -> Markup:
+    """A picture with outlines at a pose (4, 4) and at the truth, which `into` (4, 4) transforms.
+    """
+    pinhole, made = source.pinhole, over(displayed(source))
     outline(made, outlines(pinhole, run.model, pose), 'on-estimate')
     if run.truth is not None and not run.truth.empty:  # dashed: the estimate shows between
-        outline(made, outlines(pinhole, run.model, run.truth.pose), 'on-truth', (2, 4))
+        truth = run.truth.pose if into is None else into @ run.truth.pose
+        outline(made, outlines(pinhole, run.model, truth), 'on-truth', (2, 4))
     arms = np.concatenate([np.zeros((1, 3)), 0.4 * run.model.radius * np.eye(3)])
     origin, *tips = pinhole.project(arms @ pose[:3, :3].T + pose[:3, 3])
     for tip, name in zip(tips, ('axis-x', 'axis-y', 'axis-z'), strict=True):
         lines(made, [np.stack([origin, tip])], name)
-    return svg(made, 'the centre view')
+    return svg(made, title)
 
 
 def view_grid(light_field: LightField) -> NDArray[np.uint8]:

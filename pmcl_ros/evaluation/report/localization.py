@@ -2,20 +2,26 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_view.joint_evidence import regions_seen
+from pmcl_ros.pmcl.multi_view.localizer import in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -25,9 +31,12 @@ from pmcl_ros.runtime.progress import StageProgress
 
 @dataclass(frozen=True)
 class Localization:
-    """The search for one object in one capture, a light field or a picture.
+    """The search for one object in one capture: a light field, a picture, or several views.
 
-    volume: None of a picture. history: the search's generations.
+    Of several views source, estimate, region and truth are of the first that sees the region, in
+    the frame of its camera. views: all of them, each with the pose (4, 4) of the object before it;
+    told: the estimate in their reference frame. volume: None of a picture. history: the search's
+    generations.
     contour: of the estimate; None in the mode faithful.
     seconds: wall time of each stage, in their order; those of the search by their names [s].
     renderer: the back end that scored poses.
@@ -35,7 +44,7 @@ class Localization:
     truth: None if unknown.
     """
 
-    source: Source
+    source: LightField | PosedView
     model: ObjectModel
     volume_settings: DlvSettings
     settings: PmclSettings
@@ -48,22 +57,21 @@ class Localization:
     name: str = ''
     serial: str = ''
     truth: Truth | None = None
-
-    @property
-    def region(self) -> Region:
-        """Where the object was looked for."""
-        return Region(self.settings.roi_center, self.settings.roi_size)
+    region: Region = field(kw_only=True)
+    told: PoseEstimate = field(kw_only=True)
+    views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
 
 
 def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSettings,
              progress: StageProgress, name: str = '', serial: str = '',
-             truth: Truth | None = None) -> Localization:
+             truth: Truth | None = None, posed: bool = False) -> Localization:
     """Find the object in the source that `read` makes; keep all intermediate results.
 
-    The pose is that of `pmcl localize` with the same settings. Raises what the stages raise.
+    The pose is that of `pmcl localize` with the same settings. posed: of several views. Raises
+    what the stages raise.
     """
     history: list[Generation] = []
-    with Pipeline.for_object(model, settings) as pipeline:
+    with Pipeline.for_object(model, settings, posed=posed) as pipeline:
         run = pipeline.run(read, np.random.default_rng(settings.seed), progress, history.append,
                            with_volume=True)
         ended = time.perf_counter()
@@ -75,9 +83,24 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
                    else None)
     seconds = dict(run.seconds)
     seconds |= _stages(ended - seconds.pop('pose'), history, ended)
-    return Localization(run.source, model, run.settings, settings, run.volume, run.estimate,
+    source, estimate = run.source, run.estimate
+    views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
+    if isinstance(source, PosedViews):
+        assert isinstance(run.evidence, ViewsEvidence)
+        seen = regions_seen(run.evidence, model, settings)
+        number = min(seen)
+        poses = [np.asarray(np.linalg.inv(each.camera_to_reference), float)
+                 for each in source.views]
+        views = tuple((view, into @ estimate.pose)
+                      for view, into in zip(source.views, poses, strict=True))
+        source, region, into = source.views[number], seen[number], poses[number]
+        estimate = in_frame(estimate, into)
+        truth = None if truth is None else replace(truth, pose=into @ truth.pose)
+    else:
+        region = Region(settings.roi_center, settings.roi_size)
+    return Localization(source, model, run.settings, settings, run.volume, estimate,
                         tuple(history), contour, seconds, localizer.renderer, name, serial,
-                        truth)
+                        truth, region=region, told=run.estimate, views=views)
 
 
 def _stages(begin: float, history: list[Generation], end: float) -> dict[str, float]:

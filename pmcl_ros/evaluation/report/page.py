@@ -54,6 +54,7 @@ def page(run: Localization) -> str:
         run=run, drawings=drawings, stages=_STAGES, image=image,
         known=run.truth is not None and not run.truth.empty, about=about(run),
         facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
+        overlays=drawings.all_views(run),
         posterior=drawings.posterior_figures(run, found), outside=int(outside.sum()),
         light_field=run.source if isinstance(run.source, LightField) else None,
         layers=_layers(run),
@@ -90,6 +91,8 @@ def about(run: Localization) -> dict[str, str]:
         # To the microsecond: no float holds more, and no shutter.
         moment = datetime.fromtimestamp(header.stamp_ns // 10**9, timezone.utc)
         taken = f'{moment:%Y-%m-%d %H:%M:%S}.{header.stamp_ns % 10**9 // 1000:06d} UTC'
+    if run.views:
+        views = f'{len(run.views)} of {views}; figures are of the first that sees the region'
     return {'picture': run.name or _UNKNOWN, 'taken': taken, 'camera': run.serial or _UNKNOWN,
             'frame': header.frame_id, 'views': views}
 
@@ -103,7 +106,11 @@ def _pose(run: Localization, found: Coordinates) -> list[Fact]:
         along = estimate.pose[:3, :3] @ run.model.axis
         facts.append(Fact('axis', 'axis', ', '.join(f'{each:+.3f}' for each in along),
                           f'±\u00a0{_short(np.sqrt((found.sigma[3:] ** 2).mean()))}°'))
-    else:
+    if run.views:
+        place = ', '.join(f'{1e3 * each:.1f}' for each in run.told.pose[:3, 3])
+        facts.append(Fact('reference', f'in {run.told.header.frame_id}', f'{place} mm',
+                          'x, y, z; the other values are in the frame of the first camera'))
+    if run.model.axis is None:
         facts.append(Fact('orientation', 'orientation', ', '.join(
             f'{each:+.4f}' for each in estimate.quaternion), 'x, y, z, w; ± '
             + ', '.join(_short(each) for each in found.sigma[3:]) + '° about x, y, z'))

@@ -1,0 +1,1 @@
+"""Finds one object in several posed views together."""

@@ -1,0 +1,77 @@
+"""Errors of the cameras' poses as nuisance motions of unit variance."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evidence.posed_evidence import PosedEvidence
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import retract
+
+
+@dataclass(frozen=True)
+class CameraErrors:
+    """How uncertain motions z (k,), of unit variance, move the cameras.
+
+    root: (views, 6, k): camera v is off by the tangent vector root[v] @ z [m, rad] in its own
+    frame. Views of a group share a part of z.
+    """
+
+    root: NDArray[np.float64]
+
+    @classmethod
+    def from_views(cls, views: Sequence[PosedEvidence]) -> 'CameraErrors':
+        """Of what is known of the views' poses; k is 0 where they are exact."""
+        groups = sorted({each.group for each in views if each.group and max(each.sigma) > 0})
+        columns: list[NDArray[np.float64]] = []
+        for number, each in enumerate(views):
+            share = 1 - each.common if each.group else 1.0
+            columns += _columns({number: share}, views)
+        for group in groups:
+            columns += _columns({number: each.common for number, each in enumerate(views)
+                                 if each.group == group}, views)
+        return cls(np.stack(columns, axis=-1) if columns else np.zeros((len(views), 6, 0)))
+
+    @property
+    def number(self) -> int:
+        """k, of motions."""
+        return self.root.shape[2]
+
+    def chosen(self, views: Sequence[int]) -> 'CameraErrors':
+        """Of some of the views."""
+        return CameraErrors(self.root[list(views)])
+
+    def moved(self, cameras: NDArray[np.float64], motions: NDArray[np.float64]
+              ) -> NDArray[np.float64]:
+        """Cameras (n, 4, 4) as motions (k,) put them."""
+        off = retract(np.tile(np.eye(4), (len(cameras), 1, 1)), self.root @ motions)
+        return np.asarray(cameras @ np.linalg.inv(off))
+
+    def seen(self, cameras: NDArray[np.float64], pose: NDArray[np.float64]
+             ) -> NDArray[np.float64]:
+        """(n, 6, k) tangent vectors by which the cameras see a pose (4, 4) off, in its frame."""
+        turn = cameras[:, :3, :3]
+        origin = np.linalg.inv(cameras) @ pose[:, 3]
+        shift, spin = self.root[:, :3], self.root[:, 3:]
+        shift = shift + np.cross(spin, origin[:, :3, None], axis=1)
+        return np.concatenate([turn @ shift, turn @ spin], axis=1)
+
+    def pixels(self, pinholes: Sequence[Pinhole], depths: Sequence[float]
+               ) -> NDArray[np.float64]:
+        """(n,) standard deviation with which an object at depths [m] is seen off [px]."""
+        variance = np.square(self.root).sum(axis=2)
+        focal = np.array([np.sqrt(each.fx * each.fy) for each in pinholes])
+        across = (variance[:, :2].mean(axis=1) / np.square(depths)
+                  + variance[:, 3:5].mean(axis=1))
+        return np.asarray(focal * np.sqrt(across))
+
+
+def _columns(shares: dict[int, float], views: Sequence[PosedEvidence]
+             ) -> list[NDArray[np.float64]]:
+    """Six motions that these views have in common, by the shares of their variances."""
+    sigmas = np.zeros((len(views), 6))
+    for number, share in shares.items():
+        sigmas[number] = np.sqrt(share) * np.repeat(views[number].sigma, 3)
+    return [sigmas * np.eye(6)[axis] for axis in range(6) if sigmas[:, axis].any()]

@@ -1,0 +1,262 @@
+"""The contour evidence of several views together: scores of poses, refinement, local models."""
+
+import contextlib
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.pixel_grid import PixelGrid
+from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
+from pmcl_ros.pmcl.local_model import LocalModel, UncertainCameras, ViewContour, normal_motion
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Refine
+from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.support import share_in_view
+from pmcl_ros.runtime.errors import LocalizationError
+
+_LOG = logging.getLogger(__name__)
+_SHARP = 0.5  # px: of a blur that leaves contours as sharp as they are
+_FARTHEST = 8.0  # px: as far from a contour is looked for what a view shows of it
+_AT_STAGES = 3, 5, 1000  # views at most by which coarse, fine and finest contours are refined
+
+
+@dataclass(frozen=True)
+class JointEvidence:
+    """Evidence of an object's poses in several views.
+
+    Poses are in the frame of the first camera that sees the region. views: what each that sees it
+    shows. cameras: (n, 4, 4) of these, to that frame. errors: of the cameras. region: a box there
+    that holds the region of interest. box: (4, 4) from that frame into that of the region of
+    interest, and half its size (3,) [m]. numbers: of the views, among all.
+    """
+
+    model: ObjectModel
+    views: tuple[ContourEvidence, ...]
+    cameras: NDArray[np.float64]
+    errors: CameraErrors
+    region: Region
+    box: tuple[NDArray[np.float64], NDArray[np.float64]]
+    numbers: tuple[int, ...]
+
+    @classmethod
+    def from_views(cls, evidence: ViewsEvidence, renderer: Renderer, model: ObjectModel,
+                   settings: PmclSettings) -> 'JointEvidence':
+        """Of the views that see the region of interest, which is a box in the reference frame.
+
+        Raises LocalizationError where none does.
+        """
+        seen = regions_seen(evidence, model, settings)
+        posed, views = [evidence.views[number] for number in seen], []
+        for each, region in zip(posed, seen.values(), strict=True):
+            window = region.window(each.evidence.pinhole, model.radius)
+            grid = PixelGrid.from_crop(each.evidence.pinhole,
+                                       (window.left, window.top, *window.size), 1)
+            views.append(ContourEvidence.from_edges(each.evidence.on(grid), renderer, model,
+                                                    settings, None, None, None, region))
+        first = posed[0].camera_to_reference
+        cameras = np.linalg.inv(first) @ np.array([each.camera_to_reference for each in posed])
+        into = first.copy()
+        into[:3, 3] -= settings.roi_center
+        return cls(model, tuple(views), cameras, CameraErrors.from_views(posed), views[0].region,
+                   (into, np.array(settings.roi_size) / 2), tuple(seen))
+
+    def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """(n,) which of poses (n, 4, 4) have their origin in the region of interest."""
+        into, half = self.box
+        places = poses[:, :3, 3] @ into[:3, :3].T + into[:3, 3]
+        return (np.abs(places) <= half + 1e-9).all(axis=1)
+
+    def spread(self, count: int) -> list[int]:
+        """Indices of `count` views, the first and others as far apart as possible."""
+        axes = self.cameras[:, :3, 2]
+        places = self.cameras[:, :3, 3]
+        kept = [0]
+        while len(kept) < min(count, len(self.views)):
+            apart = np.linalg.norm(axes[:, None] - axes[kept], axis=2)
+            apart += np.linalg.norm(places[:, None] - places[kept], axis=2)
+            kept.append(int(apart.min(axis=1).argmax()))
+        return sorted(kept)
+
+    def optimizers(self) -> list[GaussNewton]:
+        """Gauss-Newton on coarse contours, fine ones, those of the images."""
+        return [self._optimizer(stage, self.spread(count))
+                for stage, count in enumerate(_AT_STAGES)]
+
+    def _optimizer(self, stage: int, chosen: Sequence[int]) -> GaussNewton:
+        off = self.uncertain
+        return GaussNewton([self.views[number].expansion(
+            stage, float(off[number]), self.cameras[number]) for number in chosen], self.region)
+
+    def refinement(self, optimizer: GaussNewton, tries: int | None = None) -> Refine:
+        """Refines poses by Gauss-Newton steps, and evaluates them there."""
+        return refinement(optimizer, self.feasible, tries)
+
+    def open(self, stack: contextlib.ExitStack) -> 'JointContours':
+        """What draws contours at the resolution of the images, until the stack is closed."""
+        blurs, widest = [], float(self.uncertain.max())
+        while widest > _SHARP:
+            blurs.append(widest)
+            widest /= 2
+        levels = [[each.edges.blurred(blur) for each in self.views] for blur in blurs]
+        levels.append([each.edges for each in self.views])
+        return JointContours(self, [stack.enter_context(each.score()) for each in self.views],
+                             levels)
+
+    @property
+    def uncertain(self) -> NDArray[np.float64]:
+        """(n,) standard deviation with which each camera sees the region off [px]."""
+        return self.errors.pixels([each.edges.pinhole for each in self.views],
+                                  [each.region.center[2] for each in self.views])
+
+
+def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings
+                 ) -> dict[int, Region]:
+    """Boxes before the cameras that hold the region of interest, by the numbers of the views.
+
+    Only of views that see it. Raises LocalizationError where none does.
+    """
+    seen = {}
+    for number, each in enumerate(evidence.views):
+        try:
+            region = Region.before_camera(each.camera_to_reference, settings.roi_center,
+                                          settings.roi_size)
+            region.window(each.evidence.pinhole, model.radius)
+        except LocalizationError as error:
+            _LOG.info('view %d says nothing: %s', number, error)
+        else:
+            seen[number] = region
+    if not seen:
+        raise LocalizationError(
+            f'none of the {len(evidence.views)} views sees the region of interest at '
+            f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
+            f'{evidence.header.frame_id!r}: are poses and region of the same frame?')
+    return seen
+
+
+@dataclass(frozen=True)
+class ViewFit:
+    """How a view agrees with a pose.
+
+    number: of the view. off: by how much it alone would move the contour, apart: likewise, where
+    it is looked for farther away [px, rms]. expected, uncertain: standard deviations of that by
+    the model error and by the errors of the camera's pose. evidence: mean along its contour
+    [nat / px]. in_view: share of the object in the image.
+    """
+
+    number: int
+    off: float
+    apart: float
+    expected: float
+    uncertain: float
+    evidence: float
+    in_view: float
+
+    @property
+    def allowed(self) -> float:
+        """Standard deviation of `apart` [px]."""
+        return float(np.hypot(self.expected, self.uncertain))
+
+
+@dataclass(frozen=True)
+class JointContours:
+    """Contours of poses in all views, at the resolution of the images.
+
+    levels: the evidence of the views, ever sharper; the last is as it is.
+    """
+
+    joint: JointEvidence
+    scores: Sequence[ContourScore]
+    levels: Sequence[Sequence[EvidenceVolume]]
+
+    def contours(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
+                 ) -> list[ViewContour]:
+        """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
+        joint = self.joint
+        cameras = joint.errors.moved(joint.cameras, motions)
+        return [ViewContour(score.points(np.linalg.inv(camera) @ pose), edges, view.profile,
+                            camera=camera)
+                for score, view, edges, camera in zip(
+                    self.scores, joint.views, self.levels[level], cameras, strict=True)]
+
+    def points(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> ContourPoints:
+        """All of them, one view after the other."""
+        return reduce(lambda one, other: one.joined(other),
+                      (each.points for each in self.contours(pose, motions)))
+
+    def local_model(self, pose: NDArray[np.float64], sure: bool, motions: NDArray[np.float64],
+                    scale: float | None, level: int = -1) -> LocalModel:
+        """At a pose (4, 4); sure: with its uncertainty.
+
+        scale: as of `UncertainCameras`; None: the cameras are taken to be where they are.
+        """
+        joint = self.joint
+        uncertain = None
+        if joint.errors.number and scale is not None:
+            uncertain = UncertainCameras(joint.errors.seen(joint.cameras, pose), motions, scale)
+        contours = self.contours(pose, motions, level)
+        return LocalModel.from_views(pose, joint.model.symmetry, contours,
+                                     joint.views[0].error if sure else None, uncertain)
+
+    def fits(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> list[ViewFit]:
+        """How each view agrees with a pose (4, 4), with its camera moved by motions (k,)."""
+        joint = self.joint
+        uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
+                                        [float((np.linalg.inv(camera) @ pose)[2, 3])
+                                         for camera in joint.cameras])
+        made = []
+        for number, view, contour, wide in zip(joint.numbers, joint.views,
+                                               self.contours(pose, motions), uncertain,
+                                               strict=True):
+            assert contour.camera is not None
+            alone = LocalModel.from_views(pose, joint.model.symmetry, [contour], view.error)
+            step = np.linalg.solve(alone.information, alone.gradient)
+            expected = np.trace(alone.moments @ alone.model_error)
+            made.append(ViewFit(
+                number, float(np.sqrt(step @ alone.moments @ step)),
+                _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
+                float(wide), alone.evidence / max(alone.length, 1e-9),
+                share_in_view(joint.model, np.linalg.inv(contour.camera) @ pose,
+                              view.edges.pinhole)))
+        return made
+
+
+def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]) -> float:
+    """By how much a rigid motion fits the evidence across a view's contour better [px, rms].
+
+    Found by least squares from where along each normal the evidence is, as far as `_FARTHEST`.
+    """
+    assert view.camera is not None
+    points, turn = view.points, view.camera[:3, :3]
+    before = np.linalg.inv(view.camera) @ pose
+    basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
+    shifts = np.linspace(-_FARTHEST, _FARTHEST, 4 * round(_FARTHEST) + 1)
+    table = evidence_across(view.edges, points.pixels, points.normals, points.depths,
+                            view.profile, shifts)
+    chances = np.exp(table - table.max(axis=1, keepdims=True))
+    chances /= chances.sum(axis=1, keepdims=True)
+    off = chances @ shifts
+    weight = points.lengths / (chances @ shifts ** 2 - off ** 2 + 1)
+    motion = normal_motion(points, view.edges.pinhole, before[:3, 3]) @ basis
+    least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
+    weighted = weight[:, None] * motion
+    step = np.linalg.solve(weighted.T @ motion + least, weighted.T @ off)
+    return float(np.sqrt((points.lengths @ (motion @ step) ** 2)
+                         / max(float(points.lengths.sum()), 1.0)))
+
+
+def disagreement(fits: Sequence[ViewFit]) -> float:
+    """Mean square by which views are off, in units of the model error of one view."""
+    return float(sum(each.off ** 2 for each in fits)
+                 / max(sum(each.expected ** 2 for each in fits), 1e-12))

@@ -1,0 +1,163 @@
+"""The posterior of a pose by several views: a Gaussian about each mode.
+
+Several views leave little room for other shapes (Laplace's approximation).
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from pmcl_ros.evidence.learned import LearnedViews
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.pmcl.history import Generation, Watch
+from pmcl_ros.pmcl.local_model import LocalModel, Nuisance
+from pmcl_ros.pmcl.modes import SAME_MODE
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, ViewFit, disagreement
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Mode, Posterior
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.progress import Progress
+
+_REFINEMENTS = 12
+_CONVERGED = 0.02  # px: rms along the contour
+
+
+@dataclass(frozen=True)
+class JointPosterior:
+    """Modes of the evidence of several views, and samples of the Gaussians about them.
+
+    Cameras whose poses are uncertain move so as to fit each mode best. numbers: of several views;
+    None: the model error is that of one.
+    """
+
+    model: ObjectModel
+    settings: PmclSettings
+    contours: JointContours
+    numbers: LearnedViews | None
+    _known: list['_Known'] = field(default_factory=list)
+
+    def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
+        """At a pose (4, 4), with the cameras as at the mode nearby; sure: with its uncertainty."""
+        known = self._known_at(pose)
+        if not sure:
+            return self.contours.local_model(pose, False, known.motions, known.scale)
+        return self._sure(pose, known)
+
+    def points_at(self, pose: NDArray[np.float64]) -> ContourPoints:
+        """The contour of a pose (4, 4) in all views, with the same cameras."""
+        return self.contours.points(pose, self._known_at(pose).motions)
+
+    def fits_near(self, pose: NDArray[np.float64]) -> list[ViewFit]:
+        """How each view agrees with a pose (4, 4), its camera as at the mode nearby."""
+        return self.contours.fits(pose, self._known_at(pose).motions)
+
+    def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
+        """How each view agrees with a pose (4, 4), its camera where it is told to be."""
+        return self.contours.fits(pose, np.zeros(self.contours.joint.errors.number))
+
+    def evidence_at(self, pose: NDArray[np.float64]) -> float:
+        """Of a pose (4, 4), with the uncertain cameras where they fit it best [nat]."""
+        return self._refined(pose, True)[2].evidence
+
+    def refine(self, pose: NDArray[np.float64]) -> Mode:
+        """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""
+        pose, motions, _, scale = self._refined(pose, False)
+        known = _Known(pose, motions, scale, self._error_share(pose, motions))
+        self._known.append(known)
+        return Mode(pose, self._sure(pose, known))
+
+    def _sure(self, pose: NDArray[np.float64], known: '_Known') -> LocalModel:
+        local = self.contours.local_model(pose, True, known.motions, known.scale)
+        return replace(local, model_error=known.error_share * local.model_error)
+
+    def _error_share(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+        """Factor of the model error's variance: large where views disagree."""
+        if self.numbers is None:
+            return 1.0
+        apart = disagreement(self.contours.fits(pose, motions))
+        return self.numbers.agreeing + self.numbers.disagreeing * apart
+
+    def _refined(self, pose: NDArray[np.float64], still: bool
+                 ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:
+        """Pose, motions of the cameras, local model and its scale; still: the pose stays."""
+        motions, scale = np.zeros(self.contours.joint.errors.number), 1.0
+        if len(motions):
+            scale = self.contours.local_model(pose, True, motions, None).scale
+        for level in range(len(self.contours.levels)):
+            pose, motions, best = self._refined_at(level, pose, motions, scale, still)
+        return pose, motions, best, scale
+
+    def _refined_at(self, level: int, pose: NDArray[np.float64], motions: NDArray[np.float64],
+                    scale: float, still: bool
+                    ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel]:
+        best = self.contours.local_model(pose, False, motions, scale, level)
+        for _ in range(_REFINEMENTS):
+            step = 0 * best.step if still else best.step
+            turn = _motion_step(best.nuisance, best.basis.T @ step, len(motions))
+            if best.motion(step) < _CONVERGED and np.abs(turn).max(initial=0) < _CONVERGED:
+                break
+            for part in (1.0, 0.5, 0.25):
+                tried, moved = retract(pose, part * step[None])[0], motions + part * turn
+                if not (still or self.contours.joint.feasible(tried[None])[0]):
+                    continue
+                there = self.contours.local_model(tried, False, moved, scale, level)
+                if there.evidence > best.evidence:
+                    pose, motions, best = tried, moved, there
+                    break
+            else:
+                break
+        return pose, motions, best
+
+    def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
+               watch: Watch | None = None) -> Posterior:
+        """Particles of the Gaussians about modes, best first; each has its mode as the mean."""
+        scale = modes[0].local.scale
+        shares = []
+        for mode in modes:
+            determinant = np.linalg.slogdet(scale * mode.local.information)[1]
+            shares.append(scale * mode.local.evidence - determinant / 2)
+        weights = np.exp(np.array(shares) - logsumexp(shares))
+        count = self.settings.particles
+        pairs = np.sort(rng.choice(len(modes), (count + 1) // 2, p=weights))
+        own = np.repeat(pairs, 2)[:count]
+        poses, values = np.empty((count, 4, 4)), np.empty(count)
+        for number, mode in enumerate(modes):
+            ours = np.flatnonzero(own == number)
+            root = np.linalg.cholesky(np.linalg.inv(scale * mode.local.information))
+            normal = rng.normal(size=((len(ours) + 1) // 2, len(root)))
+            normal = np.stack([normal, -normal], axis=1).reshape(-1, len(root))[:len(ours)]
+            poses[ours] = retract(mode.pose, normal @ root.T @ mode.local.basis.T)
+            values[ours] = (scale * mode.local.evidence
+                            - np.square(normal).sum(axis=1) / 2)
+        if watch is not None:
+            watch(Generation('posterior', poses.copy(), values.copy()))
+        progress(1.0)
+        return Posterior(tuple(modes), poses, values, own)
+
+    def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
+        """The last mode near a pose, else one with the cameras where they are told to be."""
+        for known in reversed(self._known):
+            if self.model.symmetry.same_mode(known.pose[None], pose, *SAME_MODE)[0]:
+                return known
+        return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0, 1.0)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """A mode's pose (4, 4), motions (k,) of the cameras and scale there; `_error_share`."""
+
+    pose: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    scale: float
+    error_share: float
+
+
+def _motion_step(nuisance: Nuisance | None, step: NDArray[np.float64], number: int
+                 ) -> NDArray[np.float64]:
+    """(k,) by which the cameras move when the pose moves by a tangent vector (d,)."""
+    if nuisance is None:
+        return np.zeros(number)
+    return nuisance.offset - nuisance.follow @ step

@@ -1,0 +1,144 @@
+"""ViewsEvidence -> PoseEstimate: one object in several posed views, in their reference frame."""
+
+import contextlib
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evidence.contour_map import ContourMap
+from pmcl_ros.evidence.learned import LearnedViews, learned_views
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimator import Estimator, Thresholds
+from pmcl_ros.pmcl.history import Generation, Watch
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
+from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.proposals import Proposals
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.search import ContourSearch
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.progress import Progress
+
+_LOG = logging.getLogger(__name__)
+_PROPOSING = 2  # views whose proposals are refined: as far apart as possible
+_CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
+
+
+class MultiViewLocalizer:
+    """Finds one object by its contours in several views. It draws on the processor.
+
+    The settings' region of interest is a box in the reference frame, and so are the estimates.
+    numbers: of several views, while they are learned; by default those that the package ships.
+    """
+
+    def __init__(self, model: ObjectModel, settings: PmclSettings,
+                 numbers: LearnedViews | None = None) -> None:
+        self._model, self._settings, self._numbers = model, settings, numbers
+        self._renderer = NumbaRenderer()
+        self.renderer = self._renderer.name
+        self._proposals: Proposals | None = None
+        GaussNewton.warm_up()
+
+    def __enter__(self) -> 'MultiViewLocalizer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
+                 progress: Progress | None = None, start: NDArray[np.float64] | None = None,
+                 watch: Watch | None = None) -> PoseEstimate:
+        """The object's pose in the reference frame.
+
+        progress: called with 0..1; returning False ends the search with what was found so far.
+        start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
+        if not given. watch: called with every generation of poses, in the frame of the first view
+        that sees the region.
+        Raises LocalizationError where no view sees the region of interest.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        first = evidence.views[joint.numbers[0]].camera_to_reference
+        begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
+        if watch is not None:
+            watch(Generation('proposals', begin, np.zeros(len(begin))))
+        edges, profile = joint.views[0].edges, joint.views[0].profile
+        numbers, least = None, Thresholds.from_evidence(edges, profile)
+        if len(joint.views) > 1 and isinstance(edges, ContourMap):
+            numbers = self._numbers or learned_views()
+            least = Thresholds(numbers.least_support, numbers.least_evidence, least.weight)
+        optimizers = joint.optimizers()
+        with contextlib.ExitStack() as stack:
+            contours = joint.open(stack)
+            posterior = JointPosterior(self._model, self._settings, contours, numbers)
+            sample = ContourSearch(
+                joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
+                joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior
+            ).run(begin, rng, progress or (lambda _: True), watch)
+            estimate = Estimator(self._model, joint.region, self._settings).from_posterior(
+                evidence.header, [(view.edges.pinhole, camera) for view, camera
+                                  in zip(joint.views, joint.cameras, strict=True)],
+                sample, posterior.local_model_at, posterior.points_at, least, rng)
+            fits = posterior.fits_at(estimate.pose)
+        estimate = replace(
+            estimate, evaluations=sum(each.evaluations for each in optimizers))
+        if self._numbers is None:
+            _tell(fits, least.evidence)
+        return in_frame(estimate, first)
+
+    def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
+                 ) -> NDArray[np.float64]:
+        """(n,) evidence of poses (n, 4, 4) in the reference frame, summed over views [nat].
+
+        Uncertain cameras are moved as fits best.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        first = evidence.views[joint.numbers[0]].camera_to_reference
+        with contextlib.ExitStack() as stack:
+            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
+            return np.array([posterior.evidence_at(each)
+                             for each in np.linalg.inv(first) @ poses])
+
+    def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
+        """(k, 4, 4) proposals of some views, in the frame of the first."""
+        found = []
+        for number in joint.spread(_PROPOSING):
+            view = joint.views[number]
+            if self._proposals is None:
+                self._proposals = Proposals(self._renderer, self._model, view.region)
+            poses, _ = self._proposals.within(view.region).propose(
+                view.edges, self._settings.proposals)
+            found.append(joint.cameras[number] @ poses)
+        poses = np.concatenate(found)
+        inside = poses[joint.feasible(poses)]
+        return inside if len(inside) else poses
+
+
+def _tell(fits: Sequence[ViewFit], least: float) -> None:
+    """Warn of the view that agrees least, if it is clearly off and most views show the object.
+
+    least: mean evidence of a view that shows it [nat / px].
+    """
+    worst = max(fits, key=lambda fit: fit.apart / fit.allowed)
+    there = np.median([each.evidence for each in fits]) >= least
+    if there and worst.apart > _CLEARLY * worst.allowed:
+        _LOG.warning('views disagree: view %d by %.1f px, where %.1f is expected; check the '
+                     'hand-eye transform, the clock, and whether the object moved', worst.number,
+                     worst.apart, worst.allowed)
+
+
+def in_frame(estimate: PoseEstimate, camera: NDArray[np.float64]) -> PoseEstimate:
+    """An estimate in the frame of a camera (4, 4), in that camera's reference frame."""
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = camera[:3, :3]
+    return replace(
+        estimate, pose=camera @ estimate.pose, covariance=turn @ estimate.covariance @ turn.T,
+        particles=camera @ estimate.particles,
+        modes=tuple(replace(each, pose=camera @ each.pose) for each in estimate.modes))

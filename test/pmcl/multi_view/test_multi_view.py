@@ -1,0 +1,244 @@
+"""One object in several views: against known truth, other frames, and dense linear algebra."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from contour_maps import map_seen
+from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.pmcl.local_model import LocalModel, UncertainCameras, ViewContour, _Terms
+from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import LocalizationError, VolumeError
+
+DEPTHS = depth_labels(0.3, 0.7, 20)
+CUP = model_of(cup(), [0, 0, 1])
+BRACKET = model_of(bracket())
+MIDDLE = np.array([0.01, -0.005, 0.45])
+ROI = (0.12, 0.1, 0.14)
+
+
+def around(angles):
+    """Cameras (n, 4, 4) on a circle about `MIDDLE`, turned by angles [deg], in the middle's."""
+    poses = np.tile(np.eye(4), (len(angles), 1, 1))
+    turns = np.deg2rad(angles)[:, None] * [0, 1, 0]
+    poses[:, :3, :3] = Rotation.from_rotvec(turns).as_matrix()
+    poses[:, :3, 3] = MIDDLE - poses[:, :3, :3] @ MIDDLE
+    return poses
+
+
+def truth_of(model, seed=0):
+    rng = np.random.default_rng(seed)
+    pose = np.eye(4)
+    tilt = Rotation.from_euler('xz', [100, 20], degrees=True)
+    pose[:3, :3] = (Rotation.from_rotvec(rng.normal(0, 0.3, 3)) * tilt).as_matrix()
+    pose[:3, 3] = MIDDLE + np.array([0.012, 0.008, -0.015])
+    return pose
+
+
+def seen(context, model, truth, cameras, frame=None):
+    """The edges in each view, of cameras whose poses are told in another frame (4, 4)."""
+    frame = np.eye(4) if frame is None else frame
+    views = []
+    for camera in cameras:
+        before = np.linalg.inv(camera) @ truth
+        depth = depth_of(context, model, before, CAMERA, 4)
+        edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius)
+        views.append(PosedEvidence(edges, frame @ camera))
+    return ViewsEvidence(Header(7, 'base'), tuple(views))
+
+
+def settings(middle=MIDDLE, size=ROI, **changes):
+    return PmclSettings(roi_center=tuple(middle), roi_size=size, proposals=200, **changes)
+
+
+def found(model, evidence, of=None, **changes):
+    with MultiViewLocalizer(model, of or settings(**changes)) as localizer:
+        return localizer.localize(evidence, np.random.default_rng(0))
+
+
+def error(model, pose, truth):
+    off = model.symmetry.local(pose[None], truth)[0]
+    return 1e3 * np.linalg.norm(off[:3]), np.rad2deg(np.linalg.norm(off[3:]))
+
+
+@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
+def test_several_views_find_the_pose_and_are_surer_than_one(context, model):
+    truth = truth_of(model)
+    evidence = seen(context, model, truth, around([-25, 0, 25]))
+    together = found(model, evidence)
+    millimetres, degrees = error(model, together.pose, truth)
+    assert not together.lost
+    assert millimetres < 1.0
+    assert degrees < 1.5
+    assert together.header == evidence.header
+    alone = found(model, replace(evidence, views=evidence.views[1:2]))
+    # Of one view the depth is uncertain; here it is along z.
+    assert together.covariance[2, 2] < 0.5 * alone.covariance[2, 2]
+
+
+def test_the_reference_frame_is_of_no_account(context):
+    truth, cameras = truth_of(CUP), around([-20, 15])
+    frame = np.eye(4)
+    frame[:3, :3] = Rotation.from_euler('xyz', [70, -30, 200], degrees=True).as_matrix()
+    frame[:3, 3] = [1.5, -0.7, 0.4]
+    size = (0.1, 0.1, 0.1)
+    plain = found(CUP, seen(context, CUP, truth, cameras), settings(size=size))
+    middle = frame[:3, :3] @ MIDDLE + frame[:3, 3]
+    moved = found(CUP, seen(context, CUP, truth, cameras, frame), settings(middle, size))
+    back = np.linalg.inv(frame) @ moved.pose
+    millimetres, degrees = error(CUP, back, plain.pose)
+    assert millimetres < 0.3
+    assert degrees < 0.5
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = frame[:3, :3]
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(moved.covariance[:3, :3]), np.linalg.eigvalsh(plain.covariance[:3, :3]),
+        rtol=0.3)
+    np.testing.assert_allclose(turn @ plain.covariance @ turn.T, moved.covariance, atol=5e-2)
+
+
+def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
+    truth, cameras = truth_of(CUP), around([-20, 0, 180])
+    cameras[2] = retract(cameras[2][None], np.array([[0, 0, 0, 0, np.pi, 0.]]))[0]
+    evidence = seen(context, CUP, truth, cameras[:2])
+    blind = replace(evidence, views=(PosedEvidence(evidence.views[0].evidence, cameras[2]),
+                                     *evidence.views))
+    with caplog.at_level(logging.INFO):
+        with_blind, without = found(CUP, blind), found(CUP, evidence)
+    assert 'view 0 says nothing' in caplog.text
+    np.testing.assert_array_equal(with_blind.pose, without.pose)
+    with pytest.raises(LocalizationError, match='none of the 1 views sees the region'):
+        found(CUP, replace(blind, views=blind.views[:1]))
+    with pytest.raises(VolumeError, match='no evidence of any view'):
+        ViewsEvidence(Header(), ())
+
+
+def maps_seen(context, model, truth, cameras):
+    """The contour map in each view."""
+    views = []
+    for camera in cameras:
+        depth = depth_of(context, model, np.linalg.inv(camera) @ truth, CAMERA, 4)
+        views.append(PosedEvidence(map_seen(depth > 0, CAMERA, 0.3, 0.6, 4), camera))
+    return ViewsEvidence(Header(7, 'base'), tuple(views))
+
+
+def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
+    truth, cameras = truth_of(CUP), around([-25, 0, 25])
+    evidence = maps_seen(context, CUP, truth, cameras)
+    off = np.array([[0.003, -0.002, 0, 0.002, 0.003, 0.001]])
+    told = cameras[1] @ retract(np.eye(4)[None], off)[0]
+    wrong = (evidence.views[0], replace(evidence.views[1], camera_to_reference=told),
+             evidence.views[2])
+    found(CUP, replace(evidence, views=wrong))
+    assert 'views disagree: view 1 by' in caplog.text
+    caplog.clear()
+    allowed = found(CUP, replace(evidence, views=tuple(
+        replace(each, sigma=(0.003, 0.003)) for each in wrong)))
+    assert 'disagree' not in caplog.text
+    assert not allowed.lost
+    assert error(CUP, allowed.pose, truth)[0] < 4
+    exact = found(CUP, evidence)
+    assert error(CUP, exact.pose, truth)[0] < 0.5
+    for axis in range(3):
+        assert allowed.covariance[axis, axis] > 2 * exact.covariance[axis, axis]
+    assert CUP.symmetry.credible_level(truth, allowed.pose, allowed.covariance) < 0.99
+
+
+def test_camera_errors_are_what_the_cameras_see():
+    cameras = around([-30, 10, 40])
+    views = [PosedEvidence(None, each, (0.001, 0.002), 'arm' if k else '', 0.5)
+             for k, each in enumerate(cameras)]
+    errors = CameraErrors.from_views(views)
+    assert errors.number == 3 * 6 + 6
+    variance = np.square(errors.root).sum(axis=2)
+    np.testing.assert_allclose(variance, np.tile([1e-6] * 3 + [4e-6] * 3, (3, 1)))
+    # Views 1 and 2 share half of it, view 0 nothing.
+    shared = np.einsum('vak,wak->vw', errors.root, errors.root)
+    np.testing.assert_allclose(shared, 15e-6 * np.array([[1, 0, 0], [0, 1, 0.5], [0, 0.5, 1]]),
+                               atol=1e-12)
+    pose = truth_of(BRACKET)
+    foretold = errors.seen(cameras, pose)
+    for number in range(errors.number):
+        motions = np.zeros(errors.number)
+        motions[number] = 1e-3
+        apparent = cameras @ np.linalg.inv(errors.moved(cameras, motions)) @ pose
+        for view, each in enumerate(apparent):
+            np.testing.assert_allclose(BRACKET.symmetry.local(each[None], pose)[0],
+                                       1e-3 * foretold[view, :, number], atol=1e-10)
+    wide = errors.pixels([CAMERA] * 3, [0.45] * 3)
+    focal = np.sqrt(CAMERA.fx * CAMERA.fy)
+    np.testing.assert_allclose(wide, focal * np.hypot(0.001 / 0.45, 0.002))
+    assert CameraErrors.from_views([replace(each, sigma=(0., 0.)) for each in views]).number == 0
+
+
+@pytest.fixture
+def contours(context):
+    """The contour of the bracket near its pose in two views."""
+    truth, cameras = truth_of(BRACKET), around([-20, 20])
+    pose = retract(truth, np.array([[3e-4, -2e-4, 1e-3, 0.01, -0.005, 0.004]]))[0]
+    made = []
+    for each, camera in zip(seen(context, BRACKET, truth, cameras).views, cameras, strict=True):
+        scene = Scene(BRACKET, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), 0.2, 0.8)
+        edges = each.evidence
+        with NumbaRenderer().contour_score(scene, edges, edges.profile) as score:
+            points = score.points(np.linalg.inv(camera) @ pose)
+        made.append(ViewContour(points, edges, edges.profile, camera=camera))
+    return pose, made
+
+
+def test_views_add_up_in_the_frame_of_the_pose(contours):
+    pose, views = contours
+    both, one, other = (LocalModel.from_views(pose, BRACKET.symmetry, each, None)
+                        for each in (views, views[:1], views[1:]))
+    np.testing.assert_allclose(both.gradient, one.gradient + other.gradient)
+    least = LocalModel.from_views(pose, BRACKET.symmetry, [], None).information
+    np.testing.assert_allclose(both.information, one.information + other.information - least)
+    assert both.evidence == pytest.approx(one.evidence + other.evidence)
+    # What the second camera sees of the pose, told in its own frame.
+    camera = views[1].camera
+    own = LocalModel.from_contour(np.linalg.inv(camera) @ pose, BRACKET.symmetry, views[1].points,
+                                  views[1].edges, views[1].profile, None)
+    turn = np.kron(np.eye(2), camera[:3, :3])
+    np.testing.assert_allclose(turn @ own.gradient, other.gradient)
+    np.testing.assert_allclose(turn @ own.information @ turn.T, other.information, rtol=1e-6,
+                               atol=1e-6 * other.information.max())
+
+
+def test_the_schur_complement_is_that_of_the_dense_matrix(contours):
+    pose, views = contours
+    errors = CameraErrors.from_views([
+        PosedEvidence(None, each.camera, (0.001, 0.003), 'arm', 0.5) for each in views])
+    cameras = np.array([each.camera for each in views])
+    motions, scale = np.random.default_rng(0).normal(size=errors.number), 0.3
+    root = errors.seen(cameras, pose)
+    terms = [_Terms.from_view(each, pose, np.eye(6)) for each in views]
+    nuisance, left = UncertainCameras(root, motions, scale).eliminated(np.eye(6), terms)
+    count = errors.number
+    dense, slope = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)
+    for each, part in zip(terms, root, strict=True):
+        jacobian = np.hstack([np.eye(6), part])
+        dense += jacobian.T @ each.information @ jacobian
+        slope += jacobian.T @ each.gradient
+    dense[6:, 6:] += np.eye(count) / scale
+    slope[6:] -= motions / scale
+    step = np.linalg.solve(dense, slope)
+    information = sum(each.information for each in left)
+    gradient = sum(each.gradient for each in left)
+    expected = np.linalg.inv(np.linalg.inv(dense)[:6, :6])
+    np.testing.assert_allclose(information, expected, rtol=1e-5, atol=1e-5 * expected.max())
+    mine = np.linalg.solve(information, gradient)
+    np.testing.assert_allclose(mine, step[:6], rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(nuisance.offset - nuisance.follow @ mine, step[6:], rtol=1e-5,
+                               atol=1e-7)
+    assert nuisance.evidence == pytest.approx(-motions @ motions / (2 * scale))
