@@ -43,6 +43,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
+             scale: float | None, distance: tuple[str, str, float] | None,
              objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode,
              kind: EvidenceKind | None, changes: str | None, seed: int, as_json: bool,
              out: Path | None, truth: Path | None) -> None:
@@ -51,7 +52,8 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
     folder of the 4D Light Field Benchmark. Pictures of ordinary cameras are a views.yaml, or the
-    folder with it; with poses of the cameras, --roi and the pose are in their reference frame.
+    folder with it, the folder of a COLMAP text model or of a BOP scene, or a picture of one. With
+    poses of the cameras, --roi and the pose are in their reference frame.
     """
     changed = None if changes is None else Variant.parse(changes)
     if changed is not None and changed.base != 'default':
@@ -62,8 +64,8 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                                   'roi_center': roi[:3], 'roi_size': roi[3:]}
                                  | chosen | dict(of_search),
                                  '--roi, --mode, --evidence, --set, --seed')
+    read = open_source(source, calibration, white, every, shrink, scale, distance)
     model = ObjectModel.load(objects[0])
-    read = open_source(source, calibration, white, every, shrink)
     if len(objects) > 1:
         if has_posed_views(source):
             raise click.UsageError(f'{source}: several objects are found in a light field or one '

@@ -43,6 +43,7 @@ _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               default=Path('report.html'), show_default=True, help='The page, one HTML file.')
 def report(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
+           scale: float | None, distance: tuple[str, str, float] | None,
            object_path: Path | None, roi: tuple[float, ...] | None, mode: str, seed: int,
            truth_path: Path | None, out: Path) -> None:
     """Find the object's pose in SOURCE and write a page about it.
@@ -63,7 +64,7 @@ def report(source: Path, calibration: Path | None, white: Path | None, every: in
     model = ObjectModel.load(object_path)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)
-        read, serial = _open(source, calibration, white, every, shrink)
+        read, serial = _open(source, calibration, white, every, shrink, scale, distance)
         run = localize(read, model, settings, lambda stage, part: bar.update(
             task, description=stage, completed=part), str(source), serial, truth,
             has_posed_views(source))
@@ -100,12 +101,13 @@ def _object(source: Path, folder: Path) -> Path:
                            '--object')
 
 
-def _open(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int
+def _open(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
+          scale: float | None, distance: tuple[str, str, float] | None
           ) -> tuple[Callable[[], Source], str]:
     """A function that makes or reads the source, and the camera's serial number, if known."""
     if not is_bag(source):
         serial = read_metadata(source).serial if is_picture(source) else ''
-        return open_source(source, calibration, white, every, shrink), serial
+        return open_source(source, calibration, white, every, shrink, scale, distance), serial
     if (every, shrink) != (1, 1):
         raise click.UsageError(f'{source} is a bag: --every and --shrink are for light fields')
     capture = read_bag(source)

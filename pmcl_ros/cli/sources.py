@@ -11,6 +11,7 @@ from pmcl_ros.cli.base import FILE, PATH, STDERR
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import Source, is_light_field, read_source
 
 
@@ -26,19 +27,27 @@ def source_options(command: Callable[..., None]) -> Callable[..., None]:
             click.option('--every', type=click.IntRange(1), default=1, metavar='K',
                          help='Of a light field: each K-th view alone.'),
             click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
-                         help='Of a light field or an ordinary picture: make NxN pixels one.')):
+                         help='Of a light field or an ordinary picture: make NxN pixels one.'),
+            click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
+                         help='Of a COLMAP model, which has no metric scale: metres a unit.'),
+            click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
+                         metavar='NAME NAME METRES', help='Of a COLMAP model, in place of '
+                         '--scale: the distance between the cameras of two pictures.')):
         command = option(command)
     return command
 
 
 def open_source(source: Path, calibration: Path | None, white: Path | None, every: int,
-                shrink: int) -> Callable[[], Source]:
-    """A function that makes the light field of a raw picture, or reads views or a picture.
+                shrink: int, scale: float | None = None,
+                distance: tuple[str, str, float] | None = None) -> Callable[[], Source]:
+    """A function that makes the light field of a raw picture, or reads views or pictures.
 
     Calibration and white image have been read when this returns.
     """
+    if scale is not None and distance is not None:
+        raise click.UsageError('--scale and --distance say the same: give one')
     if is_light_field(source):
-        return partial(read_source, source, every, shrink)
+        return partial(read_source, source, every, shrink, Metric(scale, distance))
     if calibration is None or white is None:
         raise click.UsageError(f'{source} is a raw picture: it needs --calibration and --white')
     if (every, shrink) != (1, 1):

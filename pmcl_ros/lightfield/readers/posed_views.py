@@ -101,20 +101,26 @@ class ViewsFile(Settings):
 
 
 def read_views(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
-    """The views of a views.yaml, whose pictures lie beside it, without distortion.
+    """The views of a views.yaml, whose pictures lie beside it (`views_of`)."""
+    return views_of(ViewsFile.load(yaml), yaml.parent, str(yaml), reduction)
 
-    Pictures are PNG, JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
+
+def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
+             ) -> tuple[PosedView, ...]:
+    """The views that a file lists, without distortion.
+
+    folder: that their files are relative to. name: of the list, for errors. Pictures are PNG,
+    JPEG, TIFF, ... of 8 or 16 bits or floating point, colour or grey.
     Raises SettingsError or LightFieldError saying which file or value is wrong.
     """
-    of = ViewsFile.load(yaml)
     if reduction.every != 1:
-        raise LightFieldError(f'{yaml} is no grid of which each {reduction.every}th view could be '
+        raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
                               'taken; leave out --every')
-    return tuple(_view(yaml, each, of, reduction) for each in of.views)
+    return tuple(_view(folder, each, of, reduction) for each in of.views)
 
 
-def _view(yaml: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
-    camera, path = of.cameras[entry.camera], yaml.parent / entry.file
+def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
+    camera, path = of.cameras[entry.camera], folder / entry.file
     values = read_picture(path)
     height, width = values.shape[:2]
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
-from pmcl_ros.lightfield.readers import folder, hci, posed_views, sweep_folder
+from pmcl_ros.lightfield.readers import bop, colmap, folder, hci, posed_views, sweep_folder
 from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError
@@ -15,24 +15,47 @@ Source = LightField | PosedView | PosedViews  # what an object is looked for in
 _NPZ, _YAML = '.npz', ('.yaml', '.yml')
 
 
-def read_source(path: Path | str, every: int = 1, shrink: int = 1) -> Source:
-    """Read a light field (`read_light_field`), or the pictures of a views.yaml.
+def read_source(path: Path | str, every: int = 1, shrink: int = 1,
+                metric: colmap.Metric | None = None) -> Source:
+    """Read a light field (`read_light_field`), or pictures of ordinary cameras.
 
-    path: as of `read_light_field`, or a views.yaml or the folder with it. A single picture whose
-    camera has no pose is a `PosedView`: the camera is the reference frame.
+    path: as of `read_light_field`; or a views.yaml, the folder of a COLMAP text model, of a BOP
+    scene, or a picture of one. A single picture whose camera has no pose is a `PosedView`: the
+    camera is the reference frame. metric: of a COLMAP model, else not used.
     Raises as `read_light_field`.
     """
-    yaml = _views_yaml(Path(path))
-    if yaml is None:
+    path = Path(path)
+    if not _has_pictures(path):
         return read_light_field(path, every, shrink)
-    views = posed_views.read_views(yaml, Reduction(every, shrink))
-    return PosedViews(views) if posed_views.ViewsFile.load(yaml).posed else views[0]
+    of, folder = _views_file(path, metric)
+    views = posed_views.views_of(of, folder, str(path), Reduction(every, shrink))
+    return PosedViews(views) if of.posed else views[0]
 
 
 def has_posed_views(path: Path | str) -> bool:
     """Whether `read_source` makes `PosedViews` of a path. Raises SettingsError."""
-    yaml = _views_yaml(Path(path))
-    return yaml is not None and posed_views.ViewsFile.load(yaml).posed
+    path = Path(path)
+    yaml = _views_yaml(path)
+    if yaml is not None:
+        return posed_views.ViewsFile.load(yaml).posed
+    return path.is_dir() and _has_pictures(path)
+
+
+def _has_pictures(path: Path) -> bool:
+    """Whether a path is of pictures of ordinary cameras."""
+    return (_views_yaml(path) is not None or bop.scene_of(path) is not None
+            or (path.is_dir() and (colmap.model_folder(path) is not None
+                                   or (path / bop.NAME).is_file())))
+
+
+def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.ViewsFile, Path]:
+    """The list of pictures at a path, and the folder that they are relative to."""
+    yaml, scene = _views_yaml(path), bop.scene_of(path)
+    if yaml is not None:
+        return posed_views.ViewsFile.load(yaml), yaml.parent
+    if scene is not None:
+        return bop.load(scene, path)
+    return bop.load(path) if (path / bop.NAME).is_file() else colmap.load(path, metric)
 
 
 def _views_yaml(path: Path) -> Path | None:
@@ -44,7 +67,8 @@ def _views_yaml(path: Path) -> Path | None:
 def is_light_field(path: Path | str) -> bool:
     """Whether `read_source` reads this kind of path; raw pictures are another kind."""
     path = Path(path)
-    return path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML)
+    return (path.is_dir() or path.suffix.lower() in (_NPZ, *_YAML)
+            or bop.scene_of(path) is not None)
 
 
 def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
@@ -62,7 +86,7 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
     path, reduction = Path(path), Reduction(every, shrink)
     if not path.exists():
         raise LightFieldError(f'there is no {path}')
-    if _views_yaml(path) is not None:
+    if _has_pictures(path):
         raise LightFieldError(f'{path} is of pictures of ordinary cameras, and here a light field '
                               'is needed; localize, report and evaluate take pictures')
     if header is None:

@@ -1,0 +1,100 @@
+"""Scenes of the BOP benchmark as posed views: scene_camera.json.
+
+Format: github.com/thodan/bop_toolkit, docs/bop_datasets_format.md. Lengths are in millimetres.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pmcl_ros.lightfield.readers.pictures import read_picture
+from pmcl_ros.lightfield.readers.posed_views import ViewsFile
+from pmcl_ros.runtime.errors import LightFieldError
+
+NAME = 'scene_camera.json'
+_FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
+_MOST_BYTES = 2 ** 26
+
+
+def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
+    """The views of a scene's folder, and the folder that their files are relative to.
+
+    The reference frame, `bop`, is the scene's world, in metres. picture: this one alone, in the
+    frame of its camera. Raises LightFieldError where the scene has no poses of its cameras, and
+    saying what is wrong.
+    """
+    path = scene / NAME
+    cameras: dict[str, Any] = {}
+    views = []
+    for number, values in _read(path).items():
+        file = _file(scene, number)
+        if picture is not None and picture.resolve() != file.resolve():
+            continue
+        try:
+            fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
+            poses = [values[key] for key in ('cam_R_w2c', 'cam_t_w2c')
+                     if key in values and picture is None]
+            turn, place = (np.array(each, float) for each in poses) if poses else (None, None)
+        except (KeyError, TypeError, ValueError):
+            raise LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and '
+                                  'cam_R_w2c, 9 numbers, with cam_t_w2c, 3 numbers') from None
+        if skew != 0:
+            raise LightFieldError(f'{path}: picture {number} has skew {skew:g} in cam_K; expected '
+                                  'a camera without')
+        height, width = _size(file)
+        cameras[number] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
+                           'cy': cy}
+        view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': number}
+        if turn is not None and place is not None:
+            if turn.size != 9 or place.size != 3:
+                raise LightFieldError(f'{path}: picture {number}: cam_R_w2c has {turn.size} '
+                                      f'numbers, cam_t_w2c {place.size}; expected 9 and 3')
+            pose = np.eye(4)
+            pose[:3, :3] = turn.reshape(3, 3).T
+            pose[:3, 3] = -pose[:3, :3] @ place.ravel() / 1000
+            view['camera_to_reference'] = pose.ravel().tolist()
+        elif picture is None:
+            raise LightFieldError(
+                f'{path} has no poses of its cameras (cam_R_w2c, cam_t_w2c): each picture can '
+                f'only be localised alone; give one, as {file}')
+        views.append(view)
+    if not views:
+        raise LightFieldError(f'{path} lists no picture' + (f' {picture}' if picture else ''))
+    return ViewsFile.make({'cameras': cameras, 'views': views, 'reference': 'bop'},
+                          str(path)), scene
+
+
+def scene_of(picture: Path) -> Path | None:
+    """The scene whose picture a path is, rgb/000003.png or likewise; None: it is of none."""
+    scene = picture.parent.parent
+    return scene if picture.parent.name in _FOLDERS and (scene / NAME).is_file() else None
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise LightFieldError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB')
+        values = json.loads(path.read_text(encoding='utf-8'))
+    except (OSError, ValueError, RecursionError) as error:
+        raise LightFieldError(f'cannot read {path}: {error}') from None
+    if not isinstance(values, dict) or not all(
+            isinstance(each, dict) and number.isdigit() for number, each in values.items()):
+        raise LightFieldError(f'{path}: expected numbers of pictures, each with its camera')
+    return values
+
+
+def _file(scene: Path, number: str) -> Path:
+    for folder in _FOLDERS:
+        for ending in _ENDINGS:
+            path = scene / folder / f'{int(number):06d}.{ending}'
+            if path.is_file():
+                return path
+    raise LightFieldError(f'{scene} has no picture {int(number):06d} in {" or ".join(_FOLDERS)}')
+
+
+def _size(path: Path) -> tuple[int, int]:
+    """(height, width)."""
+    height, width = read_picture(path).shape[:2]
+    return height, width

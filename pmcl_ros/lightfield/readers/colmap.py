@@ -1,0 +1,176 @@
+"""COLMAP's text models as posed views: cameras.txt and images.txt.
+
+Formats: colmap.github.io/format.html. A model has no metric scale.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.lightfield.readers.posed_views import ViewsFile
+from pmcl_ros.runtime.errors import LightFieldError
+
+_CAMERAS, _IMAGES = 'cameras.txt', 'images.txt'
+_PLACES = ('', 'sparse/0', 'sparse')  # of a model in the folder of a project
+_MOST_BYTES = 2 ** 28  # of images.txt, which lists all points too
+_UNIT = 1e-3  # of a quaternion's length
+# Parameters of a model: of the camera matrix, then the distortion in OpenCV's order.
+_MODELS = {
+    'SIMPLE_PINHOLE': ('f cx cy', ''), 'PINHOLE': ('fx fy cx cy', ''),
+    'SIMPLE_RADIAL': ('f cx cy', 'k1'), 'RADIAL': ('f cx cy', 'k1 k2'),
+    'OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2'),
+    'FULL_OPENCV': ('fx fy cx cy', 'k1 k2 p1 p2 k3 k4 k5 k6'),
+    'OPENCV_FISHEYE': ('fx fy cx cy', 'k1 k2 k3 k4')}
+
+
+@dataclass(frozen=True)
+class Metric:
+    """What makes a model metric: metres a unit, or the distance between two of its cameras.
+
+    between: names of two pictures and the distance of their cameras [m].
+    """
+
+    scale: float | None = None
+    between: tuple[str, str, float] | None = None
+
+
+@dataclass(frozen=True)
+class _Image:
+    name: str
+    camera: str
+    camera_to_world: NDArray[np.float64]
+
+
+def model_folder(path: Path) -> Path | None:
+    """Where in a folder a text model lies: there, in sparse/0 or in sparse; None: nowhere."""
+    return next((path / each for each in _PLACES
+                 if (path / each / _CAMERAS).is_file() and (path / each / _IMAGES).is_file()),
+                None)
+
+
+def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
+    """The views of a model, and the folder that their files are relative to.
+
+    path: of the project, or of the model in it. The reference frame, `colmap`, is that of the
+    model, in metres. Raises LightFieldError saying what is wrong, and without a metric scale.
+    """
+    folder = model_folder(path)
+    if folder is None:
+        raise LightFieldError(f'{path} has no {_CAMERAS} and {_IMAGES}')
+    cameras = dict(_cameras(folder / _CAMERAS))
+    images = list(_images(folder / _IMAGES))
+    scale = _scale(images, metric, folder)
+    views = []
+    for each in images:
+        pose = each.camera_to_world.copy()
+        pose[:3, 3] *= scale
+        views.append({'file': each.name, 'camera': each.camera,
+                      'camera_to_reference': pose.ravel().tolist()})
+    found = ViewsFile.make({'cameras': cameras, 'views': views, 'reference': 'colmap'},
+                           str(folder))
+    return found, _pictures(path, folder, images)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Numbered lines that are no comments; empty ones too."""
+    if path.stat().st_size > _MOST_BYTES:
+        raise LightFieldError(f'{path} has {path.stat().st_size / 2 ** 20:.0f} MiB, more than '
+                              f'{_MOST_BYTES // 2 ** 20}: is it an images.txt of COLMAP?')
+    try:
+        text = path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise LightFieldError(f'cannot read {path}: {error}') from None
+    for number, line in enumerate(text.splitlines(), 1):
+        if not line.startswith('#'):
+            yield number, line.strip()
+
+
+def _cameras(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for number, line in _lines(path):
+        if not line:
+            continue
+        name, model, *rest = line.split()
+        if model not in _MODELS:
+            raise LightFieldError(f'{path}:{number}: the camera model {model} is not known, only '
+                                  f'{", ".join(_MODELS)}; undistort the pictures with COLMAP')
+        matrix, distortion = (each.split() for each in _MODELS[model])
+        try:
+            width, height = int(rest[0]), int(rest[1])
+            given = dict(zip([*matrix, *distortion], map(float, rest[2:]), strict=True))
+        except (ValueError, IndexError):
+            raise LightFieldError(
+                f'{path}:{number}: expected CAMERA_ID {model} WIDTH HEIGHT '
+                f'{" ".join([*matrix, *distortion]).upper()}, not {line!r}') from None
+        # The middle of the first pixel is (0.5, 0.5) there, (0, 0) here.
+        values: dict[str, Any] = {'width': width, 'height': height, 'fx': given.get('f', given.get('fx')),
+                  'fy': given.get('f', given.get('fy')), 'cx': given['cx'] - 0.5,
+                  'cy': given['cy'] - 0.5}
+        if any(given[each] for each in distortion):
+            numbers = [given[each] for each in distortion]
+            plain = model not in ('FULL_OPENCV', 'OPENCV_FISHEYE')
+            values |= {'distortion': numbers + [0.0] * (4 - len(numbers)) if plain else numbers,
+                       'model': {'FULL_OPENCV': 'rational_polynomial',
+                                 'OPENCV_FISHEYE': 'equidistant'}.get(model, 'plumb_bob')}
+        yield name, values
+
+
+def _images(path: Path) -> Iterator[_Image]:
+    """Every other line is an image; the others list its points."""
+    points = False
+    for number, line in _lines(path):
+        if points:
+            points = False
+            continue
+        if not line:
+            continue
+        words = line.split(maxsplit=9)
+        try:
+            w, x, y, z, *place = map(float, words[1:8])
+            camera, name = words[8], words[9]
+        except (ValueError, IndexError):
+            raise LightFieldError(f'{path}:{number}: expected IMAGE_ID QW QX QY QZ TX TY TZ '
+                                  f'CAMERA_ID NAME, not {line[:80]!r}') from None
+        length = float(np.linalg.norm([x, y, z, w]))
+        if not abs(length - 1) < _UNIT:
+            raise LightFieldError(f'{path}:{number}: the quaternion has length {length:.4f}, '
+                                  'not 1')
+        world_to_camera = np.eye(4)
+        world_to_camera[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
+        world_to_camera[:3, 3] = place
+        points = True
+        yield _Image(name, camera, np.asarray(np.linalg.inv(world_to_camera), float))
+
+
+def _scale(images: list[_Image], metric: Metric | None, folder: Path) -> float:
+    """Metres a unit."""
+    if metric is not None and metric.scale is not None:
+        return metric.scale
+    if metric is None or metric.between is None:
+        raise LightFieldError(f'{folder}: a COLMAP model has no metric scale; give it, or the '
+                              'distance between two cameras (--scale, --distance)')
+    first, second, metres = metric.between
+    places = {each.name: each.camera_to_world[:3, 3] for each in images}
+    missing = [each for each in (first, second) if each not in places]
+    if missing:
+        raise LightFieldError(f'{folder} has no image {" and no ".join(missing)}; it has '
+                              f'{", ".join(sorted(places)[:8])}')
+    units = float(np.linalg.norm(places[first] - places[second]))
+    if not units > 0:
+        raise LightFieldError(f'{folder}: {first} and {second} were taken at one place; give two '
+                              'others')
+    return metres / units
+
+
+def _pictures(path: Path, folder: Path, images: list[_Image]) -> Path:
+    """The folder of the pictures."""
+    tried = [path / 'images', path, folder / 'images', folder.parent / 'images',
+             folder.parent.parent / 'images']
+    for each in tried:
+        if images and (each / images[0].name).is_file():
+            return each
+    return tried[0]

@@ -1,0 +1,206 @@
+"""COLMAP models and BOP scenes: the same views as from a views.yaml, and what is refused."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.cli import main
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.read import has_posed_views, is_light_field, read_source
+from pmcl_ros.runtime.errors import LightFieldError
+
+WIDTH, HEIGHT = 48, 36
+K = {'fx': 40.0, 'fy': 41.0, 'cx': 23.25, 'cy': 17.5}
+DISTORTION = [-0.2, 0.05, 0.001, -0.002]
+RNG = np.random.default_rng(0)
+PICTURES = RNG.integers(0, 255, (3, HEIGHT, WIDTH, 3), np.uint8)
+
+
+def poses():
+    made = np.tile(np.eye(4), (3, 1, 1))
+    made[:, :3, :3] = Rotation.random(3, np.random.default_rng(1)).as_matrix()
+    made[:, :3, 3] = [[0.1, 0.2, 0.3], [-0.2, 0.1, 0.5], [0.4, -0.3, 0.2]]
+    return made
+
+
+def write_pictures(folder, names):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, picture in zip(names, PICTURES, strict=True):
+        cv2.imwrite(str(folder / name), picture)
+
+
+def own(folder, distortion=()):
+    """The same as views.yaml."""
+    names = ['a.png', 'b.png', 'c.png']
+    write_pictures(folder, names)
+    camera = K | {'width': WIDTH, 'height': HEIGHT, 'distortion': list(distortion)}
+    (folder / 'views.yaml').write_text(yaml.safe_dump({
+        'cameras': {'one': camera}, 'views': [
+            {'file': name, 'camera': 'one', 'camera_to_reference': pose.ravel().tolist()}
+            for name, pose in zip(names, poses(), strict=True)]}))
+    return read_source(folder)
+
+
+def colmap(folder, scale=2.5, model='OPENCV', parameters=None, change=lambda text: text):
+    """The same as a COLMAP model of which one unit is `scale` metres."""
+    write_pictures(folder / 'images', ['a.png', 'b.png', 'c.png'])
+    place = folder / 'sparse' / '0'
+    place.mkdir(parents=True)
+    if parameters is None:
+        parameters = [K['fx'], K['fy'], K['cx'] + 0.5, K['cy'] + 0.5, *DISTORTION]
+    (place / 'cameras.txt').write_text(
+        f'# Camera list\n7 {model} {WIDTH} {HEIGHT} {" ".join(map(str, parameters))}\n')
+    lines = ['# Image list']
+    for number, (name, pose) in enumerate(zip('abc', poses(), strict=True)):
+        back = np.linalg.inv(pose)
+        x, y, z, w = Rotation.from_matrix(back[:3, :3]).as_quat()
+        t = back[:3, 3] / scale
+        lines += [f'{number} {w} {x} {y} {z} {t[0]} {t[1]} {t[2]} 7 {name}.png',
+                  '' if number else '1.0 2.0 -1']
+    (place / 'images.txt').write_text(change('\n'.join(lines) + '\n'))
+    return folder
+
+
+def bop(folder, with_poses=True, **changes):
+    write_pictures(folder / 'rgb', [f'{number:06d}.png' for number in range(3)])
+    cameras = {}
+    for number, pose in enumerate(poses()):
+        back = np.linalg.inv(pose)
+        cameras[str(number)] = {'cam_K': [K['fx'], 0, K['cx'], 0, K['fy'], K['cy'], 0, 0, 1],
+                                'depth_scale': 0.1}
+        if with_poses:
+            cameras[str(number)] |= {'cam_R_w2c': back[:3, :3].ravel().tolist(),
+                                     'cam_t_w2c': (1000 * back[:3, 3]).tolist()}
+    cameras['0'] |= changes
+    (folder / 'scene_camera.json').write_text(json.dumps(cameras))
+    return folder
+
+
+def same(found, expected):
+    assert isinstance(found, PosedViews)
+    for one, other in zip(found.views, expected.views, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+        np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-9)
+        assert one.pinhole == other.pinhole
+
+
+def test_a_colmap_model_is_the_same_views(tmp_path):
+    expected = own(tmp_path / 'own', DISTORTION)
+    folder = colmap(tmp_path / 'colmap')
+    same(read_source(folder, metric=Metric(2.5)), expected)
+    same(read_source(folder / 'sparse' / '0', metric=Metric(2.5)), expected)
+    places = poses()[:, :3, 3]
+    apart = float(np.linalg.norm(places[0] - places[2]))
+    same(read_source(folder, metric=Metric(between=('a.png', 'c.png', apart))), expected)
+    assert is_light_field(folder)
+    assert has_posed_views(folder)
+
+
+@pytest.mark.parametrize(('model', 'parameters', 'camera'), [
+    ('SIMPLE_PINHOLE', [40, 24, 18], {'fx': 40.0, 'cx': 23.5, 'cy': 17.5}),
+    ('PINHOLE', [40, 41, 24, 18], {'fx': 40.0, 'fy': 41.0, 'cx': 23.5, 'cy': 17.5}),
+    ('SIMPLE_RADIAL', [40, 24, 18, -0.1],
+     {'fx': 40.0, 'cx': 23.5, 'cy': 17.5, 'distortion': [-0.1, 0, 0, 0]}),
+    ('RADIAL', [40, 24, 18, -0.1, 0.02],
+     {'fx': 40.0, 'cx': 23.5, 'cy': 17.5, 'distortion': [-0.1, 0.02, 0, 0]}),
+    ('FULL_OPENCV', [40, 41, 24, 18, 0.1, 0.2, 0.001, 0.002, 0.01, 0.02, 0.03, 0.01],
+     {'fx': 40.0, 'fy': 41.0, 'cx': 23.5, 'cy': 17.5, 'model': 'rational_polynomial',
+      'distortion': [0.1, 0.2, 0.001, 0.002, 0.01, 0.02, 0.03, 0.01]}),
+    ('OPENCV_FISHEYE', [40, 41, 24, 18, 0.01, 0.02, 0.001, 0.002],
+     {'fx': 40.0, 'fy': 41.0, 'cx': 23.5, 'cy': 17.5, 'model': 'equidistant',
+      'distortion': [0.01, 0.02, 0.001, 0.002]})])
+def test_colmap_s_cameras_are_those_of_opencv(tmp_path, model, parameters, camera):
+    found = read_source(colmap(tmp_path, model=model, parameters=parameters), metric=Metric(1.0))
+    own(tmp_path / 'own')
+    path = tmp_path / 'own' / 'views.yaml'
+    values = yaml.safe_load(path.read_text())
+    values['cameras']['one'] = camera | {'width': WIDTH, 'height': HEIGHT}
+    path.write_text(yaml.safe_dump(values))
+    expected = read_source(path)
+    for one, other in zip(found.views, expected.views, strict=True):
+        np.testing.assert_array_equal(one.picture, other.picture)
+        assert one.pinhole == other.pinhole
+
+
+def test_a_model_without_a_metric_scale_is_refused(tmp_path):
+    folder = colmap(tmp_path)
+    with pytest.raises(LightFieldError, match='no metric scale; give it, or the distance'):
+        read_source(folder)
+    with pytest.raises(LightFieldError, match=r'no image x.png; it has a.png, b.png, c.png'):
+        read_source(folder, metric=Metric(between=('a.png', 'x.png', 1.0)))
+    with pytest.raises(LightFieldError, match='taken at one place'):
+        read_source(folder, metric=Metric(between=('a.png', 'a.png', 1.0)))
+    result = CliRunner().invoke(main, [
+        'localize', str(folder), '--object', str(folder / 'sparse/0/cameras.txt'), '--roi',
+        *['0', '0', '1', '1', '1', '1'], '--scale', '1', '--distance', 'a.png', 'b.png', '1'])
+    assert '--scale and --distance say the same: give one' in result.output
+
+
+@pytest.mark.parametrize(('change', 'reason'), [
+    (lambda text: text.replace('7 a.png', 'a.png'), r'images.txt:2: expected IMAGE_ID'),
+    (lambda text: text.replace('7 b.png', '8 b.png'), "of the camera '8', there are only 7"),
+    (lambda text: text.replace('c.png', 'a.png'), 'a.png is there more than once'),
+    (lambda text: text.replace('c.png', 'd.png'), 'there is no .*d.png'),
+    (lambda text: text.replace('\n0 ', '\n0 9'), 'the quaternion has length'),
+    (lambda text: text.replace('\n0 ', '\n0 nan '), 'length nan|expected IMAGE_ID|quaternion')])
+def test_a_broken_model_is_refused_in_one_line(tmp_path, change, reason):
+    folder = colmap(tmp_path, change=change)
+    with pytest.raises(Exception, match=reason) as caught:
+        read_source(folder, metric=Metric(1.0))
+    assert '\n' not in str(caught.value)
+
+
+def test_an_unknown_camera_of_colmap_is_refused(tmp_path):
+    folder = colmap(tmp_path, model='FOV', parameters=[1, 2, 3, 4, 5])
+    with pytest.raises(LightFieldError, match=r'cameras\.txt:2: the camera model FOV is not known'):
+        read_source(folder, metric=Metric(1.0))
+    (tmp_path / 'sparse/0/cameras.txt').write_text('7 PINHOLE 48 36 40 41 24\n')
+    with pytest.raises(LightFieldError, match='expected CAMERA_ID PINHOLE WIDTH HEIGHT FX FY CX'):
+        read_source(folder, metric=Metric(1.0))
+
+
+def test_a_bop_scene_is_the_same_views(tmp_path):
+    folder = bop(tmp_path / 'scene')
+    same(read_source(folder), own(tmp_path / 'own'))
+    assert has_posed_views(folder)
+    assert read_source(folder).header.frame_id == 'bop'
+
+
+def test_a_picture_of_a_scene_is_localised_alone(tmp_path):
+    folder = bop(tmp_path, with_poses=False)
+    with pytest.raises(LightFieldError, match=r'has no poses .* give one, as .*000000.png'):
+        read_source(folder)
+    path = folder / 'rgb' / '000001.png'
+    found = read_source(path)
+    assert isinstance(found, PosedView)
+    assert is_light_field(path)
+    assert not has_posed_views(path)
+    np.testing.assert_array_equal(found.camera_to_reference, np.eye(4))
+    np.testing.assert_array_equal(found.displayed()[..., ::-1], PICTURES[1])
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ({'cam_K': [1, 2]}, 'picture 0 needs cam_K, 9 numbers'),
+    ({'cam_K': [40, 1, 23, 0, 41, 17, 0, 0, 1]}, 'picture 0 has skew 1'),
+    ({'cam_R_w2c': [1, 0, 0, 1]}, 'cam_R_w2c has 4 numbers'),
+    ({'cam_R_w2c': [1.1, 0, 0, 0, 1, 0, 0, 0, 1]}, 'is no rotation'),
+    ({'cam_t_w2c': 'far'}, 'needs cam_K')])
+def test_a_broken_scene_is_refused_in_one_line(tmp_path, changes, reason):
+    with pytest.raises(LightFieldError, match=reason) as caught:
+        read_source(bop(tmp_path, **changes))
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('text', ['[1, 2]', '{"0": 3}', '{"a": {}}', '{', '[' * 100000])
+def test_another_json_is_refused_in_one_line(tmp_path, text):
+    folder = bop(tmp_path)
+    (folder / 'scene_camera.json').write_text(text)
+    with pytest.raises(LightFieldError, match=r'scene_camera\.json') as caught:
+        read_source(folder)
+    assert '\n' not in str(caught.value)
