@@ -42,8 +42,9 @@ class Trial:
     capture: the picture or scene. mode: the row's name. sought: the capture whose object was
     looked for.
     empty: no object is there. wrong: it is another one, so that all errors are NaN, as with empty.
-    translation_mm; ray_mm: signed along the line of sight, positive: too far. axis_deg: of the
-    symmetry axis where there is one, else of the whole rotation; dot: its cosine (paper).
+    translation_mm; told_mm: root mean square of it by the covariance; ray_mm: signed along the
+    line of sight, positive: too far. axis_deg: of the symmetry axis where there is one, else of
+    the whole rotation; dot: its cosine (paper).
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
@@ -62,6 +63,7 @@ class Trial:
     empty: bool = False
     wrong: bool = False
     translation_mm: float = math.nan
+    told_mm: float = math.nan
     ray_mm: float = math.nan
     axis_deg: float = math.nan
     dot: float = math.nan
@@ -101,6 +103,7 @@ class Trial:
             level = model.symmetry.credible_level(truth, estimate.pose, estimate.covariance)
             fields |= {
                 'translation_mm': 1e3 * error.translation, 'ray_mm': 1e3 * error.ray,
+                'told_mm': 1e3 * math.sqrt(np.trace(estimate.covariance[:3, :3])),
                 'axis_deg': float(np.rad2deg(error.rotation)), 'dot': error.dot,
                 'flipped': error.flipped, 'credible_level': level, 'inside_90': level <= 0.9}
         return cls(**fields, **others)

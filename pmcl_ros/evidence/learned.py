@@ -117,12 +117,23 @@ class LearnedViews(Settings):
     least_evidence: float = Field(
         description='mean evidence of all contours below which the object is lost [nat / px]')
     least_support: float = Field(description='support below which it is [nat / px]')
-    agreeing: float = Field(
-        ge=0, le=10, description='share of the variance of the model error of one view that is '
-        'left where views agree [1]')
-    disagreeing: float = Field(
-        ge=0, le=100, description='what is added for views that disagree by as much as the model '
-        'error of one view, in proportion to the square [1]')
+    error_share: float = Field(
+        gt=0, le=100, description='variance of the model error, relative to that of one view, '
+        'before views are compared [1]')
+    error_views: float = Field(
+        gt=0, le=1000, description='number of independent views that this is worth [1]')
+    disagreement: float = Field(
+        gt=0, le=100, description='mean square by which a view is off, relative to what the model '
+        'error of one view lets expect, where that model error holds [1]')
+
+    def share(self, views: float, disagreement: float) -> float:
+        """Variance of the model error, relative to that of one view.
+
+        views: independent ones. disagreement: of these. It is the mean of a scaled inverse
+        chi-squared distribution with that prior, but for a constant.
+        """
+        found = views * disagreement / self.disagreement
+        return (self.error_views * self.error_share + found) / (self.error_views + views - 1)
 
 
 @cache

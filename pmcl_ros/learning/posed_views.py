@@ -23,9 +23,10 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
 # While these are learned: nothing is lost, and the model error is that of one view.
-_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, agreeing=1, disagreeing=0)
-_FIRST = 0.3  # where the search for both shares begins
-_LEAST, _MOST = 0.01, 100.0  # bounds of their common factor
+_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, error_share=1, error_views=1000,
+                     disagreement=1)
+_FIRST = 0.3, 3.0, 0.3  # where the search for share, views and disagreement begins
+_LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
 
 
 @dataclass(frozen=True)
@@ -47,21 +48,22 @@ class ViewsDeviation:
     """Deviation (d,) of a true pose from the one found, and what explains it.
 
     noise: (d, d) covariance of the posterior without a model error. error: (d, d) by that of one
-    view. disagreement: of the views.
+    view. views: independent ones, disagreement: of these (`LearnedViews.share`).
     """
 
     deviation: NDArray[np.float64]
     noise: NDArray[np.float64]
     error: NDArray[np.float64]
+    views: float
     disagreement: float
 
-    def spread(self, agreeing: float, disagreeing: float) -> NDArray[np.float64]:
+    def spread(self, numbers: LearnedViews) -> NDArray[np.float64]:
         """(d, d) covariance by noise and model error."""
-        return self.noise + (agreeing + disagreeing * self.disagreement) * self.error
+        return self.noise + numbers.share(self.views, self.disagreement) * self.error
 
-    def level(self, agreeing: float, disagreeing: float) -> float:
+    def level(self, numbers: LearnedViews) -> float:
         """Of the smallest credible region that holds the truth."""
-        spread = self.spread(agreeing, disagreeing)
+        spread = self.spread(numbers)
         return float(chdtr(len(spread), self.deviation @ np.linalg.solve(spread, self.deviation)))
 
 
@@ -121,12 +123,12 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
     local = mode.local
     return ViewsDeviation(local.basis.T @ symmetry.local(truth, mode.pose)[0],
                           np.asarray(np.linalg.inv(local.scale * local.information), float),
-                          local.model_error, apart)
+                          local.model_error, joint.independent, apart)
 
 
 def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms: float,
                  report: Callable[[str], object]) -> LearnedViews:
-    """Thresholds and shares of the model error. Raises LocalizationError for too few searches.
+    """Thresholds and model error. Raises LocalizationError for too few searches.
 
     The support is one that the share `false_alarms` of objects elsewhere exceeds, the evidence one
     that as many right poses do not reach.
@@ -148,39 +150,45 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     deviations = [each.deviation for each in right if each.deviation is not None
                   and each.support >= least and each.evidence >= evidence
                   and each.weight >= least_weight]
-    agreeing, disagreeing = fitted_shares(deviations)
-    levels = np.array([each.level(agreeing, disagreeing) for each in deviations])
-    report(f'model error: {agreeing:.2f} of its variance where views agree, {disagreeing:.2f} '
-           'where they disagree as much')
+    learned = fitted(deviations).model_copy(update={
+        'least_evidence': round(evidence, 2), 'least_support': round(least, 2)})
+    levels = np.array([each.level(learned) for each in deviations])
+    report(f'model error: {learned.error_share:.2f} of its variance, worth '
+           f'{learned.error_views:.1f} views; disagreement {learned.disagreement:.3f}')
     for level in (0.5, LEVEL):
         report(f'truths in the {100 * level:.0f} % region: {100 * (levels <= level).mean():.0f} % '
                f'of {len(levels)}')
-    return LearnedViews(least_evidence=round(evidence, 2), least_support=round(least, 2),
-                        agreeing=round(agreeing, 3), disagreeing=round(disagreeing, 3))
+    return learned
 
 
-def fitted_shares(given: Sequence[ViewsDeviation]) -> tuple[float, float]:
-    """Shares of the model error of the most likely ratio, scaled to the nominal coverage.
+def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:
+    """The numbers of the model error, most likely, then scaled to the nominal coverage.
 
-    Raises LocalizationError where no factor gives that coverage.
+    The thresholds are those of `_NONE`. Raises LocalizationError where no factor gives that
+    coverage.
     """
+    def numbers(logarithms: NDArray[np.float64], scale: float = 1.0) -> LearnedViews:
+        share, views, apart = np.exp(np.clip(logarithms, -5, 4))
+        return _NONE.model_copy(update={
+            'error_share': float(f'{scale * share:.3g}'), 'error_views': float(f'{views:.3g}'),
+            'disagreement': float(f'{apart / scale:.3g}')})
+
     def unlikely(logarithms: NDArray[np.float64]) -> float:
-        total = 0.0
+        total, tried = 0.0, numbers(logarithms)
         for each in given:
-            spread = each.spread(*np.exp(logarithms))
+            spread = each.spread(tried)
             total += 0.5 * (each.deviation @ np.linalg.solve(spread, each.deviation)
                             + np.linalg.slogdet(spread)[1])
         return float(total)
 
-    agreeing, disagreeing = np.exp(minimize(unlikely, np.log([_FIRST, _FIRST]),
-                                            method='Nelder-Mead').x)
+    best = minimize(unlikely, np.log(_FIRST), method='Nelder-Mead',
+                    options={'xatol': 0.01, 'fatol': 0.01}).x
 
     def excess(scale: float) -> float:
-        levels = [each.level(scale * agreeing, scale * disagreeing) for each in given]
+        levels = [each.level(numbers(best, scale)) for each in given]
         return float(np.quantile(levels, LEVEL)) - LEVEL
 
     if excess(_LEAST) < 0 or excess(_MOST) > 0:
         raise LocalizationError(f'{len(given)} poses do not bound the model error of several '
                                 'views; learn from more scenes')
-    scale = brentq(excess, _LEAST, _MOST)
-    return float(scale * agreeing), float(scale * disagreeing)
+    return numbers(best, brentq(excess, _LEAST, _MOST, xtol=1e-3))

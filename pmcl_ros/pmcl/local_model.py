@@ -166,7 +166,8 @@ class ViewContour:
     """The contour of a pose in one view, and the evidence there.
 
     creases: seen in this pose, if any count. camera: (4, 4) of the view, in the frame of the pose;
-    None: that frame.
+    None: that frame. curvature: of the evidence, in units of the least, where it is not that of
+    `edges` but of a view that is expected.
     """
 
     points: ContourPoints
@@ -174,6 +175,7 @@ class ViewContour:
     profile: ContourProfile
     creases: CreasePoints | None = None
     camera: NDArray[np.float64] | None = None
+    curvature: float | None = None
 
 
 @dataclass(frozen=True)
@@ -277,7 +279,11 @@ class _Terms:
         # The curvature at an edge grows with its height: no edge, no information.
         shown = np.maximum(here, 0) + LEAST_SHOWN
         shown *= length / max(float(points.lengths @ shown), 1e-9)
-        curvature = max(float(bend), LEAST_CURVATURE) * shown[:, None]
+        if view.curvature is None:
+            curvature = max(float(bend), LEAST_CURVATURE) * shown[:, None]
+        else:
+            curvature = np.full((len(slope), 1), view.curvature * LEAST_CURVATURE)
+            slope = np.zeros(len(slope))
         each, curved = weight * slope[:, None] * motion, weight * curvature * motion
         normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
         focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)

@@ -3,39 +3,56 @@
 import numpy as np
 import pytest
 
+from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.learning.posed_views import (
     ViewsDeviation,
     ViewsSearch,
-    fitted_shares,
+    fitted,
     learned_from,
 )
 from pmcl_ros.runtime.errors import LocalizationError
 
 
-def deviations(count, agreeing, disagreeing, seed=0):
+def numbers(share, views, disagreement):
+    return LearnedViews(least_evidence=0, least_support=0, error_share=share, error_views=views,
+                        disagreement=disagreement)
+
+
+def deviations(count, of, seed=0):
     rng = np.random.default_rng(seed)
     made = []
     for _ in range(count):
         root = rng.normal(size=(5, 5))
         error, noise = root @ root.T, 0.05 * np.eye(5)
-        apart = float(rng.uniform(0, 2))
-        spread = noise + (agreeing + disagreeing * apart) * error
+        views, apart = float(rng.uniform(1, 4)), float(rng.uniform(0, 2))
+        spread = noise + of.share(views, apart) * error
         made.append(ViewsDeviation(rng.multivariate_normal(np.zeros(5), spread), noise, error,
-                                   apart))
+                                   views, apart))
     return made
 
 
-@pytest.mark.parametrize('shares', [(0.1, 1.0), (0.5, 0.2)])
-def test_the_shares_that_made_the_deviations_are_found(shares):
-    agreeing, disagreeing = fitted_shares(deviations(600, *shares))
-    assert agreeing == pytest.approx(shares[0], rel=0.3)
-    assert disagreeing == pytest.approx(shares[1], rel=0.3)
+@pytest.mark.parametrize('of', [numbers(0.3, 2.0, 1.5), numbers(1.0, 5.0, 0.4)])
+def test_the_numbers_that_made_the_deviations_are_found(of):
+    found = fitted(deviations(500, of))
+    for views in (1.2, 2, 3.5):
+        for apart in (0.2, 0.6, 1.5):
+            assert found.share(views, apart) == pytest.approx(of.share(views, apart), rel=0.3)
+
+
+def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
+    of = numbers(0.8, 3.0, 0.5)
+    assert of.share(1.0, 0.0) == pytest.approx(0.8)
+    assert of.share(1e6, 0.3) == pytest.approx(0.3 / 0.5, rel=1e-3)
+    assert of.share(3.0, 0.1) < of.share(3.0, 0.2)
+
+
+OF = numbers(0.4, 3.0, 1.0)
 
 
 def test_thresholds_are_between_objects_there_and_elsewhere():
     rng = np.random.default_rng(1)
     found = [ViewsSearch(True, support, 1.7 + 0.1 * support, 1.0, each) for support, each in zip(
-        rng.normal(1.2, 0.2, 200), deviations(200, 0.2, 1.0), strict=True)]
+        rng.normal(1.2, 0.2, 200), deviations(200, OF), strict=True)]
     found += [ViewsSearch(False, support, 1.0, 1.0) for support in rng.normal(-0.5, 0.3, 200)]
     lines = []
     learned = learned_from(found, 0.95, 0.05, lines.append)
@@ -43,12 +60,12 @@ def test_thresholds_are_between_objects_there_and_elsewhere():
     assert (elsewhere > learned.least_support).mean() == pytest.approx(0.05, abs=0.01)
     assert learned.least_support < 0.6
     assert 1.7 < learned.least_evidence < 1.9
-    assert learned.agreeing == pytest.approx(0.2, rel=0.6)
+    assert learned.share(2, 0.5) == pytest.approx(OF.share(2, 0.5), rel=0.5)
     assert any('truths in the 90 % region: 90 %' in line for line in lines)
 
 
 def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():
-    found = [ViewsSearch(True, 1.0, 1.7, 1.0, each) for each in deviations(60, 0.2, 1.0)]
+    found = [ViewsSearch(True, 1.0, 1.7, 1.0, each) for each in deviations(60, OF)]
     clear = found + [ViewsSearch(False, -0.5, 1.0, 1.0)] * 60
     ambiguous = found + [ViewsSearch(False, -0.5, 1.0, 1.0)] * 57 + [
         ViewsSearch(False, 2.0, 1.0, 0.6)] * 3

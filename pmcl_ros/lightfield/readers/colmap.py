@@ -107,9 +107,10 @@ def _cameras(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
                 f'{path}:{number}: expected CAMERA_ID {model} WIDTH HEIGHT '
                 f'{" ".join([*matrix, *distortion]).upper()}, not {line!r}') from None
         # The middle of the first pixel is (0.5, 0.5) there, (0, 0) here.
-        values: dict[str, Any] = {'width': width, 'height': height, 'fx': given.get('f', given.get('fx')),
-                  'fy': given.get('f', given.get('fy')), 'cx': given['cx'] - 0.5,
-                  'cy': given['cy'] - 0.5}
+        values: dict[str, Any] = {
+            'width': width, 'height': height, 'fx': given.get('f', given.get('fx')),
+            'fy': given.get('f', given.get('fy')), 'cx': given['cx'] - 0.5,
+            'cy': given['cy'] - 0.5}
         if any(given[each] for each in distortion):
             numbers = [given[each] for each in distortion]
             plain = model not in ('FULL_OPENCV', 'OPENCV_FISHEYE')

@@ -78,6 +78,15 @@ class JointEvidence:
         places = poses[:, :3, 3] @ into[:3, :3].T + into[:3, 3]
         return (np.abs(places) <= half + 1e-9).all(axis=1)
 
+    @property
+    def independent(self) -> float:
+        """Number of views whose model errors are independent that these are worth."""
+        middle = np.array(self.views[0].region.center)
+        sights = middle - self.cameras[:, :3, 3]
+        sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+        angles = np.arccos(np.clip(sights @ sights.T, -1, 1))
+        return float(len(sights) ** 2 / self.views[0].error.between_views(angles).sum())
+
     def spread(self, count: int) -> list[int]:
         """Indices of `count` views, the first and others as far apart as possible."""
         axes = self.cameras[:, :3, 2]

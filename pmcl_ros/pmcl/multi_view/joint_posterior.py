@@ -50,6 +50,10 @@ class JointPosterior:
         """The contour of a pose (4, 4) in all views, with the same cameras."""
         return self.contours.points(pose, self._known_at(pose).motions)
 
+    def motions_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k,) of the cameras at the mode near a pose (4, 4)."""
+        return self._known_at(pose).motions
+
     def fits_near(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera as at the mode nearby."""
         return self.contours.fits(pose, self._known_at(pose).motions)
@@ -78,7 +82,7 @@ class JointPosterior:
         if self.numbers is None:
             return 1.0
         apart = disagreement(self.contours.fits(pose, motions))
-        return self.numbers.agreeing + self.numbers.disagreeing * apart
+        return self.numbers.share(self.contours.joint.independent, apart)
 
     def _refined(self, pose: NDArray[np.float64], still: bool
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:

@@ -1,0 +1,85 @@
+"""`pmcl next-view`: from where one more picture would make a pose surest."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import click
+import numpy as np
+from pydantic import Field
+
+from pmcl_ros.cli.base import FILE, PATH
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.colmap import Metric
+from pmcl_ros.lightfield.readers.read import has_posed_views, read_source
+from pmcl_ros.pipeline import Pipeline
+from pmcl_ros.pmcl.multi_view.next_view import cap, next_views
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.settings import Settings
+
+_Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
+
+
+class Candidates(Settings):
+    """A file of candidate cameras."""
+
+    poses: list[_Pose] = Field(min_length=1, max_length=10_000, description='camera to the '
+                               'reference frame, 4x4 each, row by row [m]')
+
+
+@click.command('next-view')
+@click.argument('source', type=PATH)
+@click.option('--object', 'object_path', required=True, type=FILE,
+              help='A mesh in metres, or an object YAML.')
+@click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
+              help="Box that holds the object's origin: centre and size, reference frame [m].")
+@click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '
+              '16 numbers each. Default: a cap about the views there are.')
+@click.option('--cap', 'degrees', type=click.FloatRange(1, 360), default=90.0, show_default=True,
+              help='Of the default candidates: the angle that they span [deg].')
+@click.option('--count', type=click.IntRange(1, 10_000), default=40, show_default=True,
+              help='Of the default candidates.')
+@click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
+              help='Of a COLMAP model: metres a unit.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+def next_view(source: Path, object_path: Path, roi: tuple[float, ...], candidates: Path | None,
+              degrees: float, count: int, scale: float | None, seed: int, as_json: bool) -> None:
+    """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
+
+    Prints the largest standard deviation of the position now, and with a view from each of the
+    best five candidates. Exit status 3: the object is lost, and no view can be chosen.
+    """
+    if not has_posed_views(source):
+        raise click.UsageError(f'{source} has no poses of its cameras: a next view needs them')
+    settings = PmclSettings.make({'object': str(object_path), 'seed': seed,
+                                  'roi_center': roi[:3], 'roi_size': roi[3:]}, '--roi, --seed')
+    model = ObjectModel.load(object_path)
+    with Pipeline.for_object(model, settings, posed=True) as pipeline:
+        run = pipeline.run(lambda: read_source(source, metric=Metric(scale)),
+                           np.random.default_rng(seed))
+    assert isinstance(run.source, PosedViews)
+    assert isinstance(run.evidence, ViewsEvidence)
+    click.echo(run.estimate.describe(), err=True)
+    if run.estimate.lost:
+        raise SystemExit(3)
+    if candidates is None:
+        cameras = cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
+                      degrees, count)
+    else:
+        cameras = np.array(Candidates.load(candidates).poses).reshape(-1, 4, 4)
+    found = next_views(run.evidence, model, settings, run.estimate.pose, cameras,
+                       run.source.views[0].pinhole)
+    if as_json:
+        click.echo(json.dumps({'sigma_now': found[0].now, 'views': [
+            {'camera_to_reference': each.camera.ravel().tolist(), 'sigma': each.sigma}
+            for each in found]}))
+        return
+    click.echo(f'now: {1e3 * found[0].now:.2f} mm')
+    for each in found[:5]:
+        x, y, z = each.camera[:3, 3]
+        ahead = ', '.join(f'{value:+.2f}' for value in each.camera[:3, 2])
+        click.echo(f'{1e3 * each.sigma:.2f} mm with a view from ({x:.3f}, {y:.3f}, {z:.3f}) m, '
+                   f'looking along ({ahead})')

@@ -1,0 +1,96 @@
+"""Where to look next: what is told of a view against that view, taken."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from pmcl_scenes import CAMERA
+from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
+
+from pmcl_ros.cli import main
+from pmcl_ros.pmcl.multi_view.next_view import cap, next_views
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
+
+
+def sigma(estimate):
+    return float(np.sqrt(np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1]))
+
+
+@pytest.fixture(scope='module')
+def seen(_session_context):
+    _session_context.use()
+    truth, cameras = truth_of(CUP), around([0, 8, 20, 45, 70])
+    return truth, cameras, maps_seen(_session_context, CUP, truth, cameras)
+
+
+def test_the_farther_round_the_surer_and_as_sure_as_it_will_be(seen):
+    truth, cameras, evidence = seen
+    two = replace(evidence, views=evidence.views[:2])
+    pose = found(CUP, two).pose
+    away = cameras[4].copy()
+    away[:3, :3] = away[:3, :3] @ np.diag([1, -1, -1])  # it looks the other way
+    told = next_views(two, CUP, settings(), pose, np.array([*cameras[1:], away]), CAMERA)
+    by_place = {tuple(each.camera[:3, 3].round(6)): each for each in told[::-1]}
+    order = [by_place[tuple(camera[:3, 3].round(6))].sigma for camera in cameras[1:4]]
+    assert order == sorted(order, reverse=True)
+    assert [each.sigma for each in told] == sorted(each.sigma for each in told)
+    behind = next(each for each in told if np.array_equal(each.camera, away))
+    assert behind.sigma == behind.now
+    assert told[0].sigma < 0.6 * told[0].now
+    # With that view the pose is about as sure as was told, relative to before.
+    taken = found(CUP, replace(evidence, views=(*two.views, evidence.views[3])))
+    there = next(each for each in told if np.array_equal(each.camera, cameras[3]))
+    assert error(CUP, taken.pose, truth)[0] < 1
+    expected = there.sigma / there.now
+    assert sigma(taken) / sigma(found(CUP, two)) == pytest.approx(expected, rel=0.7)
+
+
+def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
+    pose, cameras = truth_of(CUP), around([-10, 10])
+    made = cap(pose, cameras, 90, 200)
+    away = pose[:3, 3] - made[:, :3, 3]
+    distance = np.linalg.norm(away, axis=1)
+    np.testing.assert_allclose(distance, distance[0])
+    assert distance[0] == pytest.approx(np.linalg.norm(MIDDLE), rel=0.1)
+    np.testing.assert_allclose(made[:, :3, 2], away / distance[:, None], atol=1e-12)
+    np.testing.assert_allclose(made[:, :3, :3] @ made[:, :3, :3].transpose(0, 2, 1),
+                               np.tile(np.eye(3), (200, 1, 1)), atol=1e-12)
+    mean = made[:, :3, 2].mean(axis=0)
+    angles = np.rad2deg(np.arccos(made[:, :3, 2] @ mean / np.linalg.norm(mean)))
+    assert 40 < angles.max() < 50
+    # Even on the sphere: half of the area is within 32.0 degrees of the axis.
+    half = np.rad2deg(np.arccos((1 + np.cos(np.deg2rad(45))) / 2))
+    assert (angles < half).mean() == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_command_prints_what_was_found(tmp_path):
+    camera = {'width': 320, 'height': 240, 'fx': 300.0, 'cx': 160.0, 'cy': 120.0}
+    OrdinaryCamera.make(camera)
+    (tmp_path / 'camera.yaml').write_text(str(camera))
+    runner = CliRunner()
+    made = runner.invoke(main, [
+        'scenes', 'render', '--camera', str(tmp_path / 'camera.yaml'), '--cameras', 'arc:2:30',
+        '--count', '1', '--seed', '5', '--kind', 'opaque', '--samples', '4', '-o',
+        str(tmp_path / 'out')])
+    assert made.exit_code == 0, made.output
+    folder = tmp_path / 'out' / '000005'
+    truth = json.loads((folder / 'truth.json').read_text())
+    roi = [str(each) for each in (*truth['roi']['center'], *truth['roi']['size'])]
+    command = ['next-view', str(folder), '--object', str(folder / 'model.obj'), '--roi', *roi]
+    first = yaml.safe_load((folder / 'views.yaml').read_text())['views'][0]['camera_to_reference']
+    (tmp_path / 'candidates.yaml').write_text(yaml.safe_dump({'poses': [first]}))
+    for options, count in (([], 40), (['--candidates', str(tmp_path / 'candidates.yaml')], 1)):
+        result = runner.invoke(main, [*command, '--json', *options])
+        assert result.exit_code == 0, result.output
+        told = json.loads(result.stdout)
+        assert len(told['views']) == count
+        sigmas = [each['sigma'] for each in told['views']]
+        assert sigmas == sorted(sigmas)
+        assert sigmas[0] <= told['sigma_now']
+    np.testing.assert_allclose(told['views'][0]['camera_to_reference'], first)
+    empty = runner.invoke(main, [*command[:-6], '0', '0', '5', '0.1', '0.1', '0.1'])
+    assert empty.exit_code != 0
+    assert 'sees the region' in empty.output
