@@ -13,8 +13,8 @@ _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep')}
 _MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track'), 'pmcl_ros.cli.studies')
 _MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.calibrate',
-             'learn-map': 'pmcl_ros.cli.learn_map', 'next-view': 'pmcl_ros.cli.next_view',
-             'warm-up': 'pmcl_ros.cli.warm_up'}
+             'handeye': 'pmcl_ros.cli.hand_eye', 'learn-map': 'pmcl_ros.cli.learn_map',
+             'next-view': 'pmcl_ros.cli.next_view', 'warm-up': 'pmcl_ros.cli.warm_up'}
 
 
 @click.group(cls=Commands, modules=_MODULES)

@@ -52,6 +52,36 @@ class Checkerboard:
                                 'corners')
         return cls(int(numbers[1]), int(numbers[2]), square)
 
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(rows * columns, 3) the inner corners, row by row, in the board's plane [m]."""
+        row, column = np.indices((self.rows, self.columns))
+        flat = self.square * np.stack([column, row], axis=-1).reshape(-1, 2)
+        return np.concatenate([flat, np.zeros((len(flat), 1))], axis=1)
+
+    def seen(self, picture: NDArray[np.uint8]) -> NDArray[np.float64] | None:
+        """(rows * columns, 2) px of the corners in a grey picture, as `points`; None: no board.
+
+        Raises SettingsError for a board whose turn by 180 degrees cannot be told.
+        """
+        if (self.columns + self.rows) % 2 == 0:
+            raise SettingsError(f'a board of {self.columns}x{self.rows} inner corners looks the '
+                                'same upside down; one number must be odd, the other even')
+        found = self._detected(picture)
+        if found is None:
+            return None
+        first, last = (self._brightness(picture, each)
+                       for each in (found[:2, :2], found[-2:, -2:]))
+        return (found if first > last else found[::-1, ::-1]).reshape(-1, 2)
+
+    @staticmethod
+    def _brightness(picture: NDArray[np.uint8], square: NDArray[np.float64]) -> float:
+        """Of the middle of a square, of which the corners (2, 2, 2) are given [px]."""
+        x, y = np.rint(square.mean(axis=(0, 1))).astype(int)
+        reach = max(1, int(0.2 * np.linalg.norm(square[0, 0] - square[1, 1])))
+        return float(picture[max(y - reach, 0):y + reach + 1,
+                             max(x - reach, 0):x + reach + 1].mean())
+
     def find(self, light_field: LightField,
              ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Approximate positions and disparities of the corners, (rows, columns, 2) px.

@@ -60,6 +60,9 @@ class ViewEntry(Settings):
         (1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.),
         description='pose of its optical frame, 4x4, row by row [m]; may be left out of a single '
         'view')
+    mount_to_base: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] | None = (
+        Field(None, description='for pmcl handeye, in place of camera_to_reference: pose of the '
+              "arm's link that carries camera or board, 4x4, row by row [m]"))
     sigma_mm: float = Field(0.0, ge=0, le=1e4, description='standard deviation of the position on '
                             'each axis [mm]')
     sigma_deg: float = Field(0.0, ge=0, le=180, description='standard deviation of the rotation '
@@ -90,7 +93,8 @@ class ViewsFile(Settings):
             if each.camera not in self.cameras:
                 raise ValueError(f'{each.file} is of the camera {each.camera!r}, there are only '
                                  f'{", ".join(self.cameras)}')
-            if len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set:
+            if (len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set
+                    and each.mount_to_base is None):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
                                  'needs one')
         files = [each.file for each in self.views]

@@ -29,6 +29,9 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
         return read_light_field(path, every, shrink)
     of, folder = _views_file(path, metric)
     views = posed_views.views_of(of, folder, str(path), Reduction(every, shrink))
+    if not of.posed and len(views) > 1:
+        raise LightFieldError(f'{path} has poses of an arm, mount_to_base, for pmcl handeye; '
+                              'localising needs camera_to_reference')
     return PosedViews(views) if of.posed else views[0]
 
 

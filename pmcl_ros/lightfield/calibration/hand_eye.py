@@ -1,0 +1,234 @@
+"""Hand-eye calibration: where a camera is on an arm, or beside it, from pictures of a board.
+
+The transform and the board's pose are fitted together to what the pictures and the arm say, each
+weighted by its errors: a motion of the arm's flange and the noise of the corners. The closed form
+of Park and Martin (1994), as OpenCV has it, is where the fit starts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse, local, retract
+from pmcl_ros.runtime.errors import LightFieldError
+
+FEWEST = 6  # pictures
+_LEAST_SPREAD = np.deg2rad(8)  # of the rotations about the second of their axes, rms
+_UNLIKELY = 1e-4  # chance of a picture whose arm pose or board fits so badly
+_FIRST_SIGMA = np.repeat([1e-3, 2e-3], 3)  # m, rad: of the arm, where nothing is told
+_ROUNDS = 20  # of estimating the arm's errors
+_RIGID = 1e-3  # tolerance of orthogonality
+_STEP = 1e-6  # m, rad: of derivatives
+
+
+@dataclass(frozen=True)
+class BoardPicture:
+    """The corners of a board in one picture, and the arm's pose.
+
+    corners: (m, 2) px, without distortion. mount_to_base: (4, 4), of the link with the camera, or
+    with the board where the camera stands beside the arm.
+    """
+
+    name: str
+    corners: NDArray[np.float64]
+    mount_to_base: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class HandEye:
+    """camera: (4, 4) camera to the mount; of a camera beside the arm: to the base.
+
+    covariance: (6, 6) of it, as of `se3.retract` [m^2, rad^2]. board: (4, 4) of the board in the
+    base; of a camera beside the arm: in the mount. closed_form: what `park_martin` finds.
+    sigma: of the arm's poses on each axis [m, rad]: those told, or estimated.
+    pixels: (n,) rms distance of the corners from the board seen alone [px]. motions: (n, 6) by
+    which the arm's poses are off [m, rad]. left_out: names of pictures that do not fit.
+    """
+
+    camera: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    board: NDArray[np.float64]
+    closed_form: NDArray[np.float64]
+    sigma: tuple[float, float]
+    names: tuple[str, ...]
+    pixels: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    left_out: tuple[str, ...] = ()
+
+
+def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinhole: Pinhole,
+             sigma: tuple[float, float] | None = None, fixed_camera: bool = False) -> HandEye:
+    """Fit the hand-eye transform. Pictures that do not fit are left out, one after the other.
+
+    board: (m, 3) its corners [m]. sigma: standard deviations of the arm's poses on each axis [m,
+    rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
+    Raises LightFieldError for fewer than `FEWEST` pictures, and where all rotations of the arm
+    have one axis: they do not tell where the camera is.
+    """
+    kept = [*pictures]
+    left_out: list[str] = []
+    while True:
+        _check(kept, left_out)
+        seen = [_board_pose(each, board, pinhole) for each in kept]
+        found, squares = _fitted(kept, seen, sigma, fixed_camera)
+        worst = int(squares.argmax())
+        if (chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY
+                or len(left_out) >= len(pictures) // 4):
+            return replace(found, left_out=tuple(left_out))
+        left_out.append(kept.pop(worst).name)
+
+
+def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
+    for each in pictures:
+        turn = each.mount_to_base[:3, :3]
+        off = float(np.abs(turn @ turn.T - np.eye(3)).max())
+        if not (off < _RIGID and np.linalg.det(turn) > 0):
+            raise LightFieldError(f'{each.name}: mount_to_base is no rotation: its rows are '
+                                  f'{off:.2g} off being orthonormal, or it mirrors')
+    without = f', {", ".join(left_out)} being left out' if left_out else ''
+    if len(pictures) < FEWEST:
+        raise LightFieldError(f'{len(pictures)} pictures with a board{without}; a hand-eye '
+                              f'calibration needs {FEWEST}, better 20')
+    turns = np.array([each.mount_to_base[:3, :3] for each in pictures])
+    vectors = (Rotation.from_matrix(turns) * Rotation.from_matrix(turns).mean().inv()).as_rotvec()
+    spread = np.linalg.svd(vectors, compute_uv=False) / np.sqrt(len(vectors))
+    if spread[1] < _LEAST_SPREAD:
+        raise LightFieldError(
+            f'the arm turned by {np.rad2deg(spread[0]):.1f} degrees about one axis and by '
+            f'{np.rad2deg(spread[1]):.1f} about the next{without}: the axes are parallel; turn '
+            'it by 30 degrees and more about two')
+
+
+def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole
+                ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Board to camera (4, 4); derivatives (2 m, 6) of the corners by `retract`; rms [px]."""
+    still = np.zeros(4)
+    _, turn, place = cv2.solvePnP(board, picture.corners, pinhole.matrix, still,
+                                  flags=cv2.SOLVEPNP_IPPE)
+    turn, place = cv2.solvePnPRefineLM(board, picture.corners, pinhole.matrix, still, turn, place)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(turn.ravel()).as_matrix(), place.ravel()
+
+    def project(each: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(pinhole.project(board @ each[:3, :3].T + each[:3, 3]))
+
+    ahead, behind = (retract(pose[None], way * _STEP * np.eye(6)) for way in (1, -1))
+    slopes = np.stack([(project(one) - project(other)).ravel() / (2 * _STEP)
+                       for one, other in zip(ahead, behind, strict=True)], axis=1)
+    off = project(pose) - picture.corners
+    return pose, slopes, float(np.sqrt(np.square(off).sum(axis=1).mean()))
+
+
+def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Camera to mount (4, 4), in closed form, of poses of the mount and of the board before it.
+
+    mounts: (n, 4, 4) to the base. seen: (n, 4, 4) board to camera. Park and Martin, "Robot Sensor
+    Calibration: Solving AX = XB on the Euclidean Group", 1994; as OpenCV's calibrateHandEye does
+    by default of that name.
+    """
+    first, second = np.triu_indices(len(mounts), 1)
+    moved = inverse(mounts[second]) @ mounts[first]
+    turned = seen[second] @ inverse(seen[first])
+    a, b = (Rotation.from_matrix(each[:, :3, :3]).as_rotvec() for each in (moved, turned))
+    matrix = b.T @ a
+    values, vectors = np.linalg.eigh(matrix.T @ matrix)
+    rotation = vectors @ np.diag(1 / np.sqrt(values)) @ vectors.T @ matrix.T
+    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
+    right = (moved[:, :3, 3] - turned[:, :3, 3] @ rotation.T).ravel()
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation, np.linalg.lstsq(left, right, rcond=None)[0]
+    return pose
+
+
+def opencv_hand_eye(mounts: NDArray[np.float64], seen: NDArray[np.float64]
+                    ) -> NDArray[np.float64] | None:
+    """The same by OpenCV, for comparison; None where its Python package has it not, as 5.0."""
+    if not hasattr(cv2, 'calibrateHandEye'):
+        return None
+    turn, place = cv2.calibrateHandEye([*mounts[:, :3, :3]], [*mounts[:, :3, 3]],
+                                       [*seen[:, :3, :3]], [*seen[:, :3, 3]],
+                                       method=cv2.CALIB_HAND_EYE_PARK)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn, place.ravel()
+    return pose
+
+
+def _fitted(pictures: Sequence[BoardPicture],
+            boards: Sequence[tuple[NDArray[np.float64], NDArray[np.float64], float]],
+            told: tuple[float, float] | None, fixed: bool) -> tuple[HandEye, NDArray[np.float64]]:
+    """The fit to all pictures, and (n,) squares of their residuals in standard deviations."""
+    arm = np.array([each.mount_to_base for each in pictures])
+    mounts = inverse(arm) if fixed else arm
+    seen = np.array([each[0] for each in boards])
+    pixels = np.array([each[2] for each in boards])
+    noise = max(float(np.sqrt(np.square(pixels).mean() / 2)), 1e-3)  # px, on each axis
+    corners = noise ** 2 * np.array([np.linalg.inv(slopes.T @ slopes) for _, slopes, _ in boards])
+    closed_form = park_martin(mounts, seen)
+    starts = mounts @ closed_form @ seen
+    board = starts[len(starts) // 2]
+    sigma = _FIRST_SIGMA if told is None else np.repeat(told, 3)
+    camera = closed_form
+    for _ in range(_ROUNDS):
+        camera, board, jacobian, whitened, motions, gains = _solved(
+            camera, board, mounts, seen, corners, sigma, fixed)
+        if told is not None:
+            break
+        # Variances of the arm by expectation maximisation.
+        second = np.square(motions) + gains
+        free = len(motions) * 6 / max(len(motions) * 6 - 12, 1)
+        before = sigma
+        sigma = np.repeat(np.sqrt(free * np.array(
+            [second[:, :3].mean(), second[:, 3:].mean()])).clip(1e-6), 3)
+        if np.allclose(sigma, before, rtol=0.01):
+            break
+    covariance = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]
+    found = HandEye(camera, covariance, board, closed_form, (float(sigma[0]), float(sigma[3])),
+                    tuple(each.name for each in pictures), pixels, motions)
+    return found, np.square(whitened).sum(axis=1)
+
+
+def _solved(camera: NDArray[np.float64], board: NDArray[np.float64], mounts: NDArray[np.float64],
+            seen: NDArray[np.float64], corners: NDArray[np.float64], sigma: NDArray[np.float64],
+            fixed: bool) -> tuple[NDArray[np.float64], ...]:
+    """Camera, board; derivatives (6 n, 12), whitened residuals (n, 6); motions and variances.
+
+    The last two: (n, 6) of the arm's motions that fit best, and of what is left of their prior.
+    """
+    def expected(step: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 4, 4) board to camera."""
+        moved, placed = retract(camera, step[None, :6])[0], retract(board, step[None, 6:])[0]
+        return np.asarray(inverse(moved) @ inverse(mounts) @ placed)
+
+    # How a motion of the flange, in its own frame, moves the board before the camera.
+    still = expected(np.zeros(12))
+    by_arm = []
+    for step in _STEP * np.eye(6):
+        motion = retract(np.eye(4)[None], step[None])[0]
+        if fixed:
+            moved = inverse(camera) @ inverse(mounts) @ inverse(motion[None])[0] @ board
+        else:
+            moved = inverse(camera) @ motion @ inverse(mounts) @ board
+        by_arm.append(local(moved, still) / _STEP)
+    arm = np.stack(by_arm, axis=-1)
+    spread = corners + arm @ (np.square(sigma)[:, None] * arm.transpose(0, 2, 1))
+    white = np.linalg.inv(np.linalg.cholesky(spread))
+
+    def residuals(step: NDArray[np.float64]) -> NDArray[np.float64]:
+        off = local(seen, expected(step))
+        return np.asarray((white @ off[..., None])[..., 0]).ravel()
+
+    solution = least_squares(residuals, np.zeros(12), x_scale=np.tile(_FIRST_SIGMA, 2))
+    moved, placed = (retract(each, part[None])[0] for each, part in zip(
+        (camera, board), np.split(solution.x, 2), strict=True))
+    gain = np.square(sigma)[:, None] * arm.transpose(0, 2, 1) @ np.linalg.inv(spread)
+    off = local(seen, expected(solution.x))
+    motions = (gain @ off[..., None])[..., 0]
+    left = np.square(sigma) - np.einsum('nij,nji->ni', gain, arm) * np.square(sigma)
+    return (moved, placed, solution.jac, residuals(solution.x).reshape(-1, 6), motions, left)

@@ -1,0 +1,163 @@
+"""The hand-eye calibration: against simulated arms, its bound, and pictures of a board."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.cli import main
+from pmcl_ros.geometry.se3 import inverse, local, retract, transform
+from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.lightfield.calibration.hand_eye import hand_eye, opencv_hand_eye, park_martin
+from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+
+BOARD = Checkerboard(10, 7, 0.02)
+
+
+@pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
+def test_errors_are_those_that_are_told_and_near_the_bound(fixed):
+    squares, fitted, closed, sigmas, bounds = [], [], [], [], []
+    for seed in range(25):
+        arm = simulated_arm(np.random.default_rng(1000 + seed), fixed_camera=fixed)
+        found = hand_eye(arm.pictures, arm.board, arm.pinhole, None, fixed)
+        off = local(arm.camera[None], found.camera)[0]
+        squares.append(off @ np.linalg.solve(found.covariance, off))
+        fitted.append(np.linalg.norm(off[:3]))
+        closed.append(np.linalg.norm(local(arm.camera[None], found.closed_form)[0, :3]))
+        sigmas.append(found.sigma)
+        known = hand_eye(arm.pictures, arm.board, arm.pinhole, arm.sigma, fixed).covariance
+        bounds.append(np.sqrt(np.trace(known[:3, :3])))
+        assert not found.left_out
+    # Of 6 degrees of freedom each: the mean of 25 is 6 with a standard deviation of 0.7.
+    assert 4 < np.mean(squares) < 9
+    np.testing.assert_allclose(np.median(sigmas, axis=0), [5e-4, np.deg2rad(0.1)], rtol=0.15)
+    assert np.sqrt(np.mean(np.square(fitted))) < 1.3 * np.sqrt(np.mean(np.square(bounds)))
+    assert np.median(fitted) <= np.median(closed)
+
+
+def test_without_errors_it_is_exact_and_so_is_the_closed_form():
+    arm = simulated_arm(np.random.default_rng(3), sigma=(1e-7, 1e-7), corners=1e-5)
+    found = hand_eye(arm.pictures, arm.board, arm.pinhole)
+    for pose in (found.camera, found.closed_form):
+        np.testing.assert_allclose(pose, arm.camera, atol=2e-6)
+    base = arm.pictures[0].mount_to_base @ arm.camera
+    again = np.linalg.inv(base) @ found.board
+    seen = arm.pinhole.project(arm.board @ again[:3, :3].T + again[:3, 3])
+    np.testing.assert_allclose(seen, arm.pictures[0].corners, atol=0.01)
+
+
+def test_the_closed_form_is_opencv_s():
+    arm = simulated_arm(np.random.default_rng(4))
+    mounts = np.array([each.mount_to_base for each in arm.pictures])
+    rng = np.random.default_rng(5)
+    placed = transform([0.4, 0.1, 0.2], [1, 2, 3])
+    seen = retract(inverse(arm.camera) @ inverse(mounts) @ placed,
+                   1e-3 * rng.normal(size=(len(mounts), 6)))
+    theirs = opencv_hand_eye(mounts, seen)
+    if theirs is None:
+        pytest.skip('this OpenCV has no hand-eye calibration in Python')
+    np.testing.assert_allclose(park_martin(mounts, seen), theirs, atol=1e-6)
+
+
+def test_a_picture_that_does_not_fit_is_named_and_left_out():
+    arm = simulated_arm(np.random.default_rng(6))
+    bad = replace(arm.pictures[7], mount_to_base=retract(
+        arm.pictures[7].mount_to_base[None], np.array([[0.02, 0, 0, 0, 0.03, 0]]))[0])
+    pictures = (*arm.pictures[:7], bad, *arm.pictures[8:])
+    found = hand_eye(pictures, arm.board, arm.pinhole, arm.sigma)
+    assert found.left_out == ('007',)
+    assert '007' not in found.names
+    off = local(arm.camera[None], found.camera)[0]
+    assert np.linalg.norm(off[:3]) < 0.003
+
+
+def test_too_few_pictures_and_parallel_axes_are_refused():
+    arm = simulated_arm(np.random.default_rng(7))
+    with pytest.raises(LightFieldError, match=r'5 pictures with a board; .* needs 6, better 20'):
+        hand_eye(arm.pictures[:5], arm.board, arm.pinhole)
+    parallel = [replace(each, mount_to_base=transform([0, 0, 0.1 * k], [0, 0, 0.2 * k]))
+                for k, each in enumerate(arm.pictures)]
+    with pytest.raises(LightFieldError, match='the axes are parallel; turn it by 30 degrees'):
+        hand_eye(parallel, arm.board, arm.pinhole)
+    skewed = replace(arm.pictures[0], mount_to_base=np.diag([1.01, 1, 1, 1]))
+    with pytest.raises(LightFieldError, match='000: mount_to_base is no rotation'):
+        hand_eye([skewed, *arm.pictures[1:]], arm.board, arm.pinhole)
+
+
+def picture_of_board(pose, pinhole, size=40):
+    """(height, width) grey: the board with a light corner square beside its first corner."""
+    rows, columns = BOARD.rows + 1, BOARD.columns + 1
+    squares = np.kron((np.indices((rows, columns)).sum(axis=0) + 1) % 2, np.ones((size, size)))
+    flat = np.pad(40 + 180 * squares, size, constant_values=255).astype(np.uint8)
+    # From its pixels to the plane of the board, whose origin is the first inner corner.
+    scale = BOARD.square / size
+    onto = np.array([[scale, 0, -(2 * size - 0.5) * scale], [0, scale, -(2 * size - 0.5) * scale],
+                     [0, 0, 1]])
+    seen = pinhole.matrix @ pose[:3, [0, 1, 3]] @ onto
+    return cv2.warpPerspective(flat, seen, (pinhole.width, pinhole.height),
+                               flags=cv2.INTER_AREA, borderValue=128)
+
+
+@pytest.fixture(scope='module')
+def taken(tmp_path_factory):
+    """A folder of pictures of a board by a camera on an arm, and where that is."""
+    folder = tmp_path_factory.mktemp('boards')
+    arm = simulated_arm(np.random.default_rng(8), count=12, sigma=(2e-4, 5e-4))
+    pinhole, views = arm.pinhole, []
+    middle = BOARD.points.mean(axis=0)
+    rng = np.random.default_rng(9)
+    camera, placed = arm.camera, transform([0.5, 0.2, 0.1], [0.1, 0.2, 0.3])
+    for number in range(12):
+        pose = np.eye(4)
+        # Half of them upside down.
+        turn = [*rng.uniform(-35, 35, 2), rng.uniform(-20, 20) + 180 * (number % 2)]
+        pose[:3, :3] = Rotation.from_euler('xyz', turn, degrees=True).as_matrix()
+        pose[:3, 3] = [0, 0, 0.5] - pose[:3, :3] @ middle
+        cv2.imwrite(str(folder / f'{number}.png'), picture_of_board(pose, pinhole))
+        error = rng.normal(size=(1, 6)) * np.repeat([2e-4, 5e-4], 3)
+        mount = placed @ inverse(pose) @ inverse(camera) @ retract(np.eye(4)[None], error)[0]
+        views.append({'file': f'{number}.png', 'camera': 'c',
+                      'mount_to_base': mount.ravel().tolist()})
+    values = {'fx': pinhole.fx, 'cx': pinhole.cx, 'cy': pinhole.cy, 'width': 640, 'height': 480}
+    (folder / 'views.yaml').write_text(yaml.safe_dump({'cameras': {'c': values}, 'views': views}))
+    return folder, camera
+
+
+def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path):
+    folder, camera = taken
+    out = tmp_path / 'mount.yaml'
+    result = CliRunner().invoke(main, ['handeye', str(folder), '--square', '0.02', '--parent',
+                                       'wrist', '-o', str(out)])
+    assert result.exit_code == 0, result.output
+    assert result.output.count('corners 0.') == 12
+    values = yaml.safe_load(out.read_text())
+    assert values['mount_parent'] == 'wrist'
+    found = transform(values['mount_position'], values['mount_rpy'])
+    off = local(camera[None], found)[0]
+    assert np.linalg.norm(off[:3]) < 1e-3
+    assert np.linalg.norm(off[3:]) < np.deg2rad(0.15)
+
+
+def test_what_is_missing_is_said(taken, tmp_path):
+    folder, _ = taken
+    run = CliRunner().invoke
+    wrong = run(main, ['handeye', str(folder), '--corners', '9x7'])
+    assert isinstance(wrong.exception, SettingsError) or 'looks the same upside' in wrong.output
+    values = yaml.safe_load((folder / 'views.yaml').read_text())
+    del values['views'][3]['mount_to_base']
+    values['views'][3]['camera_to_reference'] = np.eye(4).ravel().tolist()
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(values))
+    missing = run(main, ['handeye', str(tmp_path)])
+    assert missing.exit_code != 0
+    assert '3.png has no mount_to_base' in missing.output
+    localised = run(main, ['localize', str(folder), '--object', str(folder / 'views.yaml'),
+                           '--roi', *['0.5'] * 6])
+    assert localised.exit_code != 0
+    assert run(main, ['handeye']).exit_code == 2
+    simulated = run(main, ['handeye', '--simulate', '2'])
+    assert 'Cramer-Rao bound: median' in simulated.output
