@@ -6,8 +6,8 @@
 
 The source is a LightField, a PosedView of an ordinary camera, or several of these in one frame,
 PosedViews.
-The evidence is an EdgeVolume, a ContourMap or both, which the contour search reads; of several
-views one each, ViewsEvidence; or in the mode faithful the DepthLikelihoodVolume, which the paper's
+The evidence is an EdgeVolume or a ContourMap, which the contour search reads; of several views
+one each, ViewsEvidence; or in the mode faithful the DepthLikelihoodVolume, which the paper's
 particle filter reads. The nodes call the same stages themselves; of this module they use
 `make_localizer`.
 """
@@ -25,7 +25,6 @@ from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.build_map import build_map
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
@@ -45,7 +44,7 @@ from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
 _LOG = logging.getLogger(__name__)
-Evidence = EvidenceVolume | CombinedEvidence | ViewsEvidence | DepthLikelihoodVolume
+Evidence = EvidenceVolume | ViewsEvidence | DepthLikelihoodVolume
 Estimate = TypeVar('Estimate')  # PoseEstimate, or SceneEstimate of several objects
 Found = TypeVar('Found', covariant=True)  # the same
 
@@ -93,32 +92,23 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
         raise VolumeError('the mode faithful needs a light field: pictures have no depth '
                           'likelihood volume; choose the mode default')
     if isinstance(source, PosedViews):
-        if kind == 'both':
-            raise VolumeError('the evidence both is for one picture; several views need edges or '
-                              'map')
         build = build_map if kind == 'map' else view_edges
         return ViewsEvidence(source.header, tuple(
             PosedEvidence(build(each, settings), each.camera_to_reference, each.sigma, each.group,
                           each.common) for each in source.views))
     if kind == 'map':
         return build_map(source, settings)
-    edges = (build_edges(source, settings) if isinstance(source, LightField)
-             else view_edges(source, settings))
-    return edges if kind == 'edges' else CombinedEvidence(build_map(source, settings), edges)
+    return (build_edges(source, settings) if isinstance(source, LightField)
+            else view_edges(source, settings))
 
 
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
-    """The kind that was chosen; by default edges of a light field, both of one picture, else map.
-    """
+    """The kind that was chosen; by default edges of a light field, the map of pictures."""
     if ('evidence' in settings.model_fields_set or isinstance(source, LightField)
             or settings.mode == 'faithful'):
         return settings.evidence
-    if isinstance(source, PosedViews):
-        _LOG.info('evidence map: poses are found in several views by contour maps')
-        return 'map'
-    _LOG.info('evidence both: poses of one picture are found by the contour map, and placed by '
-              'edges')
-    return 'both'
+    _LOG.info('evidence map: poses are found in pictures by contour maps')
+    return 'map'
 
 
 def depths_of(center: tuple[float, float, float], size: tuple[float, float, float],

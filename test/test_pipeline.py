@@ -13,7 +13,6 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.build_map import build_map
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
@@ -87,8 +86,10 @@ def test_a_picture_has_the_evidence_of_a_centre_view():
     assert found.volume is None
     assert (found.source.picture == picture().picture).all()
     assert found.estimate.header == Header(5, 'wrist')
-    assert isinstance(found.evidence, CombinedEvidence)
-    edges = found.evidence.edges
+    assert isinstance(found.evidence, ContourMap)
+    np.testing.assert_array_equal(found.evidence.tensor,
+                                  build_map(picture(), found.settings).tensor)
+    edges = build_evidence(picture(), found.settings, 'default', 'edges')
     assert (edges.pinhole, edges.tensor.shape[2]) == (CAMERA, 2)
     np.testing.assert_array_equal(edges.tensor[:, :, 0], edges.tensor[:, :, 1])
     centre = edge_volume(light_field(), edges.depths, views=1)
@@ -97,12 +98,9 @@ def test_a_picture_has_the_evidence_of_a_centre_view():
     with make_localizer(CUP, settings) as localizer:
         again = localizer.localize(found.evidence, np.random.default_rng(1))
     np.testing.assert_array_equal(again.pose, found.estimate.pose)
-    odds = build_map(picture(), found.settings)
-    np.testing.assert_array_equal(found.evidence.contour_map.tensor, odds.tensor)
 
 
-@pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap),
-                                              ('both', CombinedEvidence)])
+@pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap)])
 @pytest.mark.parametrize('read', [light_field, picture])
 def test_the_evidence_may_be_chosen(read, chosen, kind):
     settings = SETTINGS.model_copy(update={'evidence': chosen})

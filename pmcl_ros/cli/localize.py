@@ -33,7 +33,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               '(of posed views: their reference frame) [m].')
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
-@click.option('--evidence', 'kind', type=click.Choice(['edges', 'map', 'both']),
+@click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']),
               help=PmclSettings.model_fields['evidence'].description)
 @click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
               "the volume's parameters.")

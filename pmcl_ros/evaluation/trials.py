@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.evaluation.variants import Variant
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -193,14 +192,13 @@ class Worker:
         if self._stopped():
             return None
         of_poses: dict[str, float] = {}
-        read = evidence.edges if isinstance(evidence, CombinedEvidence) else evidence
         if job.sought.object == capture.object and not capture.truth.empty:
             poses = np.stack([estimate.pose, capture.truth.pose])
-            if isinstance(localizer, Localizer) and isinstance(read, EvidenceVolume):
-                found, truth = localizer.evidence(read, poses).tolist()
+            if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume):
+                found, truth = localizer.evidence(evidence, poses).tolist()
                 of_poses = {'evidence_found': found, 'evidence_truth': truth}
-            if isinstance(localizer, MultiViewLocalizer) and isinstance(read, ViewsEvidence):
-                found, truth = localizer.evidence(read, poses).tolist()
+            if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
+                found, truth = localizer.evidence(evidence, poses).tolist()
                 of_poses = {'evidence_found': found, 'evidence_truth': truth}
         truth_pose = capture.truth.pose
         if isinstance(source, PosedViews):  # errors are told in the frame of the first camera

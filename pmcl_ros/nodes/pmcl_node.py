@@ -66,9 +66,6 @@ class PmclNodeSettings(TrackingSettings):
         if self.several and self.object_frame:
             raise ValueError(f'objects have frames of their own names: object_frame '
                              f'{self.object_frame!r} must be empty')
-        if self.evidence == 'both':
-            raise ValueError('evidence both is not for nodes, which read one topic: choose '
-                             'edges or map')
         if self.evidence != 'edges' and self.tracking != 'none':
             raise ValueError(f'tracking {self.tracking} needs evidence edges, it is '
                              f'{self.evidence}')

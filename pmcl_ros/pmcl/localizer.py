@@ -7,7 +7,6 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
@@ -17,7 +16,6 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
-from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
@@ -34,7 +32,6 @@ from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
-_LEAST_MODE = 0.02  # weight of a mode from which a further search starts
 FOLLOWED = 'followed'  # the mode of the estimates of `Localizer.follow`
 # image px: tolerance of the simplified mesh of a followed object; it biases the depth as much
 FINEST_DETAIL = 0.05
@@ -83,13 +80,12 @@ class Localizer:
         """Release the GL context, if there is one."""
         self._renderer.close()
 
-    def localize(self, edges: EvidenceVolume | CombinedEvidence, rng: np.random.Generator,
+    def localize(self, edges: EvidenceVolume, rng: np.random.Generator,
                  progress: Progress | None = None,
                  start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
-        edges: of two kinds together, the modes by the map are where the search by edges starts.
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first; proposed from the edges if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
@@ -101,8 +97,6 @@ class Localizer:
         self._renderer.use()
         progress = progress or (lambda _: True)
         try:
-            if isinstance(edges, CombinedEvidence):
-                return self._search_both(edges, rng, progress, start, watch, feasible)
             return self._search(edges, rng, progress, start, watch, feasible)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -142,26 +136,6 @@ class Localizer:
     def _evidence(self, edges: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
-
-    def _search_both(self, both: CombinedEvidence, rng: np.random.Generator, progress: Progress,
-                     start: NDArray[np.float64] | None, watch: Watch | None,
-                     feasible: Feasible | None) -> PoseEstimate:
-        """By edges, from the modes by the map; lost where that is of another mode than the map's.
-
-        By the map alone where edges do not suffice.
-        """
-        def proposals_only(generation: Generation) -> None:
-            if watch is not None and generation.stage == 'proposals':
-                watch(generation)
-
-        found = self._search(both.contour_map, rng, lambda done: progress(0.6 * done), start,
-                             proposals_only, feasible)
-        modes = np.stack([each.pose for each in found.modes if each.weight >= _LEAST_MODE])
-        placed = self._search(both.edges, rng, lambda done: progress(0.6 + 0.4 * done), modes,
-                              watch, feasible)
-        agree = self._model.symmetry.same_mode(found.pose[None], placed.pose, *MODE_EXTENT)[0]
-        return replace(found if placed.lost else replace(placed, lost=not agree),
-                       evaluations=found.evaluations + placed.evaluations)
 
     def _search(self, edges: EvidenceVolume, rng: np.random.Generator, progress: Progress,
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None

@@ -9,7 +9,7 @@ from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
-EvidenceKind = Literal['edges', 'map', 'both']
+EvidenceKind = Literal['edges', 'map']
 _Size = Annotated[float, Field(gt=0, le=10)]
 
 
@@ -22,9 +22,8 @@ class PmclSettings(Settings):
         'to true and view_weights to equal in dlv_node too')
     evidence: EvidenceKind = Field(
         'edges', description='default mode: edges of the refocused views (dlv/edges); map, the '
-        'contour map of the learned network (dlv/contour_map); both, which finds poses by the map '
-        'and places them by edges: the default of commands for one ordinary picture, not for '
-        'nodes')
+        'contour map of the learned network (dlv/contour_map), the default of commands for '
+        'pictures of ordinary cameras')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

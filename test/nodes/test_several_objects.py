@@ -123,7 +123,6 @@ def test_objects_that_cannot_be_looked_for_are_refused(refused, files, tmp_path)
             ({'objects': [cup_file], 'tracking': 'constant_pose'}, 'need tracking none'),
             ({'objects': [cup_file], 'mode': 'faithful'}, 'mode default'),
             ({'objects': [cup_file], 'evidence': 'map'}, 'need evidence edges, it is map'),
-            ({'object': cup_file, 'evidence': 'both'}, 'choose edges or map'),
             ({'object': cup_file, 'tracking': 'camera', 'evidence': 'map'},
              'tracking camera needs evidence edges'),
             ({'objects': [cup_file], 'object_frame': 'cup'}, 'object_frame')):

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
-from pmcl_scenes import CAMERA, bracket, cup, edges_seen, model_of, pose_of
+from pmcl_scenes import CAMERA, bracket, cup, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import retract
@@ -104,33 +102,3 @@ def test_a_pose_that_is_as_likely_as_another_is_lost():
         with Localizer(CUP, settings) as localizer:
             found = localizer.localize(odds, np.random.default_rng(0))
         assert found.lost is lost, found.modes
-
-
-def test_by_both_a_pose_is_found_by_the_map_and_placed_by_edges():
-    labels = depth_labels(NEAR, FAR, 8)
-    edges = edges_seen(depth_of(CUP, CUP_POSE), CAMERA, labels, 0.2 * CUP.radius, zoom=ZOOM)
-    edges = replace(edges, tensor=edges.tensor + np.array([0.05, 0.05, 0], np.float32))
-    aside = CUP_POSE.copy()
-    aside[:3, 3] += [0.003, -0.003, 0]  # 5 px
-    nothing = replace(edges, tensor=np.full_like(edges.tensor, 0.02) * np.array([1, 1, 0],
-                                                                               np.float32))
-    settings = PmclSettings(roi_center=(0.0, 0.0, 0.45), roi_size=(0.12, 0.12, 0.14),
-                            renderer='numba')
-    with Localizer(CUP, settings) as localizer:
-        def error(odds, edges):
-            found = localizer.localize(CombinedEvidence(odds, edges), np.random.default_rng(0))
-            return found, pose_error(found.pose, CUP_POSE, CUP.symmetry).translation
-
-        alone = localizer.localize(seen(CUP, aside), np.random.default_rng(0))
-        assert pose_error(alone.pose, CUP_POSE, CUP.symmetry).translation > 0.003
-        found, off = error(seen(CUP, aside), edges)
-        assert not found.lost
-        assert off < 0.0015
-        assert found.least_support == edges.least_support
-        found, off = error(seen(CUP, aside), nothing)
-        assert not found.lost
-        np.testing.assert_array_equal(found.pose, alone.pose)
-        assert found.least_support == NUMBERS.least_support
-        odds = seen(CUP, CUP_POSE)
-        blank = replace(odds, tensor=np.zeros_like(odds.tensor) + np.float32([-4, 0, 0, 0, 0]))
-        assert error(blank, nothing)[0].lost

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.combined import CombinedEvidence
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.truth import Truth
@@ -76,8 +75,6 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
                            with_volume=True)
         ended = time.perf_counter()
         localizer, evidence = pipeline.localizer, run.evidence
-        if isinstance(evidence, CombinedEvidence):
-            evidence = evidence.edges
         contour = (localizer.contour(evidence, run.estimate.pose)
                    if isinstance(localizer, Localizer) and isinstance(evidence, EdgeVolume)
                    else None)
