@@ -10,7 +10,7 @@ from pydantic import Field
 
 from pmcl_ros.cli.base import FILE, PATH
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedViews, check_pose
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import has_posed_views, read_source
 from pmcl_ros.pipeline import Pipeline
@@ -50,7 +50,8 @@ def next_view(source: Path, object_path: Path, roi: tuple[float, ...], candidate
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
 
     Prints the largest standard deviation of the position now, and with a view from each of the
-    best five candidates. Exit status 3: the object is lost, and no view can be chosen.
+    best five candidates; poses of cameras count as exact. Exit status 3: the object is lost, and
+    no view can be chosen.
     """
     if not has_posed_views(source):
         raise click.UsageError(f'{source} has no poses of its cameras: a next view needs them')
@@ -70,6 +71,8 @@ def next_view(source: Path, object_path: Path, roi: tuple[float, ...], candidate
                       degrees, count)
     else:
         cameras = np.array(Candidates.load(candidates).poses).reshape(-1, 4, 4)
+        for camera in cameras:
+            check_pose(camera, 'a candidate')
     found = next_views(run.evidence, model, settings, run.estimate.pose, cameras,
                        run.source.views[0].pinhole)
     if as_json:

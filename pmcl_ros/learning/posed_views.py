@@ -93,8 +93,9 @@ def searches(examples: Iterable[ViewsExample], seed: int) -> Iterator[ViewsSearc
 
 def _subsets(count: int) -> list[Sequence[int]]:
     """Two views a half of the whole apart, three over all of it, all."""
-    found: list[Sequence[int]] = [(count // 4, count - 1 - count // 4), range(count)]
-    return found if count < 5 else [found[0], (0, count // 2, count - 1), found[1]]
+    if count < 5:
+        return [range(count)]
+    return [(count // 4, count - 1 - count // 4), (0, count // 2, count - 1), range(count)]
 
 
 def _search(example: ViewsExample, seed: int) -> ViewsSearch:
@@ -116,7 +117,7 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
     symmetry = example.model.symmetry
     with contextlib.ExitStack() as stack:
         contours = joint.open(stack)
-        posterior = JointPosterior(example.model, example.settings, contours, _NONE)
+        posterior = JointPosterior(example.model, example.settings, contours, None)
         mode = posterior.refine(into @ pose)
         apart = disagreement(posterior.fits_near(mode.pose))
     truth = symmetry.nearest_equivalents((into @ example.pose)[None], mode.pose)

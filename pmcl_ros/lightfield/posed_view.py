@@ -47,17 +47,7 @@ class PosedView:
                                   'height, width, red green blue')
         if not (self.picture.min() >= 0 and self.picture.max() <= 1):  # NaN is neither
             raise LightFieldError('the picture holds values that are not 0 to 1, or NaN')
-        pose = self.camera_to_reference
-        if pose.shape != (4, 4) or not np.isfinite(pose).all() or (pose[3] != [0, 0, 0, 1]).any():
-            raise LightFieldError(f'camera_to_reference {pose.tolist()} is no pose: expected a '
-                                  'finite (4, 4) matrix with the last row 0, 0, 0, 1')
-        turn = pose[:3, :3]
-        off = float(abs(turn @ turn.T - np.eye(3)).max())
-        if off > _RIGID or np.linalg.det(turn) < 0:
-            raise LightFieldError(
-                f'camera_to_reference {turn.tolist()} is no rotation: ' + (
-                    f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed'
-                    if off > _RIGID else 'it mirrors (its determinant is -1)'))
+        check_pose(self.camera_to_reference, 'camera_to_reference')
         if not (np.isfinite(self.sigma).all() and min(self.sigma) >= 0):
             raise LightFieldError(f'standard deviations of the pose {self.sigma} must be finite '
                                   'and not negative')
@@ -71,6 +61,20 @@ class PosedView:
     def displayed(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8 RGB for a screen."""
         return np.rint(255 * self.picture).astype(np.uint8)
+
+
+def check_pose(pose: NDArray[np.float64], name: str) -> None:
+    """Raise LightFieldError unless a matrix is a rotation and a shift (4, 4)."""
+    if pose.shape != (4, 4) or not np.isfinite(pose).all() or (pose[3] != [0, 0, 0, 1]).any():
+        raise LightFieldError(f'{name} {pose.tolist()} is no pose: expected a finite (4, 4) '
+                              'matrix with the last row 0, 0, 0, 1')
+    turn = pose[:3, :3]
+    off = float(abs(turn @ turn.T - np.eye(3)).max())
+    if off > _RIGID or np.linalg.det(turn) < 0:
+        raise LightFieldError(
+            f'{name} {turn.tolist()} is no rotation: ' + (
+                f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed'
+                if off > _RIGID else 'it mirrors (its determinant is -1)'))
 
 
 @dataclass(frozen=True)

@@ -42,9 +42,12 @@ class Thresholds:
     weight: float = 0.0
 
     @classmethod
-    def from_evidence(cls, evidence: EvidenceVolume, profile: ContourProfile) -> 'Thresholds':
-        """Of one view."""
-        return cls(evidence.least_support, profile.least, evidence.least_weight)
+    def from_evidence(cls, evidence: EvidenceVolume, profile: ContourProfile,
+                      settings: PmclSettings) -> 'Thresholds':
+        """Of one view; the support is that of the settings where it was chosen."""
+        chosen = 'least_support' in settings.model_fields_set
+        support = settings.least_support if chosen else evidence.least_support
+        return cls(support, profile.least, evidence.least_weight)
 
 
 @dataclass(frozen=True)
@@ -94,16 +97,14 @@ class Estimator:
         evidence = local.evidence / local.length if local.length > 0 else -np.inf
         # Lost: a part of the contour is missing, the whole is more likely absent than present, or
         # another pose is too likely.
-        chosen = 'least_support' in self.settings.model_fields_set
-        least_support = self.settings.least_support if chosen else least.support
-        partly, absent = support < least_support, evidence < least.evidence
+        partly, absent = support < least.support, evidence < least.evidence
         ambiguous = bool(shares[order[0]] < least.weight)
         return PoseEstimate(header, pose, spread,
                             symmetry.nearest_equivalents(retract(poses, off), pose),
                             np.full(len(poses), -np.log(len(poses))), local.evidence,
                             partly or absent or ambiguous, self.settings.mode, modes, support,
                             evidence, incomplete=partly and not (absent or ambiguous),
-                            in_view=in_view, least_support=least_support,
+                            in_view=in_view, least_support=least.support,
                             least_evidence=least.evidence)
 
     def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,

@@ -257,9 +257,9 @@ class _Terms:
                   ) -> '_Terms':
         """Of a view of `pose` (4, 4), whose tangent space has the basis (6, d)."""
         edges, points, creases = view.edges, view.points, view.creases
-        turn = np.eye(3)
+        turn, place = np.eye(3), np.zeros(3)
         if view.camera is not None:
-            turn = view.camera[:3, :3]
+            turn, place = view.camera[:3, :3], view.camera[:3, 3]
             pose = np.linalg.inv(view.camera) @ pose
             basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
         shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
@@ -289,7 +289,7 @@ class _Terms:
         focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)
         return cls(float(points.lengths @ here) + points.covered, length, each.sum(axis=0),
                    motion.T @ curved, motion.T @ (weight * motion), each, curved, points,
-                   _places(points, edges.pinhole) @ turn.T, normals @ turn.T,
+                   _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
                    focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
 
     def transformed(self, by: NDArray[np.float64]) -> '_Terms':

@@ -133,6 +133,9 @@ class Localizer:
                                                 exact.creases).local_model_at
             return local_model_at(poses[values.argmax()], True).scale * values
 
+    def _least(self, edges: EvidenceVolume, evidence: ContourEvidence) -> Thresholds:
+        return Thresholds.from_evidence(edges, evidence.profile, self._settings)
+
     def _evidence(self, edges: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
@@ -160,7 +163,7 @@ class Localizer:
                     start, rng, progress, watch)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], sample, posterior.local_model_at,
-                exact.points, Thresholds.from_evidence(edges, evidence.profile), rng, flat=True)
+                exact.points, self._least(edges, evidence), rng, flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -187,7 +190,7 @@ class Localizer:
                                mode=FOLLOWED)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
-                exact.points, Thresholds.from_evidence(edges, evidence.profile), rng)
+                exact.points, self._least(edges, evidence), rng)
             return replace(estimate, mode=FOLLOWED, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -240,7 +243,7 @@ class Localizer:
             posterior = replace(search, exact=partly).sample([mode], rng, lambda _: True)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,
-                contour, Thresholds.from_evidence(edges, evidence.profile), rng,
+                contour, self._least(edges, evidence), rng,
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)

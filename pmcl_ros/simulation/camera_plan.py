@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
@@ -74,7 +75,10 @@ class CameraPlan(Settings):
             rows, columns, width = self.grid
             plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
             return np.array([each.pose for each in plan.poses])
-        return np.array(self.poses, float).reshape(-1, 4, 4)
+        poses = np.array(self.poses, float).reshape(-1, 4, 4)
+        for each in poses:
+            check_pose(each, 'poses: one')
+        return poses
 
     def told(self, cameras: NDArray[np.float64], rng: np.random.Generator
              ) -> NDArray[np.float64]:

@@ -178,7 +178,7 @@ def evidence_figures(run: Localization, points: ContourPoints) -> list[Figure]:
     means = np.bincount(number, points.lengths * points.evidence) / lengths
     place = np.cumsum(lengths) - lengths / 2
     new_pieces = np.flatnonzero(np.diff(points.piece[first])) + 1
-    least, length = run.settings.least_support, float(lengths.sum())
+    least, length = run.estimate.least_support, float(lengths.sum())
     unrolled = axes((0, length), (min(float(means.min()), least, -0.5) - 0.2,
                                   max(float(means.max()), 0.5) + 0.2),
                     'along the contour [px]', 'evidence [nat/px]')
@@ -187,7 +187,8 @@ def evidence_figures(run: Localization, points: ContourPoints) -> list[Figure]:
     lines(unrolled, np.split(np.stack([place, means], axis=1), new_pieces), 'blue')
     return [
         Figure(svg(coloured, 'evidence along the contour'), 'The contour where its evidence is '
-               'measured: at its own depth, in the views refocused there.'),
+               'measured' + (': at its own depth, in the views refocused there.'
+                             if isinstance(run.source, LightField) else '.')),
         Figure(svg(unrolled, 'evidence, unrolled'), 'The same unrolled, piece by piece: means '
                f'over {ARC:.0f} px. Dashed: the value that the weakest fifth has to reach.')]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.light_field import LightField
@@ -36,7 +36,7 @@ class Localization:
     the frame of its camera. views: all of them, each with the pose (4, 4) of the object before it;
     told: the estimate in their reference frame. volume: None of a picture. history: the search's
     generations.
-    contour: of the estimate; None in the mode faithful.
+    contour: of the estimate; None in the mode faithful, and of several views.
     seconds: wall time of each stage, in their order; those of the search by their names [s].
     renderer: the back end that scored poses.
     name: of the picture, in words. serial: of the camera, empty if unknown.
@@ -76,7 +76,7 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
         ended = time.perf_counter()
         localizer, evidence = pipeline.localizer, run.evidence
         contour = (localizer.contour(evidence, run.estimate.pose)
-                   if isinstance(localizer, Localizer) and isinstance(evidence, EdgeVolume)
+                   if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume)
                    else None)
     seconds = dict(run.seconds)
     seconds |= _stages(ended - seconds.pop('pose'), history, ended)

@@ -69,8 +69,8 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
 
     board: (m, 3) its corners [m]. sigma: standard deviations of the arm's poses on each axis [m,
     rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
-    Raises LightFieldError for fewer than `FEWEST` pictures, and where all rotations of the arm
-    have one axis: they do not tell where the camera is.
+    Raises LightFieldError for fewer than `FEWEST` pictures, where more than a quarter do not fit,
+    and where all rotations of the arm have one axis: they do not tell where the camera is.
     """
     kept = [*pictures]
     left_out: list[str] = []
@@ -79,9 +79,13 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
         seen = [_board_pose(each, board, pinhole) for each in kept]
         found, squares = _fitted(kept, seen, sigma, fixed_camera)
         worst = int(squares.argmax())
-        if (chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY
-                or len(left_out) >= len(pictures) // 4):
+        if chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY:
             return replace(found, left_out=tuple(left_out))
+        if len(left_out) >= len(pictures) // 4:
+            raise LightFieldError(
+                'more than a quarter of the pictures do not fit the others: '
+                f'{", ".join([*left_out, kept[worst].name])}; are the poses those of the link, '
+                'taken at rest, and is sigma what the arm can do?')
         left_out.append(kept.pop(worst).name)
 
 
@@ -92,6 +96,10 @@ def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
         if not (off < _RIGID and np.linalg.det(turn) > 0):
             raise LightFieldError(f'{each.name}: mount_to_base is no rotation: its rows are '
                                   f'{off:.2g} off being orthonormal, or it mirrors')
+        if (each.mount_to_base[3] != [0, 0, 0, 1]).any():
+            raise LightFieldError(f'{each.name}: the last row of mount_to_base is '
+                                  f'{each.mount_to_base[3].tolist()}, not 0, 0, 0, 1: is the '
+                                  'matrix written column by column?')
     without = f', {", ".join(left_out)} being left out' if left_out else ''
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures with a board{without}; a hand-eye '

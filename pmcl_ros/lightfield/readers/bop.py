@@ -1,6 +1,6 @@
 """Scenes of the BOP benchmark as posed views: scene_camera.json.
 
-Format: github.com/thodan/bop_toolkit, docs/bop_datasets_format.md. Lengths are in millimetres.
+Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in millimetres.
 """
 
 import json
@@ -29,9 +29,9 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
     cameras: dict[str, Any] = {}
     views = []
     for number, values in _read(path).items():
-        file = _file(scene, number)
-        if picture is not None and picture.resolve() != file.resolve():
+        if picture is not None and picture.stem != f'{int(number):06d}':
             continue
+        file = picture or _file(scene, number)
         try:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
             poses = [values[key] for key in ('cam_R_w2c', 'cam_t_w2c')
@@ -68,8 +68,9 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
 
 def scene_of(picture: Path) -> Path | None:
     """The scene whose picture a path is, rgb/000003.png or likewise; None: it is of none."""
-    scene = picture.parent.parent
-    return scene if picture.parent.name in _FOLDERS and (scene / NAME).is_file() else None
+    folder = picture.absolute().parent
+    return (folder.parent if picture.suffix[1:] in _ENDINGS and folder.name in _FOLDERS
+            and (folder.parent / NAME).is_file() else None)
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

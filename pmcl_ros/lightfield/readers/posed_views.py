@@ -1,5 +1,6 @@
 """Pictures of ordinary cameras with known poses: `views.yaml`."""
 
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,7 @@ from pydantic import Field, model_validator
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
-from pmcl_ros.lightfield.readers.pictures import Reduction, read_picture
+from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction, read_picture
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.runtime.errors import LightFieldError
@@ -93,6 +94,10 @@ class ViewsFile(Settings):
             if each.camera not in self.cameras:
                 raise ValueError(f'{each.file} is of the camera {each.camera!r}, there are only '
                                  f'{", ".join(self.cameras)}')
+            if ('camera_to_reference' in each.model_fields_set) != self.posed and len(
+                    self.views) > 1 and (self.posed and each.mount_to_base is not None):
+                raise ValueError(f'{each.file} and {self.views[0].file}: either all views have '
+                                 'camera_to_reference, or none')
             if (len(self.views) > 1 and 'camera_to_reference' not in each.model_fields_set
                     and each.mount_to_base is None):
                 raise ValueError(f'{each.file} has no camera_to_reference; of several views each '
@@ -120,6 +125,14 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     if reduction.every != 1:
         raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
                               'taken; leave out --every')
+    shrink = reduction.shrink
+    size = 12 * sum((of.cameras[each.camera].width // shrink)
+                    * (of.cameras[each.camera].height // shrink) for each in of.views)
+    if size > MOST_BYTES:
+        factor = shrink * math.ceil(math.sqrt(size / MOST_BYTES))
+        raise LightFieldError(f'{name}: its {len(of.views)} pictures need {size / 2 ** 30:.1f} '
+                              f'GiB, more than {MOST_BYTES / 2 ** 30:.0f}: shrink them '
+                              f'(--shrink {factor}), or take fewer')
     return tuple(_view(folder, each, of, reduction) for each in of.views)
 
 

@@ -46,9 +46,12 @@ def has_posed_views(path: Path | str) -> bool:
 
 def _has_pictures(path: Path) -> bool:
     """Whether a path is of pictures of ordinary cameras."""
-    return (_views_yaml(path) is not None or bop.scene_of(path) is not None
-            or (path.is_dir() and (colmap.model_folder(path) is not None
-                                   or (path / bop.NAME).is_file())))
+    if _views_yaml(path) is not None or bop.scene_of(path) is not None:
+        return True
+    if not path.is_dir() or any((path / each).is_file() for each in (
+            folder.NAME, sweep_folder.NAME, hci.NAME, 'views.npz')):
+        return False  # a light field, whatever else lies there
+    return colmap.model_folder(path) is not None or (path / bop.NAME).is_file()
 
 
 def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.ViewsFile, Path]:
@@ -57,7 +60,7 @@ def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.V
     if yaml is not None:
         return posed_views.ViewsFile.load(yaml), yaml.parent
     if scene is not None:
-        return bop.load(scene, path)
+        return bop.load(scene, path.absolute())
     return bop.load(path) if (path / bop.NAME).is_file() else colmap.load(path, metric)
 
 

@@ -39,10 +39,6 @@ class CameraErrors:
         """k, of motions."""
         return self.root.shape[2]
 
-    def chosen(self, views: Sequence[int]) -> 'CameraErrors':
-        """Of some of the views."""
-        return CameraErrors(self.root[list(views)])
-
     def moved(self, cameras: NDArray[np.float64], motions: NDArray[np.float64]
               ) -> NDArray[np.float64]:
         """Cameras (n, 4, 4) as motions (k,) put them."""

@@ -3,13 +3,14 @@
 import contextlib
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
+from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -23,7 +24,6 @@ from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.runtime.errors import LocalizationError
 
 _LOG = logging.getLogger(__name__)
@@ -63,8 +63,11 @@ class JointEvidence:
             window = region.window(each.evidence.pinhole, model.radius)
             grid = PixelGrid.from_crop(each.evidence.pinhole,
                                        (window.left, window.top, *window.size), 1)
-            views.append(ContourEvidence.from_edges(each.evidence.on(grid), renderer, model,
-                                                    settings, None, None, None, region))
+            # The evidence of a picture is the same at all depths; labels say where to expect it.
+            depths = depth_labels(*region.grown(model.radius), len(each.evidence.depths))
+            edges = replace(each.evidence.on(grid), depths=depths)
+            views.append(ContourEvidence.from_edges(edges, renderer, model, settings, None, None,
+                                                    None, region))
         first = posed[0].camera_to_reference
         cameras = np.linalg.inv(first) @ np.array([each.camera_to_reference for each in posed])
         into = first.copy()
@@ -161,7 +164,7 @@ class ViewFit:
     number: of the view. off: by how much it alone would move the contour, apart: likewise, where
     it is looked for farther away [px, rms]. expected, uncertain: standard deviations of that by
     the model error and by the errors of the camera's pose. evidence: mean along its contour
-    [nat / px]. in_view: share of the object in the image.
+    [nat / px].
     """
 
     number: int
@@ -170,7 +173,6 @@ class ViewFit:
     expected: float
     uncertain: float
     evidence: float
-    in_view: float
 
     @property
     def allowed(self) -> float:
@@ -228,16 +230,13 @@ class JointContours:
         for number, view, contour, wide in zip(joint.numbers, joint.views,
                                                self.contours(pose, motions), uncertain,
                                                strict=True):
-            assert contour.camera is not None
             alone = LocalModel.from_views(pose, joint.model.symmetry, [contour], view.error)
             step = np.linalg.solve(alone.information, alone.gradient)
             expected = np.trace(alone.moments @ alone.model_error)
             made.append(ViewFit(
                 number, float(np.sqrt(step @ alone.moments @ step)),
                 _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
-                float(wide), alone.evidence / max(alone.length, 1e-9),
-                share_in_view(joint.model, np.linalg.inv(contour.camera) @ pose,
-                              view.edges.pinhole)))
+                float(wide), alone.evidence / max(alone.length, 1e-9)))
         return made
 
 

@@ -22,6 +22,7 @@ from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
@@ -70,10 +71,12 @@ class MultiViewLocalizer:
         if watch is not None:
             watch(Generation('proposals', begin, np.zeros(len(begin))))
         edges, profile = joint.views[0].edges, joint.views[0].profile
-        numbers, least = None, Thresholds.from_evidence(edges, profile)
+        numbers, least = None, Thresholds.from_evidence(edges, profile, self._settings)
         if len(joint.views) > 1 and isinstance(edges, ContourMap):
             numbers = self._numbers or learned_views()
-            least = Thresholds(numbers.least_support, numbers.least_evidence, least.weight)
+            chosen = 'least_support' in self._settings.model_fields_set
+            least = Thresholds(least.support if chosen else numbers.least_support,
+                               numbers.least_evidence, least.weight)
         optimizers = joint.optimizers()
         with contextlib.ExitStack() as stack:
             contours = joint.open(stack)
@@ -107,15 +110,28 @@ class MultiViewLocalizer:
                              for each in np.linalg.inv(first) @ poses])
 
     def _proposed(self, joint: JointEvidence) -> NDArray[np.float64]:
-        """(k, 4, 4) proposals of some views, in the frame of the first."""
-        found = []
-        for number in joint.spread(_PROPOSING):
+        """(k, 4, 4) proposals of some views, in the frame of the first.
+
+        Raises LocalizationError where the object is out of view in all.
+        """
+        found: list[NDArray[np.float64]] = []
+        first = joint.spread(_PROPOSING)
+        for number in first + [each for each in range(len(joint.views)) if each not in first]:
             view = joint.views[number]
             if self._proposals is None:
                 self._proposals = Proposals(self._renderer, self._model, view.region)
-            poses, _ = self._proposals.within(view.region).propose(
-                view.edges, self._settings.proposals)
+            try:
+                poses, _ = self._proposals.within(view.region).propose(
+                    view.edges, self._settings.proposals)
+            except LocalizationError as error:
+                _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
+                continue
             found.append(joint.cameras[number] @ poses)
+            if len(found) == _PROPOSING:
+                break
+        if not found:
+            raise LocalizationError('the object is out of view in all views, wherever in the '
+                                    'region of interest it is; are poses and region right?')
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
@@ -126,8 +142,11 @@ def _tell(fits: Sequence[ViewFit], least: float) -> None:
 
     least: mean evidence of a view that shows it [nat / px].
     """
-    worst = max(fits, key=lambda fit: fit.apart / fit.allowed)
-    there = np.median([each.evidence for each in fits]) >= least
+    seen = [each for each in fits if each.allowed > 0]  # others show no contour
+    if not seen:
+        return
+    worst = max(seen, key=lambda fit: fit.apart / fit.allowed)
+    there = np.median([each.evidence for each in seen]) >= least / 2
     if there and worst.apart > _CLEARLY * worst.allowed:
         _LOG.warning('views disagree: view %d by %.1f px, where %.1f is expected; check the '
                      'hand-eye transform, the clock, and whether the object moved', worst.number,

@@ -1,5 +1,7 @@
 """Where to look next: how sure the pose would be with one more view, for candidate cameras.
 
+Poses of cameras count as exact, and the model error is that of one view.
+
 The contour that a candidate would see is drawn at the pose found. Its evidence is expected to be
 as curved, for each pixel of it, as that of the views there are; its model error is correlated with
 theirs.
@@ -33,6 +35,7 @@ from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
                        np.array([[-1, 1]], np.float32))
+_OPPOSITE = 0.05  # length of a mean direction that means nothing
 _CLOSEST = 0.05  # m: between an object and a camera that may look at it
 
 
@@ -129,6 +132,8 @@ def cap(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]], degre
     away = np.array([each[:3, 3] - origin for each in cameras])
     distances = np.linalg.norm(away, axis=1)
     middle = (away / distances[:, None]).mean(axis=0)
+    if np.linalg.norm(middle) < _OPPOSITE:  # cameras all around: about the first
+        middle = away[0] / distances[0]
     middle /= np.linalg.norm(middle)
     # A Fibonacci lattice on the cap (Gonzalez 2010).
     number = np.arange(count) + 0.5

@@ -89,6 +89,19 @@ def test_too_few_pictures_and_parallel_axes_are_refused():
         hand_eye([skewed, *arm.pictures[1:]], arm.board, arm.pinhole)
 
 
+def test_matrices_by_columns_and_an_arm_that_never_fits_are_refused():
+    arm = simulated_arm(np.random.default_rng(7))
+    turned = [replace(each, mount_to_base=each.mount_to_base.T) for each in arm.pictures]
+    with pytest.raises(LightFieldError, match='is the matrix written column by column'):
+        hand_eye(turned, arm.board, arm.pinhole)
+    rng = np.random.default_rng(8)
+    wrong = [replace(each, mount_to_base=retract(
+        each.mount_to_base[None], 0.1 * rng.normal(size=(1, 6)))[0]) if number < 8 else each
+        for number, each in enumerate(arm.pictures)]
+    with pytest.raises(LightFieldError, match='more than a quarter of the pictures do not fit'):
+        hand_eye(wrong, arm.board, arm.pinhole, arm.sigma)
+
+
 def picture_of_board(pose, pinhole, size=40):
     """(height, width) grey: the board with a light corner square beside its first corner."""
     rows, columns = BOARD.rows + 1, BOARD.columns + 1

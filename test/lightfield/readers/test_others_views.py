@@ -13,7 +13,7 @@ from pmcl_ros.cli import main
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import has_posed_views, is_light_field, read_source
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 WIDTH, HEIGHT = 48, 36
 K = {'fx': 40.0, 'fy': 41.0, 'cx': 23.25, 'cy': 17.5}
@@ -204,3 +204,39 @@ def test_another_json_is_refused_in_one_line(tmp_path, text):
     with pytest.raises(LightFieldError, match=r'scene_camera\.json') as caught:
         read_source(folder)
     assert '\n' not in str(caught.value)
+
+
+def test_a_light_field_is_one_whatever_else_lies_there(tmp_path):
+    folder = colmap(tmp_path)
+    np.savez(folder / 'views.npz', views=np.ones((1, 2, 4, 5, 3), np.float32), fx=9, fy=9, cx=2,
+             cy=2, baseline=0.1)
+    assert not has_posed_views(folder)
+    assert read_source(folder).grid.shape == (1, 2)
+
+
+def test_a_picture_of_a_scene_needs_no_other(tmp_path):
+    folder = bop(tmp_path)
+    (folder / 'rgb' / '000000.png').unlink()
+    assert isinstance(read_source(folder / 'rgb' / '000002.png'), PosedView)
+    with pytest.raises(LightFieldError, match='has no picture 000000'):
+        read_source(folder)
+
+
+def test_too_many_pictures_are_refused_before_they_are_read(tmp_path):
+    own(tmp_path)
+    path = tmp_path / 'views.yaml'
+    values = yaml.safe_load(path.read_text())
+    values['cameras']['one'] |= {'width': 20000, 'height': 15000}
+    path.write_text(yaml.safe_dump(values))
+    with pytest.raises(LightFieldError, match=r'its 3 pictures need .* GiB.*--shrink 4'):
+        read_source(path)
+
+
+def test_poses_of_arm_and_camera_are_not_mixed(tmp_path):
+    own(tmp_path)
+    path = tmp_path / 'views.yaml'
+    values = yaml.safe_load(path.read_text())
+    values['views'][1]['mount_to_base'] = values['views'][1].pop('camera_to_reference')
+    path.write_text(yaml.safe_dump(values))
+    with pytest.raises(SettingsError, match='either all views have camera_to_reference, or none'):
+        read_source(path)
