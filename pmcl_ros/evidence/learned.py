@@ -6,6 +6,7 @@ The package can be imported, and a node started, where one of them is missing or
 the numbers raises SettingsError.
 """
 
+import math
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -21,6 +22,7 @@ _FOLDER = 'package://pmcl_ros/config/learned'
 _Error = Annotated[float, Field(gt=0, le=100)]
 # Sizes that the renderers' scores are made for (`check_profile` of pmcl/render/contour.py).
 MOST_OFFSETS, MOST_KNOTS = 8, 9
+_ALIKE = 0.05  # independent views beyond one: two cameras 2 degrees apart
 
 T = TypeVar('T', bound=Settings)
 
@@ -130,10 +132,13 @@ class LearnedViews(Settings):
         """Variance of the model error, relative to that of one view.
 
         views: independent ones. disagreement: of these. It is the mean of a scaled inverse
-        chi-squared distribution with that prior, but for a constant.
+        chi-squared distribution with that prior, but for a constant; of views of about one place,
+        which cannot disagree, it is 1.
         """
+        alike = math.exp(-(views - 1) / _ALIKE)
         found = views * disagreement / self.disagreement
-        return (self.error_views * self.error_share + found) / (self.error_views + views - 1)
+        return alike + (1 - alike) * (self.error_views * self.error_share + found) / (
+            self.error_views + views - 1)
 
 
 @cache

@@ -41,7 +41,8 @@ def test_the_numbers_that_made_the_deviations_are_found(of):
 
 def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
     of = numbers(0.8, 3.0, 0.5)
-    assert of.share(1.0, 0.0) == pytest.approx(0.8)
+    assert of.share(1.0, 0.0) == 1
+    assert of.share(1.4, 0.0) == pytest.approx(3.0 * 0.8 / 3.4, rel=0.01)
     assert of.share(1e6, 0.3) == pytest.approx(0.3 / 0.5, rel=1e-3)
     assert of.share(3.0, 0.1) < of.share(3.0, 0.2)
 
