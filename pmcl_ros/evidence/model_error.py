@@ -9,6 +9,8 @@ from pmcl_ros.evidence.learned import learned_contour
 
 # Cosine of normals: points of one side of a contour. The other side looks at other things.
 FACING = 0.5
+# rad: chosen, not learned. Over 10 degrees a refracted wall or a rim changes what it shows.
+ANGLE = 0.2
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,7 @@ class ModelError:
     common: float
     local: float
     length: float
-    angle: float = 0.2
+    angle: float = ANGLE
 
     @classmethod
     def learned(cls) -> 'ModelError':

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
-from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.local_model import normal_motion
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
+from pmcl_ros.pmcl.view_terms import evidence_of_shifts, normal_motion
 from pmcl_ros.runtime.kernels import compiled
 
 _FARTHEST, _STEP = 4.0, 0.5  # px: ends and steps of the table of `LinearizedContour`
@@ -40,13 +40,7 @@ class LinearizedContour:
                      ) -> 'LinearizedContour':
         """About `pose` (4, 4) with the contour `points`; creases: visible ones, or None."""
         shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)
-        table = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
-                                shifts)
-        table += points.outer[:, None] * region_across(
-            edges, points.pixels, points.normals, points.depths, shifts)
-        if creases is not None and creases.shown:
-            table = np.concatenate([table, creases.evidence(edges, shifts)])
-            points = points.joined(creases.points)
+        table, points = evidence_of_shifts(points, edges, profile, creases, shifts)
         return cls(np.ascontiguousarray(normal_motion(points, edges.pinhole, pose[:3, 3])),
                    points.lengths[:, None] * table, points.covered)
 

@@ -10,9 +10,10 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.energies import energies_across
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.pmcl.view_terms import normal_motion
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
 CUP = model_of(cup(), [0, 0, 1])

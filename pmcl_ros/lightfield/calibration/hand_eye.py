@@ -2,7 +2,7 @@
 
 The transform and the board's pose are fitted together to what the pictures and the arm say, each
 weighted by its errors: a motion of the arm's flange and the noise of the corners. The closed form
-of Park and Martin (1994), as OpenCV has it, is where the fit starts.
+of Park and Martin (1994), which OpenCV has too, is where the fit starts.
 """
 
 from collections.abc import Sequence
@@ -152,19 +152,6 @@ def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArr
     right = (moved[:, :3, 3] - turned[:, :3, 3] @ rotation.T).ravel()
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = rotation, np.linalg.lstsq(left, right, rcond=None)[0]
-    return pose
-
-
-def opencv_hand_eye(mounts: NDArray[np.float64], seen: NDArray[np.float64]
-                    ) -> NDArray[np.float64] | None:
-    """The same by OpenCV, for comparison; None where its Python package has it not, as 5.0."""
-    if not hasattr(cv2, 'calibrateHandEye'):
-        return None
-    turn, place = cv2.calibrateHandEye([*mounts[:, :3, :3]], [*mounts[:, :3, 3]],
-                                       [*seen[:, :3, :3]], [*seen[:, :3, 3]],
-                                       method=cv2.CALIB_HAND_EYE_PARK)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn, place.ravel()
     return pose
 
 

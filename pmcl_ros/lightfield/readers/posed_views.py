@@ -109,11 +109,6 @@ class ViewsFile(Settings):
         return self
 
 
-def read_views(yaml: Path, reduction: Reduction) -> tuple[PosedView, ...]:
-    """The views of a views.yaml, whose pictures lie beside it (`views_of`)."""
-    return views_of(ViewsFile.load(yaml), yaml.parent, str(yaml), reduction)
-
-
 def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
              ) -> tuple[PosedView, ...]:
     """The views that a file lists, without distortion.

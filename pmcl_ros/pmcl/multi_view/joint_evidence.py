@@ -15,7 +15,7 @@ from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
-from pmcl_ros.pmcl.local_model import LocalModel, UncertainCameras, ViewContour, normal_motion
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Refine
@@ -24,6 +24,8 @@ from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
+from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 from pmcl_ros.runtime.errors import LocalizationError
 
 _LOG = logging.getLogger(__name__)

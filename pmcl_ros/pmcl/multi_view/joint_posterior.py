@@ -12,13 +12,14 @@ from scipy.special import logsumexp
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.local_model import LocalModel, Nuisance
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, ViewFit, disagreement
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.uncertain_cameras import Nuisance
 from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12

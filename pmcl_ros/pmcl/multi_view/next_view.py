@@ -23,7 +23,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
-from pmcl_ros.pmcl.local_model import LocalModel, ViewContour
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -31,6 +31,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.view_terms import ViewContour
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),

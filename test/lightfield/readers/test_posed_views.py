@@ -12,7 +12,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.lightfield.readers.pictures import Reduction
-from pmcl_ros.lightfield.readers.posed_views import read_views
+from pmcl_ros.lightfield.readers.posed_views import ViewsFile, views_of
 from pmcl_ros.lightfield.readers.read import (
     has_posed_views,
     is_light_field,
@@ -116,7 +116,7 @@ def test_poses_and_their_errors_are_read(tmp_path):
              {'file': 'two.png', 'camera': 'wrist', 'camera_to_reference': pose, 'sigma_mm': 1.5,
               'sigma_deg': 0.2, 'stamp': 12.25, 'group': 'hand-eye'}]
     changed(folder, views=views, reference='base_link')
-    first, second = read_views(folder / 'views.yaml', Reduction())
+    first, second = views_of(ViewsFile.load(folder / 'views.yaml'), folder, 'it', Reduction())
     np.testing.assert_array_equal(second.camera_to_reference, np.reshape(pose, (4, 4)))
     assert second.sigma == pytest.approx((0.0015, np.deg2rad(0.2)))
     assert (second.group, first.group) == ('hand-eye', '')

@@ -14,12 +14,14 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.local_model import LocalModel, UncertainCameras, ViewContour, _Terms
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
+from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms
 from pmcl_ros.runtime.errors import LocalizationError, VolumeError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -225,7 +227,7 @@ def test_places_of_one_edge_coincide_in_the_frame_of_the_pose(context):
         with NumbaRenderer().contour_score(scene, each.evidence, each.evidence.profile) as score:
             points = score.points(np.linalg.inv(camera) @ truth)
         view = ViewContour(points, each.evidence, each.evidence.profile, camera=camera)
-        places.append(_Terms.from_view(view, truth, np.eye(6)).places)
+        places.append(ViewTerms.from_view(view, truth, np.eye(6)).places)
     nearest = cdist(*places).min(axis=1)
     assert np.median(nearest) < 0.003
     np.testing.assert_allclose(places[0].mean(axis=0), truth[:3, 3], atol=0.04)
@@ -249,7 +251,7 @@ def test_the_schur_complement_is_that_of_the_dense_matrix(contours):
     cameras = np.array([each.camera for each in views])
     motions, scale = np.random.default_rng(0).normal(size=errors.number), 0.3
     root = errors.seen(cameras, pose)
-    terms = [_Terms.from_view(each, pose, np.eye(6)) for each in views]
+    terms = [ViewTerms.from_view(each, pose, np.eye(6)) for each in views]
     nuisance, left = UncertainCameras(root, motions, scale).eliminated(np.eye(6), terms)
     count = errors.number
     dense, slope = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)

@@ -15,13 +15,14 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
-from pmcl_ros.pmcl.local_model import LocalModel, normal_motion
+from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.view_terms import normal_motion
 
 WHOLE = Window(0, 0, (CAMERA.width, CAMERA.height))
 DEPTHS = depth_labels(0.3, 0.7, 6)

@@ -1,0 +1,174 @@
+"""What one view adds to a local model: sums over its contour, and their values at each point."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.model_error import FACING, ModelError
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.creases import CreasePoints
+from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, LEAST_SHOWN
+
+_STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
+_STRETCH = 3.0  # px: of a contour, one point in the covariances between points
+
+
+@dataclass(frozen=True)
+class ViewContour:
+    """The contour of a pose in one view, and the evidence there.
+
+    creases: seen in this pose, if any count. camera: (4, 4) of the view, in the frame of the pose;
+    None: that frame. curvature: of the evidence, in units of the least, where it is not that of
+    `edges` but of a view that is expected.
+    """
+
+    points: ContourPoints
+    edges: EvidenceVolume
+    profile: ContourProfile
+    creases: CreasePoints | None = None
+    camera: NDArray[np.float64] | None = None
+    curvature: float | None = None
+
+
+def evidence_of_shifts(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
+                       creases: CreasePoints | None, shifts: NDArray[np.float64]
+                       ) -> tuple[NDArray[np.float64], ContourPoints]:
+    """(m, k) evidence [nat / px] of points moved along their normals, and these points.
+
+    They are those of the contour, and of creases if any are seen. shifts: (k,) outwards [px].
+    """
+    table = evidence_across(edges, points.pixels, points.normals, points.depths, profile, shifts)
+    table += points.outer[:, None] * region_across(
+        edges, points.pixels, points.normals, points.depths, shifts)
+    if creases is not None and creases.shown:
+        table = np.concatenate([table, creases.evidence(edges, shifts)])
+        points = points.joined(creases.points)
+    return table, points
+
+
+def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.float64]
+                  ) -> NDArray[np.float64]:
+    """(n, 6) px that a contour's points move along their normals in the image.
+
+    Per metre of shift along x, y, z and radian of turn about these axes through `origin` (3,). A
+    contour on a smooth surface slides over it as the object turns, but along the line of sight and
+    the contour only: to first order it moves as the point of the surface does.
+    """
+    place, z = _places(points, pinhole), points.depths
+    across = points.normals * [pinhole.fx, pinhole.fy] / z[:, None]
+    along = -(across * place[:, :2]).sum(axis=1) / z
+    shift = np.concatenate([across, along[:, None]], axis=1)
+    return np.concatenate([shift, np.cross(place - origin, shift)], axis=1)
+
+
+@dataclass(frozen=True)
+class ViewTerms:
+    """What one view adds to a local model: sums over its contour, and (m, d) of its points.
+
+    each: of the gradient; curved: of the information, before the motion. places: (m, 3) [m] and
+    directions: (m, 3) of the points and their normals, in the frame of the pose. scale: (m,)
+    px / m at the points. sight: (3,) unit, from the camera to the object.
+    """
+
+    evidence: float
+    length: float
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    moments: NDArray[np.float64]
+    each: NDArray[np.float64]
+    curved: NDArray[np.float64]
+    points: ContourPoints
+    places: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    sight: NDArray[np.float64]
+
+    @classmethod
+    def from_view(cls, view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]
+                  ) -> 'ViewTerms':
+        """Of a view of `pose` (4, 4), whose tangent space has the basis (6, d)."""
+        edges, creases = view.edges, view.creases
+        turn, place = np.eye(3), np.zeros(3)
+        if view.camera is not None:
+            turn, place = view.camera[:3, :3], view.camera[:3, 3]
+            pose = np.linalg.inv(view.camera) @ pose
+            basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
+        shifts = _STEP * np.array([-1, -0.5, 0, 0.5, 1])
+        table, points = evidence_of_shifts(view.points, edges, view.profile, creases, shifts)
+        before, inside, here, outside, after = table.T
+        length = float(points.lengths.sum())
+        motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
+        slope = (outside - inside) / _STEP
+        weight = points.lengths[:, None]
+        bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
+        # The curvature at an edge grows with its height: no edge, no information.
+        shown = np.maximum(here, 0) + LEAST_SHOWN
+        shown *= length / max(float(points.lengths @ shown), 1e-9)
+        if view.curvature is None:
+            curvature = max(float(bend), LEAST_CURVATURE) * shown[:, None]
+        else:
+            curvature = np.full((len(slope), 1), view.curvature * LEAST_CURVATURE)
+            slope = np.zeros(len(slope))
+        each, curved = weight * slope[:, None] * motion, weight * curvature * motion
+        normals = np.concatenate([points.normals, np.zeros((len(weight), 1))], axis=1)
+        focal = np.sqrt(edges.pinhole.fx * edges.pinhole.fy)
+        return cls(float(points.lengths @ here) + points.covered, length, each.sum(axis=0),
+                   motion.T @ curved, motion.T @ (weight * motion), each, curved, points,
+                   _places(points, edges.pinhole) @ turn.T + place, normals @ turn.T,
+                   focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
+
+    def transformed(self, by: NDArray[np.float64]) -> 'ViewTerms':
+        """With gradient and curvature multiplied by a matrix (d, d)."""
+        return replace(self, gradient=by @ self.gradient, information=by @ self.information,
+                       moments=by @ self.moments @ by.T, each=self.each @ by.T,
+                       curved=self.curved @ by.T)
+
+    def stretches(self) -> 'ViewTerms':
+        """With stretches of about `_STRETCH` px in place of points."""
+        number = np.floor(self.points.along / _STRETCH)
+        new = (np.diff(number) != 0) | (np.diff(self.points.piece) != 0)
+        first = np.flatnonzero(np.concatenate([[True], new]))
+        weight = self.points.lengths[:, None]
+        total = np.add.reduceat(weight, first)
+        each, curved = (np.add.reduceat(values, first) for values in (self.each, self.curved))
+        pixels, places, scale = (np.add.reduceat(weight * values, first) / total for values in (
+            self.points.pixels, self.places, self.scale[:, None]))
+        directions = np.add.reduceat(weight * self.directions, first)
+        directions = directions / np.maximum(
+            np.linalg.norm(directions, axis=1, keepdims=True), 1e-9)
+        return replace(self, each=each, curved=curved, places=places, directions=directions,
+                       scale=scale[:, 0], points=replace(self.points, pixels=pixels))
+
+
+def pairs(views: Sequence[ViewTerms], error: ModelError
+           ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Of all pairs of stretches: distance [px], whether on one side, alikeness of their views.
+
+    (n, n) each. Between views distances are those of the places, in pixels there.
+    """
+    if len(views) == 1:
+        pixels, normals = views[0].points.pixels, views[0].directions
+        distance = cdist(pixels, pixels)
+        return distance, normals @ normals.T > FACING, np.ones(())
+    owner = np.repeat(np.arange(len(views)), [len(each.scale) for each in views])
+    places, normals, scale = (np.concatenate([getattr(each, name) for each in views])
+                              for name in ('places', 'directions', 'scale'))
+    distance = cdist(places, places) * np.sqrt(np.multiply.outer(scale, scale))
+    sights = np.array([each.sight for each in views])
+    angle = np.arccos(np.clip(sights @ sights.T, -1, 1))
+    return distance, normals @ normals.T > FACING, error.between_views(angle)[owner][:, owner]
+
+
+def _places(points: ContourPoints, pinhole: Pinhole) -> NDArray[np.float64]:
+    """(n, 3) a contour's points in the camera's frame [m]."""
+    x, y = points.pixels.T
+    z = points.depths
+    return np.stack([(x - pinhole.cx) / pinhole.fx * z, (y - pinhole.cy) / pinhole.fy * z, z],
+                    axis=-1)
