@@ -9,11 +9,13 @@ from pmcl_ros import __version__
 from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
-    'bag', 'bench', 'calibrate', 'camera', 'decode', 'doctor', 'evaluate', 'grasps', 'lattice',
-    'learn', 'lfp', 'localize', 'report', 'scenes', 'sweep')}
+    'bag', 'bench', 'decode', 'doctor', 'evaluate', 'grasps', 'learn', 'localize', 'report',
+    'scenes')}
+_MODULES |= {name: f'pmcl_ros.cli.cameras.{name}' for name in (
+    'calibrate', 'camera', 'lattice', 'lfp', 'sweep')}
 _MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track'), 'pmcl_ros.cli.studies')
-_MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.calibrate',
-             'handeye': 'pmcl_ros.cli.hand_eye', 'learn-map': 'pmcl_ros.cli.learn_map',
+_MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.cameras.calibrate',
+             'handeye': 'pmcl_ros.cli.cameras.hand_eye', 'learn-map': 'pmcl_ros.cli.learn_map',
              'next-view': 'pmcl_ros.cli.next_view', 'warm-up': 'pmcl_ros.cli.warm_up'}
 
 

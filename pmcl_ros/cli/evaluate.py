@@ -14,7 +14,7 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR
-from pmcl_ros.cli.calibrate import run_calibration
+from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.captures import Capture, find_captures
 from pmcl_ros.evaluation.plan import Plan

@@ -1,0 +1,1 @@
+"""Commands of cameras: calibration, hand-eye, pictures, containers, sweeps."""
