@@ -2,7 +2,8 @@
 
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
 grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
-of lytro_driver and subaperture_node), pose (the topic on which the pose is published, and on which
+of lytro_driver and subaperture_node), views (rest or service: sweep_driver is started likewise, to
+collect posed views), pose (the topic on which the pose is published, and on which
 grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started again and
 taken to active).
 """
@@ -20,7 +21,7 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT
+from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, VIEWS
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
@@ -64,10 +65,15 @@ def start(context):
         raise RuntimeError(f'without: there is no node {unknown[0]!r}; known: {", ".join(names)}')
     respawn = LaunchConfiguration('respawn').perform(context).lower() == 'true'
     sweep = LaunchConfiguration('sweep').perform(context)
-    without += SWEPT if sweep else ()
-    nodes = [node_of(entry, respawn) for entry in reversed(NODES) if entry.name not in without]
-    if sweep:
-        nodes.append(node_of(SWEEP, respawn, {'plan': sweep}))
+    views = LaunchConfiguration('views').perform(context)
+    if sweep and views:
+        raise RuntimeError('sweep is for a light field, views for posed views: give one of them')
+    without += SWEPT if sweep or views else ()
+    own = {'pmcl_node': [{'source': 'posed_views'}]} if views else {}
+    nodes = [node_of(entry, respawn, *own.get(entry.name, ())) for entry in reversed(NODES)
+             if entry.name not in without]
+    if sweep or views:
+        nodes.append(node_of(SWEEP, respawn, {'plan': sweep} if sweep else {'collect': views}))
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, node_of(GRASPS, respawn, {'grasps': grasps}))  # consumers first
@@ -103,6 +109,8 @@ def generate_launch_description():
         DeclareLaunchArgument('sweep', default_value='',
                               description='a plan, YAML: start sweep_driver with it, in place of '
                               'lytro_driver and subaperture_node'),
+        DeclareLaunchArgument('views', default_value='', choices=['', *VIEWS],
+                              description='start sweep_driver likewise, to collect posed views'),
         DeclareLaunchArgument('pose', default_value='pose',
                               description='topic of the pose, as a grasp pipeline expects it'),
         DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],

@@ -25,9 +25,10 @@ from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
@@ -92,10 +93,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
         raise VolumeError('the mode faithful needs a light field: pictures have no depth '
                           'likelihood volume; choose the mode default')
     if isinstance(source, PosedViews):
-        build = build_map if kind == 'map' else view_edges
-        return ViewsEvidence(source.header, tuple(
-            PosedEvidence(build(each, settings), each.camera_to_reference, each.sigma, each.group,
-                          each.common) for each in source.views))
+        return ViewsEvidenceBuilder(settings, kind == 'map').build(source)
     if kind == 'map':
         return build_map(source, settings)
     return (build_edges(source, settings) if isinstance(source, LightField)
@@ -104,9 +102,10 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
 
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
     """The kind that was chosen; by default edges of a light field, the map of pictures."""
-    if ('evidence' in settings.model_fields_set or isinstance(source, LightField)
-            or settings.mode == 'faithful'):
+    if settings.evidence != 'auto':
         return settings.evidence
+    if isinstance(source, LightField) or settings.mode == 'faithful':
+        return 'edges'
     _LOG.info('evidence map: poses are found in pictures by contour maps')
     return 'map'
 

@@ -57,7 +57,7 @@ def launch(monkeypatch):
 
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
-    context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
+    context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '', 'views': '',
                'respawn': 'false'} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
@@ -81,8 +81,8 @@ def test_arguments(launch):
     description = launch['generate_launch_description']()
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
-    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep', 'pose',
-                     'respawn']
+    assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep',
+                     'views', 'pose', 'respawn']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -117,7 +117,7 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'respawn': 'false'})
+                               'sweep': '', 'views': '', 'respawn': 'false'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
 
 
@@ -126,20 +126,31 @@ def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
     assert nodes == ['pmcl_node', 'sweep_driver']
     assert first == [('pmcl_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
-                               'sweep': 'plan.yaml', 'respawn': 'false'})
+                               'sweep': 'plan.yaml', 'views': '', 'respawn': 'false'})
     assert actions[-1].parameters[1] == {'plan': 'plan.yaml'}
+
+
+def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
+    given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
+             'respawn': 'false'}
+    nodes = {each.name: each for each in launch['start'](given)}
+    assert list(nodes) == ['pmcl_node', 'dlv_node', 'sweep_driver']
+    assert nodes['sweep_driver'].parameters[1] == {'collect': 'rest'}
+    assert nodes['pmcl_node'].parameters[1] == {'source': 'posed_views'}
+    with pytest.raises(RuntimeError, match='give one of them'):
+        launch['start'](given | {'sweep': 'plan.yaml'})
 
 
 def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'respawn': 'false'})
+                               'sweep': '', 'views': '', 'respawn': 'false'})
     remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
     assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]
 
 
 def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
     actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
-                               'respawn': 'true'})
+                               'views': '', 'respawn': 'true'})
     nodes = [each for each in actions if each.call == 'LifecycleNode']
     assert [each.respawn for each in nodes] == [True] * 4
     handlers = [each.given[0] for each in actions if each.call == 'RegisterEventHandler']

@@ -1,5 +1,6 @@
 """Draws overlays and depth maps as (height, width, 3) uint8 RGB arrays."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,6 +64,19 @@ def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
         x, y = _enlarged(pinhole.project(pose[:3, 3]), _ZOOM).clip(0, _FARTHEST).astype(int)
         _write(canvas, word, int(x), int(y))
     return canvas
+
+
+def contact_sheet(pictures: Sequence[NDArray[np.uint8]], width: int = 1920) -> NDArray[np.uint8]:
+    """Pictures (height, width, 3) of one size in rows, reduced to `width` px together."""
+    columns = math.ceil(math.sqrt(len(pictures)))
+    height, across = pictures[0].shape[:2]
+    scale = min(1.0, width / (columns * across))
+    size = max(round(scale * across), 1), max(round(scale * height), 1)
+    small = [cv2.resize(each, size, interpolation=cv2.INTER_AREA) for each in pictures]
+    small += [np.zeros_like(small[0])] * (-len(small) % columns)
+    return np.asarray(np.concatenate([
+        np.concatenate(small[first:first + columns], axis=1)
+        for first in range(0, len(small), columns)]), np.uint8)
 
 
 def silhouette(pinhole: Pinhole, model: 'ObjectModel', pose: NDArray[np.floating],

@@ -1,6 +1,7 @@
 """Pictures of ordinary cameras, and the cameras' poses in a reference frame."""
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,18 @@ class PosedView:
     def displayed(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8 RGB for a screen."""
         return np.rint(255 * self.picture).astype(np.uint8)
+
+
+def encoded(values: NDArray[Any], gamma: float) -> NDArray[np.float32]:
+    """A camera's values, of any shape, as `PosedView.picture` has them.
+
+    values: uint8, uint16, or float32 with 1 at white. gamma: exponent that makes them light.
+    """
+    white = 1 if values.dtype == np.float32 else np.iinfo(values.dtype).max
+    picture = np.ascontiguousarray(values, np.float32) / np.float32(white)
+    if np.isfinite(picture).all():
+        picture = np.clip(picture, 0, 1)
+    return picture if gamma == GAMMA else picture ** np.float32(gamma / GAMMA)
 
 
 def check_pose(pose: NDArray[np.float64], name: str) -> None:

@@ -14,7 +14,7 @@ from pmcl_ros.runtime.errors import MessageError
 
 # What this package publishes. encoding: type of one value, values per pixel
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
-              '32FC1': ('<f4', 1), '32FC3': ('<f4', 3)}
+              '32FC1': ('<f4', 1), '32FC3': ('<f4', 3), '32FC4': ('<f4', 4)}
 # What other cameras publish. encoding: bits, channels, OpenCV's code to make it RGB (None: it is
 # RGB). OpenCV's Bayer codes of four letters name the first pixels, as ROS does; those of two
 # letters name the second.

@@ -10,7 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
-from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, NodeEntry
+from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, VIEWS, NodeEntry
 from pmcl_ros.nodes.runtime.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.runtime.parameter_file import (
     check_parameter_file,
@@ -25,8 +25,9 @@ from pmcl_ros.runtime.errors import PmclError
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
-    without = [*options.without, *(SWEPT if options.sweep else ())]
-    entries = [SWEEP] if options.sweep else []
+    moved = options.sweep or options.views
+    without = [*options.without, *(SWEPT if moved else ())]
+    entries = [SWEEP] if moved else []
     entries += [entry for entry in NODES if entry.name not in without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
@@ -117,6 +118,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('--sweep', metavar='FILE',
                         help='start sweep_driver in place of lytro_driver and subaperture_node, '
                         'with this plan, YAML (pmcl sweep plan)')
+    parser.add_argument('--views', choices=VIEWS, help='start sweep_driver likewise, for posed '
+                        'views: where the camera comes to rest, or at each call of ~/take')
     parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
                         'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
@@ -131,7 +134,11 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args = ['--ros-args', '--params-file', str(options.params_file), '--', *ros_args]
     if options.pose:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
-    own_values = {GRASPS.name: {'grasps': options.grasps}, SWEEP.name: {'plan': options.sweep}}
+    if options.sweep and options.views:
+        parser.error('--sweep is for a light field, --views for posed views: give one of them')
+    own_values = {GRASPS.name: {'grasps': options.grasps},
+                  SWEEP.name: {'plan': options.sweep, 'collect': options.views},
+                  'pmcl_node': {'source': 'posed_views' if options.views else None}}
     try:
         others = [(file, node) for file in parameter_files(ros_args)
                   for node in check_parameter_file(file)]

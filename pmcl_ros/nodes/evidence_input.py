@@ -12,7 +12,7 @@ from pmcl_ros.messages.volume import edges_from, map_from, volume_from
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
 from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.pipeline import Evidence
-from pmcl_ros.pmcl.settings import EvidenceKind, Mode
+from pmcl_ros.pmcl.settings import PmclSettings
 
 # of each kind: its topic, and what reads a message
 _TOPICS: dict[str, tuple[str, Callable[..., EvidenceVolume]]] = {
@@ -26,23 +26,24 @@ _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
 class EvidenceInput:
     """Subscribes to the evidence of captures, for `start` of a node.
 
-    In the mode faithful that is `dlv`, else the topic of its kind. While `dlv` is published and
-    that topic is not, `dlv` replaces it: a likelihood alone is less exact. DDS may discover the
-    publishers one after the other: the first volumes wait some seconds for their evidence.
+    In the mode faithful that is `dlv`, else the topic of its kind (auto: edges). While `dlv` is
+    published and that topic is not, `dlv` replaces it: a likelihood alone is less exact. DDS may
+    discover the publishers one after the other: the first volumes wait some seconds for their
+    evidence.
     callback: gets the evidence of each capture, once. discovery: how long after the subscription
     to `dlv` a publisher of the evidence may still be discovered [s].
     """
 
-    def __init__(self, node: StageNode, mode: Mode, kind: EvidenceKind,
+    def __init__(self, node: StageNode, settings: PmclSettings,
                  callback: Callable[[Evidence], None], discovery: float = _DISCOVERY) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
-        self._topic, read = _TOPICS[kind]
+        self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
         self._volumes: ExitStack | None = None  # the subscription to dlv, while there is one
         self._since = 0.0  # when it was made
         self._alone = False  # at the last look: dlv was published, and the evidence was not
         # A volume that waits for its evidence, and since when.
         self._held: tuple[float, DepthLikelihoodVolume] | None = None
-        if mode == 'faithful':
+        if settings.mode == 'faithful':
             subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback, BIG)
             return
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,

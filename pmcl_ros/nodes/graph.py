@@ -30,9 +30,10 @@ NODES = (
 # After the chain, where it is wanted: bring-up and launch start it when they get a grasp file.
 GRASPS = NodeEntry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
 # In place of lytro_driver and subaperture_node, where a camera is moved instead: when bring-up and
-# launch get a plan of its sweep.
+# launch get a plan of its sweep, or when it is to collect posed views.
 SWEEP = NodeEntry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
 SWEPT = ('lytro_driver', 'subaperture_node')  # what it takes the place of
+VIEWS = ('rest', 'service')  # when it takes a posed view
 ALL = (*NODES, GRASPS, SWEEP)
 
 
@@ -94,6 +95,15 @@ TOPICS = (
                'a pixel for each view, 32FC3: weight, position x and y [view steps]'),
     TopicEntry('views', _IMAGE, BIG, _LIGHT_FIELD, (_DLV,),
                'mosaic of all views, rgb16, linear, 32768 = sensor white'),
+    TopicEntry('posed_views/camera_info', _INFO, SMALL, (_SWEEP,), (_PMCL,),
+               'pinhole of every posed view'),
+    TopicEntry('posed_views/poses', _POSES, SMALL, (_SWEEP,), (_PMCL,),
+               'their cameras in the reference frame [m]'),
+    TopicEntry('posed_views/sigma', _IMAGE, SMALL, (_SWEEP,), (_PMCL,),
+               'a row for each view, 32FC4: standard deviations of its pose [m], [rad], the share '
+               'of their variance that its group shares, the number of its group'),
+    TopicEntry('posed_views', _IMAGE, BIG, (_SWEEP,), (_PMCL,),
+               'the views one below the other, rgb16, gamma encoded, 65535 = white'),
     TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),
     TopicEntry('dlv/edges', _ARRAY, BIG, (_DLV,), (_PMCL,),
                'edge energy, height x width x depth x tensor'),
@@ -106,7 +116,8 @@ TOPICS = (
     TopicEntry('camera_pose', _POSE, MANY, ('the robot',), (_PMCL, _SWEEP),
                'where the camera is, in track_frame (where tracking and track_camera ask for it) '
                'or fixed_frame'),
-    TopicEntry('pose', _POSE, SMALL, (_PMCL,), (_GRASP,), 'the object in the camera frame [m]'),
+    TopicEntry('pose', _POSE, SMALL, (_PMCL,), (_GRASP,),
+               'the object in the camera frame, or of posed views in theirs [m]'),
     TopicEntry('pose_with_covariance', _SPREAD, SMALL, (_PMCL,), (_GRASP,),
                'the same, with its covariance [m^2, rad^2]'),
     TopicEntry('particles', _POSES, SMALL, (_PMCL,), (), 'the last population'),
@@ -114,7 +125,10 @@ TOPICS = (
                'all that is looked for: ns is the name, text found or lost, pose and mesh'),
     TopicEntry('markers', _MARKERS, SMALL, (_PMCL,), (),
                'the mesh at its pose; the region of interest'),
-    TopicEntry('overlay', _IMAGE, SMALL, (_PMCL,), (), 'outline on the centre view, rgb8'),
+    TopicEntry('overlay', _IMAGE, SMALL, (_PMCL,), (),
+               'outline on the centre view, or on all posed views, rgb8'),
+    TopicEntry('next_view', _POSE, SMALL, (_PMCL,), (),
+               'camera from where one more posed view would make the pose surest'),
     TopicEntry('arm_pose', _POSE, SMALL, ('the robot',), (_GRASP,),
                'mount_parent in base_frame, where arm is topic'),
     TopicEntry('grasps', _POSES, SMALL, (_GRASP,), (), 'gripper poses in base_frame, best first'),
@@ -133,6 +147,8 @@ _CENTRE = ('center/camera_info', 'center/image')
 PRESETS = {
     'raw': ('metadata', 'image_raw'),
     'views': (*_CENTRE, 'views/camera_info', 'views/pupil', 'views'),
+    'posed_views': ('posed_views/camera_info', 'posed_views/poses', 'posed_views/sigma',
+                    'posed_views'),
     'dlv': (*_CENTRE, 'dlv', 'dlv/edges', 'dlv/contour_map', 'camera_pose'),
     'poses': ('pose', 'pose_with_covariance', 'particles', 'objects', 'markers', 'overlay',
               'grasps', 'pre_grasps', 'grasps/details', '/diagnostics'),
@@ -143,7 +159,9 @@ PRESETS = {
 SERVICES = {
     _DRIVER: (('~/capture', 'take a picture; answers when it has been published, or why not'),),
     _SWEEP: (('~/start', 'begin a sweep; one that is not finished is forgotten'),
-             ('~/finish', 'publish what there is of it; again: publish it again')),
+             ('~/finish', 'publish what there is of it; again: publish it again'),
+             ('~/take', 'where collect is service: take the next picture at rest')),
     _PMCL: (('~/localize', 'search the last capture again'),
-            ('~/reset', 'forget all that has come; the next search is as the first')),
+            ('~/reset', 'forget all that has come; the next search is as the first'),
+            ('~/next_view', 'of posed views: say and publish where to look next')),
 }

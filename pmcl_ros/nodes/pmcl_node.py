@@ -1,4 +1,4 @@
-"""Evidence -> PoseEstimate: looks for one object, or several, in each capture."""
+"""Evidence or PosedViews -> PoseEstimate: looks for one object, or several, in each capture."""
 
 import sys
 import time
@@ -9,19 +9,24 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
+from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
-from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.nodes.evidence_input import ENDED, EvidenceInput
+from pmcl_ros.nodes.next_view_service import NextViewService
 from pmcl_ros.nodes.pmcl_outputs import ObjectFrame, ObjectList, Overlays, SeveralObjects
+from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
+from pmcl_ros.nodes.posed_views_input import PosedViewsInput
 from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -33,43 +38,11 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
 
 _CAMERA = PoseNames('track_camera', 'camera_pose', 'track_frame', 'track_max_age')
-
-
-class PmclNodeSettings(TrackingSettings):
-    """Settings of the search, the tracking and the frames on /tf."""
-
-    broadcast_tf: bool = Field(
-        False, description="publish the frame of the object on /tf, as a child of the camera's, "
-        'for each pose; needs tf2_ros (full ROS)')
-    object_frame: str = Field('', description='name of that frame; empty: that of the object')
-    objects: tuple[str, ...] = Field(
-        ('',), description='paths of several objects that are looked for together, instead of '
-        'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'
-        'pose and objects/NAME/pose_with_covariance, and frame')
-
-    @property
-    def several(self) -> tuple[str, ...]:
-        """Paths of the objects of a joint search; empty: `object` is the only one."""
-        return tuple(each for each in self.objects if each)
-
-    @model_validator(mode='after')
-    def _some_exclude_others(self) -> 'PmclNodeSettings':
-        if self.several and (self.tracking != 'none' or self.mode != 'default'):
-            raise ValueError(f'objects need tracking none and mode default, they are '
-                             f'{self.tracking} and {self.mode}')
-        if self.several and self.object_frame:
-            raise ValueError(f'objects have frames of their own names: object_frame '
-                             f'{self.object_frame!r} must be empty')
-        if self.evidence != 'edges' and self.tracking != 'none':
-            raise ValueError(f'tracking {self.tracking} needs evidence edges, it is '
-                             f'{self.evidence}')
-        return self
 
 
 class PmclNode(StageNode):
@@ -92,6 +65,7 @@ class PmclNode(StageNode):
             pose_source(self, _CAMERA, settings.track_camera, settings.track_frame, MANY)
             if settings.tracking == 'camera' else None)
         self._several: SeveralObjects | None = None
+        self._posed = settings.source == 'posed_views'
         self._tracker: Tracker | None = None
         if settings.several:
             paths = [resolve(each, 'objects') for each in settings.several]
@@ -100,13 +74,15 @@ class PmclNode(StageNode):
             self._work(self._several.localizer, ', '.join(self._several.names))
         else:
             self._set_up_one(settings)
+        self._next_view = NextViewService(self, self._model if self._posed else None, settings)
 
     def _set_up_one(self, settings: PmclNodeSettings) -> None:
         path = resolve(settings.object, 'object')
         self._model = ObjectModel.load(path)
         self.object_frame = (ObjectFrame(self, settings.object_frame or self._model.name)
                              if settings.broadcast_tf else None)
-        localizer = self._work(partial(make_localizer, self._model, settings), self._model.name)
+        localizer = self._work(partial(make_localizer, self._model, settings, self._posed),
+                               self._model.name)
         if isinstance(localizer, Localizer):
             self._tracker = Tracker(localizer, self._model, settings)
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
@@ -132,19 +108,26 @@ class PmclNode(StageNode):
         self.active.callback(self._stop)
         if self._camera_poses is not None:
             self._camera_poses.start()
-        self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
-        self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
-        self._input = EvidenceInput(self, self._settings.mode, self._settings.evidence,
-                                    self._on_evidence)
+        self._input: EvidenceInput | None = None
+        if self._posed:
+            self._evidence_of = ViewsEvidenceBuilder(DlvSettings(),
+                                                     self._settings.evidence != 'edges')
+            PosedViewsInput(self, self._on_evidence)
+        else:
+            self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
+            self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
+            self._input = EvidenceInput(self, self._settings, self._on_evidence)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
+        self._next_view.start()
 
     def _forget(self) -> None:
         if self._tracker is not None:
             self._tracker.reset()
         self._overlays.forget()
+        self._next_view.forget()
         self._random = np.random.default_rng(self._settings.seed)
-        self._last: Evidence | None = None
+        self._last: Evidence | PosedViews | None = None
         self._missing = MissingCaptures()
 
     # in
@@ -153,7 +136,7 @@ class PmclNode(StageNode):
         self._overlays.on_camera(message)
         self._missing.announce(header_from(message.header).stamp_ns)
 
-    def _on_evidence(self, evidence: Evidence) -> None:
+    def _on_evidence(self, evidence: Evidence | PosedViews) -> None:
         self.health.frames_in += 1
         for stamp in self._missing.arrived(evidence.header.stamp_ns):
             self.health.count('captures without evidence')  # dropped before this node
@@ -176,11 +159,12 @@ class PmclNode(StageNode):
     def _reset(self) -> str:
         self._stop()
         self._forget()
-        self._input.forget()
+        if self._input is not None:
+            self._input.forget()
         self._worker.resume()
         return f'the next capture is searched as the first, with seed {self._settings.seed}'
 
-    def _search(self, evidence: Evidence) -> None:
+    def _search(self, evidence: Evidence | PosedViews) -> None:
         self._last = evidence
         replaced = self._worker.offer(partial(self._localize, evidence, time.monotonic(),
                                               self._camera_at(evidence)))
@@ -188,7 +172,7 @@ class PmclNode(StageNode):
             self.dropped(f'capture {replaced.args[0].header.stamp_ns}: a newer one came before '
                          'it was searched')
 
-    def _camera_at(self, evidence: Evidence) -> NDArray[np.float64] | None:
+    def _camera_at(self, evidence: Evidence | PosedViews) -> NDArray[np.float64] | None:
         if self._camera_poses is None:
             return None
         try:
@@ -200,12 +184,15 @@ class PmclNode(StageNode):
 
     # on the worker's thread
 
-    def _localize(self, evidence: Evidence, began: float, camera: NDArray[np.float64] | None,
+    def _localize(self, given: Evidence | PosedViews, began: float,
+                  camera: NDArray[np.float64] | None,
                   localizer: AnyLocalizer[PoseEstimate] | AnyLocalizer[SceneEstimate]) -> None:
         def progress(_: float) -> bool:
             return not self._worker.stopping
 
         with self.watched('search'):
+            evidence = (self._evidence_of.build(given) if isinstance(given, PosedViews)
+                        else given)
             if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
                 evidence = edges_from_likelihood(evidence)
             found: PoseEstimate | SceneEstimate
@@ -217,20 +204,25 @@ class PmclNode(StageNode):
             if self._worker.stopping:
                 self.dropped(f'capture {evidence.header.stamp_ns}: {ENDED}')
             elif isinstance(found, PoseEstimate):
-                self._publish(found, evidence.pinhole, latency)
+                if isinstance(evidence, ViewsEvidence):
+                    self._next_view.on_estimate(evidence, found)
+                self._publish(found, given, latency)
             elif self._several is not None:
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)
 
     # out
 
-    def _publish(self, estimate: PoseEstimate, pinhole: Pinhole, latency: float) -> None:
-        name, stamp = self._model.name, estimate.header.stamp_ns
+    def _publish(self, estimate: PoseEstimate, given: Evidence | PosedViews, latency: float
+                 ) -> None:
+        name, what = self._model.name, f'capture {estimate.header.stamp_ns}'
+        if isinstance(given, PosedViews):
+            what = f'{len(given.views)} views, {what}'
         self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
         if estimate.modes:
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
             self.health.extra |= {'support': estimate.support, 'evidence': estimate.evidence,
                                   'weight': first, 'weight of the runner-up': second}
-        if self._settings.tracking != 'none':
+        if self._settings.tracking != 'none' or self._posed:
             shift = np.sqrt(np.trace(estimate.covariance[:3, :3]))
             self.health.extra['standard deviation [mm]'] = f'{1e3 * shift:.1f}'
         if estimate.lost:
@@ -238,7 +230,7 @@ class PmclNode(StageNode):
             x, y, z = estimate.pose[:3, 3]
             predicted = (f'; predicted at ({x:.3f}, {y:.3f}, {z:.3f}) m'
                          if estimate.mode == PREDICTED else '')
-            self.health.warn(f'lost: no {name} in capture {stamp}{predicted}')
+            self.health.warn(f'lost: no {name} in {what}{predicted}')
             self.get_logger().warning(self.health.message)
         else:
             messages = estimate_to_messages(estimate)
@@ -246,9 +238,13 @@ class PmclNode(StageNode):
                 publisher.publish(message)
             if self.object_frame is not None:
                 self.object_frame.broadcast(estimate)
-            self._overlays.publish(estimate.header, pinhole, lambda picture, camera:
-                                   overlay(picture, camera, self._model, estimate.pose))
-            self.done(latency, f'found {name} in capture {stamp}')
+            if isinstance(given, PosedViews):
+                self._overlays.publish_views(given, self._model, estimate.pose)
+            else:
+                self._overlays.publish(
+                    estimate.header, given.pinhole, lambda picture, camera:
+                    overlay(picture, camera, self._model, estimate.pose))
+            self.done(latency, f'found {name} in {what}')
         self._list.publish([name], [estimate])
         if self._markers.get_subscription_count():
             self._marker = self._marker or mesh_to_marker(self._model)

@@ -12,9 +12,10 @@ from rclpy.lifecycle import LifecyclePublisher
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros.drawing.pictures import outlines
+from pmcl_ros.drawing.pictures import contact_sheet, outlines, overlay
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.camera_info import pinhole_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import picture_from, picture_to_message
@@ -109,6 +110,16 @@ class Overlays:
                 'center/camera_info came with it', once=True)
             return
         self._publisher.publish(picture_to_message(header, draw(picture, pinhole)))
+
+
+    def publish_views(self, views: PosedViews, model: ObjectModel, pose: NDArray[np.float64]
+                      ) -> None:
+        """Draw an object at a pose (4, 4) in the views' frame on each of them."""
+        if self._publisher.get_subscription_count():
+            drawn = [overlay(view.displayed(), view.pinhole, model,
+                             np.linalg.inv(view.camera_to_reference) @ pose)
+                     for view in views.views]
+            self._publisher.publish(picture_to_message(views.header, contact_sheet(drawn)))
 
 
 def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:

@@ -1,4 +1,4 @@
-"""Images of a moved camera and its poses -> LightField."""
+"""Images of a moved camera and its poses -> LightField or PosedViews."""
 
 import sys
 import time
@@ -10,10 +10,12 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
+from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from
@@ -21,7 +23,7 @@ from pmcl_ros.nodes.runtime.base import MANY, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
-from pmcl_ros.nodes.view_outputs import view_outputs
+from pmcl_ros.nodes.view_outputs import posed_view_outputs, view_outputs
 from pmcl_ros.runtime.errors import (
     LightFieldError,
     PmclError,
@@ -45,7 +47,10 @@ class _Waiting(NamedTuple):
 
 
 class SweepDriver(StageNode):
-    """Collects the frames of a sweep and publishes them as one light field."""
+    """Collects the frames of a sweep and publishes them as one light field, or as posed views.
+
+    Posed views are published whenever there is one more.
+    """
 
     name = 'sweep_driver'
     settings_class = SweepDriverSettings
@@ -65,16 +70,27 @@ class SweepDriver(StageNode):
         self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
                                   transform(settings.mount_position, settings.mount_rpy))
         self._outputs = view_outputs(self)
-        self.get_logger().info(
-            f'a sweep is {settings.rows}x{settings.columns} views, {settings.baseline} m apart, '
-            + ('at the planned poses' if self._middle is not None else 'wherever the camera goes'))
+        self._posed_outputs = posed_view_outputs(self)
+        self.get_logger().info(self._described_sweep())
+
+    def _described_sweep(self) -> str:
+        settings = self._settings
+        if settings.collect == 'grid':
+            return (f'a sweep is {settings.rows}x{settings.columns} views, {settings.baseline} m '
+                    'apart, ' + ('at the planned poses' if self._middle is not None
+                                 else 'wherever the camera goes'))
+        when = ('wherever the camera comes to rest' if settings.collect == 'rest'
+                else 'at each call of ~/take')
+        return f'collects up to {settings.most_views} posed views, {when}'
 
     def start(self) -> None:
         """Listen."""
         self._lens: Lens | None = None
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._number = False, 0
+        self._wanted = 0  # pictures that ~/take asked for
         self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
+        self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
         self._poses.start()
         self.subscribe(CameraInfo, 'camera_info', self._on_info, QoSProfile(
             depth=10, reliability=self._reliability))
@@ -83,7 +99,8 @@ class SweepDriver(StageNode):
         self.every(_LOOK, self._take_waiting)
         self.serve('~/start', self._start_sweep)
         self.serve('~/finish', self._finish)
-        self._collection = Collection(self._settings, self._middle)
+        self.serve('~/take', self._take)
+        self._collection = self._new_collection()
         self._frame_id: str | None = None
         if self._settings.at_once:
             self._start_sweep()
@@ -94,14 +111,28 @@ class SweepDriver(StageNode):
         return (ReliabilityPolicy.RELIABLE if self._settings.reliable
                 else ReliabilityPolicy.BEST_EFFORT)
 
+    def _new_collection(self) -> Collection | ViewCollection:
+        if self._settings.collect == 'grid':
+            return Collection(self._settings, self._middle)
+        return ViewCollection(self._settings, self._settings.fixed_frame)
+
     # in
+
+    def _take(self) -> str:
+        if self._settings.collect != 'service':
+            raise LightFieldError(f'collect is {self._settings.collect}: pictures are taken '
+                                  'without a call; set it to service')
+        if not self._collecting:
+            raise LightFieldError('no collection is going on: call ~/start')
+        self._wanted += 1
+        return 'the next picture at rest is taken'
 
     def _start_sweep(self) -> str:
         forgotten = len(self._collection.frames) if self._collecting else 0
-        self._collection = Collection(self._settings, self._middle)
+        self._collection = self._new_collection()
         self._waiting.clear()
         self._collecting, self._auto, self._frame_id = True, self._settings.auto_finish, None
-        self._number = 0
+        self._number = self._wanted = 0
         self._report_progress()
         return 'collecting' + (f'; {forgotten} frames of an unfinished sweep are forgotten'
                                if forgotten else '')
@@ -114,6 +145,10 @@ class SweepDriver(StageNode):
         if not self._collecting:
             self.health.count('frames outside of sweeps')
             return
+        if self._settings.collect == 'service':
+            if not self._wanted:
+                return
+            self._wanted -= 1
         self._number += 1
         name = f'frame {self._number}'
         header = header_from(message.header)
@@ -152,15 +187,20 @@ class SweepDriver(StageNode):
             except PmclError as error:
                 self._collection.leave_out(first.name, str(error))
                 raise LightFieldError(f'{first.name} is left out: {error}') from None
-            taken = self._collection.add(frame) or taken
+            kept = self._collection.add(frame)
+            self._wanted += not kept and not self._collection.left_out[-1].spare
+            taken = kept or taken
         if taken:
             self._report_progress()
-            if self._auto and self._collection.filled == self._collection.cells:
+            if self._auto and self._collection.complete:
                 self._auto = False  # what fails now is the user's to finish, or to start again
                 self._finish()
+            elif self._collection.due:
+                self._publish()
 
     def _give_up(self, waiting: _Waiting, reason: str) -> None:
         self._collection.leave_out(waiting.name, reason)
+        self._wanted += 1
         self.dropped(f'{waiting.name}, {waiting.header.stamp_ns}: {reason}')
 
     # out
@@ -174,19 +214,28 @@ class SweepDriver(StageNode):
         while self._waiting:
             self._give_up(self._waiting.popleft(), 'its pose had not come when the sweep ended')
         try:
-            sweep = self._collection.assemble(self._frame_id or '')
+            text = self._publish()
         except LightFieldError as error:  # the frames are kept: more may mend it
             self._auto = auto
-            raise LightFieldError(f'no light field of this sweep yet: {error}') from None
+            raise LightFieldError(f'nothing to publish of this sweep yet: {error}') from None
         self._collecting = False
-        made = sweep.light_field
+        self._report_progress()
+        self.health.extra['last sweep'] = text
+        self.publish_diagnostics()
+        return text
+
+    def _publish(self) -> str:
+        """Publish what has been collected; returns what it is."""
+        sweep = self._collection.assemble(self._frame_id or '')
+        made = sweep.source
         self.get_logger().info(f'sweep: {sweep.describe()}')
         for each in sweep.left_out:
             self.get_logger().debug(f'left out {each}')
-        self._deferred.publish(lambda: made, f'sweep {made.header.stamp_ns}')
-        self._report_progress()
-        self.health.extra['last sweep'] = sweep.describe()
-        self.publish_diagnostics()
+        capture = f'sweep {made.header.stamp_ns}'
+        if isinstance(made, PosedViews):
+            self._posed.publish(lambda: made, capture)
+        else:
+            self._deferred.publish(lambda: made, capture)
         return sweep.describe()
 
     def _report_progress(self) -> None:

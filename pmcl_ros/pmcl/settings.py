@@ -20,10 +20,10 @@ class PmclSettings(Settings):
         'default', description='default: global search by contour evidence; faithful: the '
         'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
         'to true and view_weights to equal in dlv_node too')
-    evidence: EvidenceKind = Field(
-        'edges', description='default mode: edges of the refocused views (dlv/edges); map, the '
-        'contour map of the learned network (dlv/contour_map), the default of commands for '
-        'pictures of ordinary cameras')
+    evidence: Literal['auto', 'edges', 'map'] = Field(
+        'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
+        'contour map of the learned network (dlv/contour_map); auto: edges of light fields, the '
+        'map of pictures of ordinary cameras')
     object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

@@ -11,6 +11,7 @@ from std_msgs.msg import Float32MultiArray
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.evidence_input import EvidenceInput
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
+from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.settings import Settings
 
 
@@ -23,7 +24,7 @@ class Searcher(StageNode):
         self.evidence = []
 
     def start(self):
-        self.input = EvidenceInput(self, 'default', 'edges', self.evidence.append,
+        self.input = EvidenceInput(self, PmclSettings(), self.evidence.append,
                                    discovery=3600.0)
 
     def hand_over(self, topic, value, stamp):

@@ -28,8 +28,9 @@ ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml
 
 
 # Topics to which a node subscribes in other circumstances.
-# dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map.
-CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map')}
+# dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map;
+# posed_views: in place of all these.
+CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map', *PRESETS['posed_views'])}
 
 
 @pytest.fixture(params=ALL, ids=lambda entry: entry.name)
@@ -82,5 +83,7 @@ def test_presets_are_of_topics():
     for topics in PRESETS.values():
         assert set(topics) <= {*names}
     # what each stage's node takes is in the preset before it
-    for preset, name in (('raw', 'subaperture_node'), ('views', 'dlv_node'), ('dlv', 'pmcl_node')):
-        assert {each.name for each in TOPICS if name in each.subscribers} <= {*PRESETS[preset]}
+    for presets, name in ((('raw',), 'subaperture_node'), (('views',), 'dlv_node'),
+                          (('dlv', 'posed_views'), 'pmcl_node')):
+        recorded = {topic for preset in presets for topic in PRESETS[preset]}
+        assert {each.name for each in TOPICS if name in each.subscribers} <= recorded

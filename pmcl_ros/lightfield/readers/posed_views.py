@@ -2,16 +2,14 @@
 
 import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, encoded
 from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction, read_picture
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
 from pmcl_ros.lightfield.sweep.frame import Lens
@@ -38,18 +36,6 @@ class ViewCamera(CameraEntry):
     def lens(self) -> Lens:
         """The camera with its distortion. Raises LightFieldError for impossible coefficients."""
         return Lens(self.pinhole, self.distortion, self.model)
-
-    def undistorted(self, picture: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The picture (height, width, 3) that `pinhole` sees; it keeps the camera matrix and size.
-
-        Pixels that the camera did not see repeat the border.
-        """
-        lens = self.lens
-        if not self.distortion:
-            return picture
-        x, y = lens.places(np.eye(3), lens.pinhole)
-        seen = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return np.clip(np.asarray(seen, np.float32), 0, 1)
 
 
 class ViewEntry(Settings):
@@ -140,7 +126,7 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
             raise LightFieldError(f'it has {width}x{height} px, its camera {entry.camera!r} '
                                   f'{camera.width}x{camera.height}')
         reduction.check_memory(1, 1, height, width)
-        picture = camera.undistorted(_encoded(values, camera.gamma))
+        picture = camera.lens.undistorted(encoded(values, camera.gamma), camera.pinhole)
         stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
                     else round(1e9 * entry.stamp))
         return PosedView(Header(stamp_ns, of.reference), reduction.shrunk(picture),
@@ -150,13 +136,3 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
                          entry.common)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
-
-
-def _encoded(values: NDArray[Any], gamma: float) -> NDArray[np.float32]:
-    """0 to 1 as `PosedView.picture`, of uint8, uint16 or float32 of which `gamma` makes light."""
-    white = 1 if values.dtype == np.float32 else np.iinfo(values.dtype).max
-    picture = np.ascontiguousarray(values, np.float32) / np.float32(white)
-    if np.isfinite(picture).all():
-        picture = np.clip(picture, 0, 1)
-    return picture if gamma == GAMMA else picture ** np.float32(gamma / GAMMA)
-

@@ -42,12 +42,19 @@ class Sweep:
     left_out: tuple[LeftOut, ...]
     residual: float
 
+    @property
+    def source(self) -> LightField:
+        """What a pose is looked for in."""
+        return self.light_field
+
     def describe(self) -> str:
         """One line."""
         rows, columns = self.light_field.grid.shape
         pinhole = self.light_field.grid.pinhole
+        residual = ('too little texture to check poses' if math.isnan(self.residual)
+                    else f'residual {self.residual:.2f} px')
         text = (f'{len(self.used)} of {rows}x{columns} views of {pinhole.width}x{pinhole.height} '
-                f'px, reference {self.reference}, residual {self.residual:.2f} px')
+                f'px, reference {self.reference}, {residual}')
         return f'{text}; left out: {summary(self.left_out)}' if self.left_out else text
 
 
@@ -158,6 +165,9 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
         views[cell], weights[cell], used[cell] = view, 1, frame.name
         positions[cell] = rectified.offset[:2] / settings.baseline
     typical = float(np.median(residuals)) if residuals else math.nan
+    if not wrong and len(used) < 2:
+        raise LightFieldError(f'one view alone, {reference.name}, can be used: '
+                              f'{summary(left)}')
     if len(wrong) > len(used) or len(used) < 2:
         raise LightFieldError(
             f'of {len(chosen)} frames {len(wrong)} show things {typical:.1f} px from where their '

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.sweep.assemble import Sweep, assemble
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.selection import Layout, moves, relative_sharpness
+from pmcl_ros.lightfield.sweep.selection import Layout, distance, moves, relative_sharpness
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -31,7 +31,7 @@ class Collection:
             self.leave_out(frame.name, reason)
             return False
         for number, other in enumerate(self.frames):
-            apart = self._apart(frame, other)
+            apart = distance(frame, other, self._settings.near)
             if apart < _APART * self._settings.baseline:
                 old, new = relative_sharpness([other, frame])
                 worse, better = (other, frame) if new > old else (frame, other)
@@ -66,12 +66,16 @@ class Collection:
         poses = [each.pose for each in self.frames]
         return Layout.from_poses(poses, self._settings, self._middle).filled
 
+    @property
+    def complete(self) -> bool:
+        """Whether every cell has a frame."""
+        return self.filled == self.cells
+
+    @property
+    def due(self) -> bool:
+        """Whether it is to be published before it is complete: never."""
+        return False
+
     def assemble(self, frame_id: str) -> Sweep:
         """The light field of the frames so far, which stay. Errors as of `assemble`."""
         return assemble(self.frames, self._settings, frame_id, self._middle, self.left_out)
-
-    def _apart(self, one: SweepFrame, other: SweepFrame) -> float:
-        """Distance of two poses [m]; a rotation counts by its motion at `near`."""
-        cosine = (np.trace(one.pose[:3, :3].T @ other.pose[:3, :3]) - 1) / 2
-        return float(np.linalg.norm(one.position - other.position)
-                     + self._settings.near * np.arccos(np.clip(cosine, -1, 1)))

@@ -59,6 +59,18 @@ class Lens:
         return np.asarray(x, np.float32), np.asarray(y, np.float32)
 
 
+    def undistorted(self, picture: NDArray[np.float32], wanted: Pinhole) -> NDArray[np.float32]:
+        """The picture (height, width, 3), 0 to 1, that a pinhole at its place sees.
+
+        Pixels that the camera did not see repeat the border.
+        """
+        if self.pinhole == wanted and not self.distortion:
+            return picture
+        x, y = self.places(np.eye(3), wanted)
+        seen = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return np.clip(np.asarray(seen, np.float32), 0, 1)
+
+
 class LeftOut(NamedTuple):
     """An unused frame and the reason. spare: a better frame of the same place exists."""
 

@@ -134,6 +134,13 @@ def moves(frame: SweepFrame, settings: SweepSettings) -> str:
             f'm/s, {frame.angular_speed:.3f} rad/s), {settings.movement:g} are allowed')
 
 
+def distance(one: SweepFrame, other: SweepFrame, near: float) -> float:
+    """Distance of two poses [m]; a rotation counts by its motion of points at depth `near`."""
+    cosine = (np.trace(one.pose[:3, :3].T @ other.pose[:3, :3]) - 1) / 2
+    return float(np.linalg.norm(one.position - other.position)
+                 + near * np.arccos(np.clip(cosine, -1, 1)))
+
+
 def relative_sharpness(frames: Sequence[SweepFrame]) -> NDArray[np.float64]:
     """(n,) sharpness of each frame in its blurrier direction, relative to the median."""
     energies = np.array([each.sharpness for each in frames])

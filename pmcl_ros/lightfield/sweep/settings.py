@@ -52,9 +52,32 @@ class SweepSettings(Settings):
         return 2 / (1 / self.near + 1 / self.far)
 
 
-class SweepDriverSettings(SweepSettings):
-    """Images and poses -> LightField."""
+class ViewSettings(SweepSettings):
+    """Which frames of a camera that looks from anywhere become posed views."""
 
+    apart: float = Field(0.03, gt=0, le=10, description='posed views: smallest distance of two '
+                         'views; a rotation counts by its motion at near [m]')
+    least_views: int = Field(2, ge=1, le=99, description='posed views: published from this number '
+                             'of views on, then after each view')
+    most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
+                            'this number of views')
+    sigma_position: float = Field(
+        0.001, ge=0, le=1, description='posed views: standard deviation of the position of a '
+        "camera's pose, on each axis [m]")
+    sigma_rotation: float = Field(
+        0.0035, ge=0, le=3, description='posed views: of its rotation about each axis [rad]')
+    common: float = Field(
+        0.5, ge=0, le=1, description='posed views: share of these variances that all views have '
+        'in common, as an error of the hand-eye transform [1]')
+
+
+class SweepDriverSettings(ViewSettings):
+    """Images and poses -> LightField or PosedViews."""
+
+    collect: Literal['grid', 'rest', 'service'] = Field(
+        'grid', description='grid: parallel views on a plane, published as a light field (views); '
+        'rest: a posed view wherever the camera comes to rest (posed_views); service: one for '
+        'each call of ~/take')
     plan: str = Field('', description='path of a plan, YAML (pmcl sweep plan): its grid replaces '
                       'rows, columns and baseline; empty: a grid where most views have a frame')
     poses: Literal['auto', 'tf', 'topic'] = Field(

@@ -47,17 +47,23 @@ class Parameters:
         node.add_post_set_parameters_callback(self._accepted)
 
     def read(self) -> Settings:
-        """The parameters as they are now; SettingsError names every impossible or missing one."""
+        """The parameters as they are now; SettingsError names every impossible or missing one.
+
+        A value that is the default counts as not chosen (`model_fields_set`): parameter files
+        list all values.
+        """
         self._refuse_unknown()
         if self._refused:
             raise SettingsError('; '.join(self._refused.values()))
         values = {}
-        for name in self._kind.model_fields:
+        for name, field in self._kind.model_fields.items():
             try:
                 value = self._node.get_parameter(name).value
             except ParameterUninitializedException:
                 continue  # the settings know whether it may be missing
-            values[name] = value if isinstance(value, (bool, int, float, str)) else tuple(value)
+            value = value if isinstance(value, (bool, int, float, str)) else tuple(value)
+            if field.is_required() or value != default_of(field):
+                values[name] = value
         return self._kind.make(values, f'parameters of {self._node.get_name()}')
 
     def _declare(self, name: str, field: FieldInfo) -> None:

@@ -22,10 +22,11 @@ from pmcl_ros.runtime.errors import BagError
 _TYPES = {each.name: each.type for each in TOPICS}
 _LATCHED_COMES = 0.5  # s
 # a message of each capture, that knows its stamp
-_STAMPED = ('image_raw', 'views', 'dlv', 'dlv/edges', 'dlv/contour_map')
+_STAMPED = ('image_raw', 'views', 'posed_views', 'dlv', 'dlv/edges', 'dlv/contour_map')
 _READERS: dict[str, Callable[[Any], Stamped]] = {
     'dlv': volume_from, 'dlv/edges': edges_from, 'dlv/contour_map': map_from}
-_PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['dlv']} - {'camera_pose'}
+_PARTS = {*PRESETS['raw'], *PRESETS['views'], *PRESETS['posed_views'],
+          *PRESETS['dlv']} - {'camera_pose'}
 
 
 class LockstepPlayer:

@@ -68,7 +68,7 @@ class SceneLocalizer:
                                     'searched for jointly')
         if settings.mode != 'default':
             raise LocalizationError(f'several objects need mode default, it is {settings.mode}')
-        if settings.evidence != 'edges':
+        if settings.evidence == 'map':
             raise LocalizationError('several objects need evidence edges, it is '
                                     f'{settings.evidence}')
         self._settings = settings

@@ -1,0 +1,35 @@
+"""PosedViews -> ViewsEvidence, as views come."""
+
+import hashlib
+
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.edges import view_edges
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+
+
+class ViewsEvidenceBuilder:
+    """Makes the evidence of some views. Pictures that came the last time are not read again.
+
+    contour_maps: whether it is contour maps, else edges. settings: as of `build_map`.
+    """
+
+    def __init__(self, settings: DlvSettings, contour_maps: bool = True) -> None:
+        self._settings = settings
+        self._build = build_map if contour_maps else view_edges
+        self._kept: dict[bytes, EvidenceVolume] = {}  # of the last views, by their pictures
+
+    def build(self, views: PosedViews) -> ViewsEvidence:
+        """The evidence of each view. Raises as `build_map`."""
+        keys = [_key(each) for each in views.views]
+        self._kept = {key: self._kept.get(key) or self._build(view, self._settings)
+                      for key, view in zip(keys, views.views, strict=True)}
+        return ViewsEvidence(views.header, tuple(
+            PosedEvidence(self._kept[key], each.camera_to_reference, each.sigma, each.group,
+                          each.common) for key, each in zip(keys, views.views, strict=True)))
+
+
+def _key(view: PosedView) -> bytes:
+    return hashlib.blake2b(view.picture.tobytes() + repr(view.pinhole).encode()).digest()

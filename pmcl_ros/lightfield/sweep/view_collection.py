@@ -1,0 +1,125 @@
+"""Collects posed views of a moving camera: one of each place where it came to rest."""
+
+from dataclasses import dataclass
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.sweep.assemble import summary
+from pmcl_ros.lightfield.sweep.collection import MOST_BYTES
+from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
+from pmcl_ros.lightfield.sweep.selection import distance, moves
+from pmcl_ros.lightfield.sweep.settings import ViewSettings
+from pmcl_ros.runtime.errors import LightFieldError
+
+_GROUP = 'hand-eye'
+
+
+@dataclass(frozen=True)
+class CollectedViews:
+    """Posed views, and the frames that are none of them."""
+
+    source: PosedViews
+    left_out: tuple[LeftOut, ...]
+
+    def describe(self) -> str:
+        """One line."""
+        views = self.source.views
+        text = f'{len(views)} posed views in {self.source.header.frame_id}'
+        return f'{text}; left out: {summary(self.left_out)}' if self.left_out else text
+
+
+class ViewCollection:
+    """Frames of any directions as they come, as views without distortion.
+
+    All have the pinhole of the first frame; those of other cameras are resampled to it.
+    frame: of the poses.
+    """
+
+    def __init__(self, settings: ViewSettings, frame: str) -> None:
+        self._settings, self._frame = settings, frame
+        self.frames: list[SweepFrame] = []
+        self.left_out: list[LeftOut] = []
+        self._views: list[PosedView] = []
+        self._pinhole: Pinhole | None = None
+
+    @property
+    def cells(self) -> int:
+        """Number of views that are wanted."""
+        return self._settings.most_views
+
+    @property
+    def filled(self) -> int:
+        """Number of views that are there."""
+        return len(self.frames)
+
+    @property
+    def complete(self) -> bool:
+        """Whether there are as many views as are wanted."""
+        return self.filled == self.cells
+
+    @property
+    def due(self) -> bool:
+        """Whether there are views enough for a pose."""
+        return self.filled >= self._settings.least_views
+
+    def add(self, frame: SweepFrame) -> bool:
+        """Add a frame; returns whether it is kept. Dropped frames go to `left_out`.
+
+        Raises LightFieldError when the memory is full.
+        """
+        reason = moves(frame, self._settings)
+        if reason:
+            self.leave_out(frame.name, reason)
+            return False
+        for number, other in enumerate(self.frames):
+            apart = distance(frame, other, self._settings.near)
+            if apart >= self._settings.apart:
+                continue
+            blurred = bool((other.sharpness < self._settings.sharpness * frame.sharpness).any())
+            worse, better = (other, frame) if blurred else (frame, other)
+            self.leave_out(worse.name, f'{better.name} is there, {1e3 * apart:.1f} mm beside it',
+                           True)
+            if blurred:
+                self.frames[number], self._views[number] = frame, self._view(frame)
+            return blurred
+        if self.complete:
+            self.leave_out(frame.name, f'{len(self.frames)} views are there already (most_views)')
+            return False
+        size = self._bytes(frame)
+        if size > MOST_BYTES:
+            self.leave_out(frame.name, 'no room')
+            raise LightFieldError(
+                f'{frame.name} is given up: {len(self._views) + 1} views need '
+                f'{size / 2 ** 30:.1f} GiB; take fewer, or make pixels larger (shrink)')
+        self._views.append(self._view(frame))
+        self.frames.append(frame)
+        return True
+
+    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
+        """Record a dropped frame."""
+        self.left_out.append(LeftOut(name, reason, spare))
+
+    def assemble(self, _: str = '') -> CollectedViews:
+        """The views so far, which stay. Raises LightFieldError where there are none."""
+        if not self._views:
+            raise LightFieldError(f'there is no view: {summary(self.left_out) or "no frame came"}')
+        return CollectedViews(PosedViews(tuple(self._views)), tuple(self.left_out))
+
+    def _bytes(self, frame: SweepFrame) -> int:
+        """Of all frames and views, with one more."""
+        pinhole = Reduction(1, self._settings.shrink).pinhole(self._pinhole or frame.lens.pinhole)
+        images = sum(each.image.nbytes for each in (*self.frames, frame))
+        return images + (len(self._views) + 1) * 12 * pinhole.width * pinhole.height
+
+    def _view(self, frame: SweepFrame) -> PosedView:
+        settings = self._settings
+        if self._pinhole is None:
+            self._pinhole = frame.lens.pinhole
+        reduction = Reduction(1, settings.shrink)
+        picture = frame.lens.undistorted(encoded(frame.image, settings.gamma), self._pinhole)
+        return PosedView(Header(frame.stamp_ns, self._frame), reduction.shrunk(picture),
+                         reduction.pinhole(self._pinhole), frame.pose,
+                         (settings.sigma_position, settings.sigma_rotation), _GROUP,
+                         settings.common)

@@ -1,0 +1,125 @@
+"""PosedViews: `posed_views`, and its `camera_info`, `poses` and `sigma`."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.sweep.frame import Lens
+from pmcl_ros.messages.camera_info import pinhole_from, pinhole_to_message
+from pmcl_ros.messages.header import check_same, header_from, header_to_message, promised_by
+from pmcl_ros.messages.image import image_message, pixels_of
+from pmcl_ros.messages.pose import poses_from, poses_to_messages
+from pmcl_ros.messages.types import Buffer, CameraInfo, Image, PoseArray
+from pmcl_ros.runtime.errors import MessageError
+
+_WHITE = 65535
+
+
+class PosedViewsMessages(NamedTuple):
+    """The four messages, in the order in which they are published."""
+
+    camera_info: CameraInfo
+    poses: PoseArray
+    sigma: Image
+    views: Image
+
+
+def posed_views_to_messages(views: PosedViews, buffer: Buffer | None = None
+                            ) -> PosedViewsMessages:
+    """Some views of one scene. All have the stamp of the last, and the reference frame.
+
+    posed_views: rgb16, the pictures one below the other, gamma encoded, 65535 at white.
+    camera_info: the pinhole of each, that of the first view; pictures of other pinholes are
+        resampled to it.
+    poses: of the cameras' optical frames in the reference frame.
+    sigma: 32FC4, a row for each view: standard deviations of its pose's position [m] and rotation
+        [rad], the share of their variance that is common to its group, and the group's number,
+        from 1; 0: the view has no group.
+    """
+    return PosedViewsMessages(info_to_message(views), poses_to_message(views),
+                              sigma_to_message(views), mosaic_to_message(views, buffer))
+
+
+def info_to_message(views: PosedViews) -> CameraInfo:
+    """`posed_views/camera_info` alone."""
+    return pinhole_to_message(views.header, views.views[0].pinhole)
+
+
+def poses_to_message(views: PosedViews) -> PoseArray:
+    """`posed_views/poses` alone."""
+    return PoseArray(header=header_to_message(views.header), poses=poses_to_messages(
+        np.array([each.camera_to_reference for each in views.views])))
+
+
+def sigma_to_message(views: PosedViews) -> Image:
+    """`posed_views/sigma` alone."""
+    message, rows = image_message(views.header, '32FC4', (len(views.views), 1), None)
+    names = list(dict.fromkeys(each.group for each in views.views if each.group))
+    rows[:, 0] = [(*each.sigma, each.common, names.index(each.group) + 1 if each.group else 0)
+                  for each in views.views]
+    return message
+
+
+def mosaic_to_message(views: PosedViews, buffer: Buffer | None = None) -> Image:
+    """`posed_views` alone."""
+    pinhole = views.views[0].pinhole
+    message, mosaic = image_message(
+        views.header, 'rgb16', (len(views.views) * pinhole.height, pinhole.width), buffer)
+    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, 3)
+    for tile, view in zip(tiles, views.views, strict=True):
+        picture = Lens(view.pinhole).undistorted(view.picture, pinhole)
+        tile[:] = np.rint(picture * np.float32(_WHITE))
+    return message
+
+
+def posed_views_from(camera_info: CameraInfo, poses: PoseArray, sigma: Image, views: Image
+                     ) -> PosedViews:
+    """The inverse of `posed_views_to_messages`: four messages of one capture.
+
+    MessageError where they contradict each other.
+    """
+    header = header_from(views.header)
+    for name, other in (('camera_info', camera_info), ('poses', poses), ('sigma', sigma)):
+        check_same(f'posed_views/{name}', header_from(other.header), header)
+    pinhole = pinhole_from(camera_info)
+    cameras, rows, mosaic = cameras_from(poses), sigmas_from(sigma), mosaic_from(views)
+    expected = len(cameras) * pinhole.height, pinhole.width
+    if mosaic.shape[:2] != expected or len(rows) != len(cameras):
+        raise MessageError(
+            f'posed_views is {mosaic.shape[1]}x{mosaic.shape[0]} px with {len(rows)} rows of '
+            f'posed_views/sigma; {len(cameras)} poses (posed_views/poses) of '
+            f'{pinhole.width}x{pinhole.height} px (posed_views/camera_info) make '
+            f'{expected[1]}x{expected[0]} and {len(cameras)} rows')
+    tiles = mosaic.reshape(-1, pinhole.height, pinhole.width, 3)
+    with promised_by('posed_views'):
+        return PosedViews(tuple(
+            PosedView(header, tile.astype(np.float32) / np.float32(_WHITE), pinhole, camera,
+                      (position, rotation), f'group {number:.0f}' if number else '', common)
+            for tile, camera, (position, rotation, common, number)
+            in zip(tiles, cameras, rows.astype(float).tolist(), strict=True)))
+
+
+def cameras_from(message: PoseArray) -> NDArray[np.float64]:
+    """(n, 4, 4) of a `posed_views/poses` message; MessageError where there is none."""
+    if not message.poses:
+        raise MessageError('posed_views/poses holds no pose; expected one for each view')
+    return poses_from(message.poses, 'posed_views/poses')
+
+
+def sigmas_from(message: Image) -> NDArray[np.float32]:
+    """(n, 4) of a `posed_views/sigma` message, as `posed_views_to_messages` says."""
+    rows = pixels_of(message, '32FC4', 'posed_views/sigma')
+    if rows.shape[1] != 1:
+        raise MessageError(f'posed_views/sigma has {rows.shape[1]} columns; expected one, and a '
+                           'row for each view')
+    if not (np.isfinite(rows).all() and (rows >= 0).all() and (rows[..., 2] <= 1).all()):
+        raise MessageError('posed_views/sigma holds NaN, infinity, a negative number or a share '
+                           'above 1; expected sigmas [m, rad], a share and the number of a group')
+    return np.asarray(rows[:, 0])
+
+
+def mosaic_from(message: Image) -> NDArray[np.uint16]:
+    """(n * height, width, 3) of a `posed_views` message, not copied."""
+    return pixels_of(message, 'rgb16', 'posed_views')

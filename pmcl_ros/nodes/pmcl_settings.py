@@ -1,0 +1,52 @@
+"""Parameters of pmcl_node."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+
+
+class PmclNodeSettings(TrackingSettings):
+    """Settings of the search, the tracking and the frames on /tf."""
+
+    source: Literal['light_field', 'posed_views'] = Field(
+        'light_field', description='what is searched: light_field, the evidence of dlv_node, in '
+        "the camera's frame; posed_views, pictures and camera poses (posed_views), in their "
+        'frame. The region of interest is in that frame')
+    next_view_cap: float = Field(
+        90.0, gt=0, le=360, description='posed views: angle of the cap of cameras about the '
+        'object that ~/next_view chooses from [deg]')
+    next_view_candidates: int = Field(40, ge=1, le=10_000, description='posed views: number of '
+                                      'these cameras')
+    broadcast_tf: bool = Field(
+        False, description="publish the frame of the object on /tf, as a child of the camera's, "
+        'for each pose; needs tf2_ros (full ROS)')
+    object_frame: str = Field('', description='name of that frame; empty: that of the object')
+    objects: tuple[str, ...] = Field(
+        ('',), description='paths of several objects that are looked for together, instead of '
+        'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'
+        'pose and objects/NAME/pose_with_covariance, and frame')
+
+    @property
+    def several(self) -> tuple[str, ...]:
+        """Paths of the objects of a joint search; empty: `object` is the only one."""
+        return tuple(each for each in self.objects if each)
+
+    @model_validator(mode='after')
+    def _some_exclude_others(self) -> 'PmclNodeSettings':
+        if self.several and (self.tracking != 'none' or self.mode != 'default'):
+            raise ValueError(f'objects need tracking none and mode default, they are '
+                             f'{self.tracking} and {self.mode}')
+        if self.several and self.object_frame:
+            raise ValueError(f'objects have frames of their own names: object_frame '
+                             f'{self.object_frame!r} must be empty')
+        if self.evidence == 'map' and self.tracking != 'none':
+            raise ValueError(f'tracking {self.tracking} needs evidence edges, it is '
+                             f'{self.evidence}')
+        if self.source == 'posed_views' and (
+                self.several or self.tracking != 'none' or self.mode != 'default'):
+            raise ValueError('source posed_views needs one object, tracking none and mode '
+                             f'default; objects are {list(self.several)}, tracking '
+                             f'{self.tracking}, mode {self.mode}')
+        return self

@@ -1,0 +1,94 @@
+"""Which frames become posed views, and why others do not."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.settings import ViewSettings
+from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
+from pmcl_ros.runtime.errors import LightFieldError
+
+PINHOLE = Pinhole(64, 48, 60.0, 60.0, 31.0, 24.0)
+SHARP = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
+BLURRED = (SHARP // 8 + 100).astype(np.uint8)
+
+
+def frame(name, x=0.0, turn=0.0, image=SHARP, lens=None, **motion):
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler('y', turn, degrees=True).as_matrix()
+    pose[:3, 3] = x, 0, 0
+    return SweepFrame(name, 7, image, lens or Lens(PINHOLE), pose, **motion)
+
+
+def collection(**changes):
+    return ViewCollection(ViewSettings(near=0.3, apart=0.03, most_views=3, **changes), 'base')
+
+
+def test_a_view_of_each_place_where_the_camera_rests():
+    made = collection(sigma_position=0.002, common=0.25)
+    assert made.add(frame('first'))
+    assert not made.due
+    assert not made.add(frame('moving', 0.1, speed=1.0))
+    assert not made.add(frame('beside', 0.02))
+    assert made.add(frame('turned', 0.02, 10))  # 0.3 m times 10 degrees, and 20 mm
+    assert made.due
+    assert not made.complete
+    assert made.add(frame('third', 0.2))
+    assert made.complete
+    assert not made.add(frame('one more', 0.3))
+    found = made.assemble()
+    assert [each.name for each in made.frames] == ['first', 'turned', 'third']
+    assert found.source.header.frame_id == 'base'
+    for view, of in zip(found.source.views, made.frames, strict=True):
+        np.testing.assert_array_equal(view.camera_to_reference, of.pose)
+        np.testing.assert_allclose(view.picture, SHARP / 255, atol=1e-6)
+        assert (view.sigma[0], view.common, view.group) == (0.002, 0.25, 'hand-eye')
+    text = found.describe()
+    assert text.startswith('3 posed views in base; left out: moving: moved by 2.0 px')
+    assert 'one more: 3 views are there already (most_views)' in text
+    assert '1 of places with a better one' in text
+
+
+def test_a_sharp_frame_takes_the_place_of_a_blurred_one():
+    made = collection()
+    made.add(frame('blurred', image=BLURRED))
+    assert made.add(frame('sharp', 0.001))
+    assert not made.add(frame('again', 0.002))
+    assert [each.name for each in made.frames] == ['sharp']
+    np.testing.assert_allclose(made.assemble().source.views[0].picture, SHARP / 255, atol=1e-6)
+    assert [each.name for each in made.left_out] == ['blurred', 'again']
+
+
+def test_another_lens_is_resampled_to_the_first_camera():
+    distorted = Lens(Pinhole(80, 60, 75.0, 75.0, 39.0, 30.0), (-0.2, 0.05, 0.0, 0.0))
+    x, y = distorted.places(np.eye(3), PINHOLE)
+    v, u = np.mgrid[:60, :80]
+    ramp = np.stack([3 * u, 4 * v, 0 * u + 90], axis=-1).astype(np.uint8)
+    made = collection(gamma=2.2)
+    made.add(frame('first'))
+    made.add(frame('other', 0.1, image=ramp, lens=distorted))
+    found = made.assemble().source.views[1]
+    assert found.pinhole == PINHOLE
+    expected = np.stack([3 * x, 4 * y, 0 * x + 90], axis=-1) / 255
+    np.testing.assert_allclose(found.picture, expected, atol=4e-3)
+
+
+def test_pictures_are_made_smaller_and_the_memory_is_bounded():
+    made = collection(shrink=4)
+    made.add(frame('first'))
+    assert made.assemble().source.views[0].picture.shape == (12, 16, 3)
+    large = Pinhole(12_000, 9_000, 10_000.0, 10_000.0, 6000.0, 4500.0)
+    image = np.broadcast_to(np.uint8(7), (9_000, 12_000, 3))
+    with pytest.raises(LightFieldError, match=r'huge is given up: 1 views need 1\.5 GiB'):
+        collection().add(frame('huge', image=image, lens=Lens(large)))
+
+
+def test_nothing_collected_is_told_with_the_reasons():
+    made = collection()
+    with pytest.raises(LightFieldError, match='no frame came'):
+        made.assemble()
+    made.add(frame('moving', speed=1.0))
+    with pytest.raises(LightFieldError, match='moving: moved by'):
+        made.assemble()
