@@ -12,7 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.collection import Collection
-from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.frame import LeftOut, Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
@@ -188,7 +188,8 @@ class SweepDriver(StageNode):
                 self._collection.leave_out(first.name, str(error))
                 raise LightFieldError(f'{first.name} is left out: {error}') from None
             kept = self._collection.add(frame)
-            self._wanted += not kept and not self._collection.left_out[-1].spare
+            if not kept:
+                self._want_another(self._collection.left_out[-1])
             taken = kept or taken
         if taken:
             self._report_progress()
@@ -198,9 +199,16 @@ class SweepDriver(StageNode):
             elif self._collection.due:
                 self._publish()
 
+    def _want_another(self, instead_of: LeftOut) -> None:
+        """What ~/take asked for is still to come, unless it is there already."""
+        if self._settings.collect == 'service' and not instead_of.spare:
+            self._wanted += 1
+            self.get_logger().info(f'~/take: another picture, as {instead_of}',
+                                   throttle_duration_sec=1.0)
+
     def _give_up(self, waiting: _Waiting, reason: str) -> None:
         self._collection.leave_out(waiting.name, reason)
-        self._wanted += 1
+        self._want_another(self._collection.left_out[-1])
         self.dropped(f'{waiting.name}, {waiting.header.stamp_ns}: {reason}')
 
     # out

@@ -1,0 +1,190 @@
+"""A camera that goes around an object gives poses in the base frame, better ones as views come."""
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
+from harness import ACTIVATE, CONFIGURE, Process
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+from test_sweep_driver import BASE, SECOND, START, Robot, info_of, record
+
+from pmcl_ros.cli import main
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.readers.pictures import read_picture
+from pmcl_ros.lightfield.readers.read import read_source
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.settings import ViewSettings
+from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
+from pmcl_ros.messages import bags
+from pmcl_ros.messages.image import picture_from
+from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
+from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
+from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.pipeline import Pipeline
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+
+CAMERA = '{width: 320, height: 240, fx: 300, cx: 161, cy: 119}'
+TOPICS = ((CameraInfo, 'posed_views/camera_info', SMALL), (PoseArray, 'posed_views/poses', SMALL),
+          (Image, 'posed_views/sigma', SMALL), (Image, 'posed_views', BIG))
+
+
+@pytest.fixture(scope='module')
+def scene(tmp_path_factory):
+    """A folder with four views of an opaque object, over 45 degrees."""
+    folder = tmp_path_factory.mktemp('scene')
+    (folder / 'camera.yaml').write_text(CAMERA)
+    result = CliRunner().invoke(main, [
+        'scenes', 'render', '--camera', str(folder / 'camera.yaml'), '--cameras', 'arc:4:45',
+        '--samples', '1', '--kind', 'opaque', '--seed', '4', '--count', '1', '-o',
+        str(folder / 'out')])
+    assert result.exit_code == 0, result.output
+    return folder / 'out' / '000004'
+
+
+@pytest.fixture(scope='module')
+def frames(scene):
+    """What a wrist camera takes of it, a second apart, with poses in the base frame."""
+    views = read_source(scene / 'views.yaml').views
+    return [SweepFrame(f'{k}', START + k * SECOND, read_picture(scene / f'{k:03d}.png'),
+                       Lens(view.pinhole), BASE @ view.camera_to_reference)
+            for k, view in enumerate(views)]
+
+
+@pytest.fixture(scope='module')
+def truth(scene):
+    return BASE @ Truth.load(scene / 'truth.json').pose
+
+
+@pytest.fixture(scope='module')
+def search(scene):
+    """The parameters of pmcl_node; the region is in the base frame."""
+    centre = BASE[:3, :3] @ Truth.load(scene / 'truth.json').roi_center + BASE[:3, 3]
+    return {'object': str(scene / 'model.obj'), 'roi_center': centre.tolist(),
+            'roi_size': [0.12, 0.12, 0.12]}
+
+
+def off(pose, truth):
+    return pose_error(pose, truth, Symmetry(np.array([0.0, 0, 1])))
+
+
+def sent_by(frames, views):
+    """Posed views of the first so many frames, as they go over the wire."""
+    collection = ViewCollection(ViewSettings(), 'base_link')
+    for each in frames[:views]:
+        assert collection.add(each)
+    return posed_views_to_messages(collection.assemble().source)
+
+
+def test_each_picture_that_is_asked_for_makes_the_pose_surer(
+        tmp_path, user, frames, truth, search):
+    parameters = tmp_path / 'parameters.yaml'
+    parameters.write_text(yaml.safe_dump({
+        'sweep_driver': {'ros__parameters': {'poses': 'topic', 'gap': 2.0, 'most_views': 4,
+                                             'movement': 5.0}},
+        'pmcl_node': {'ros__parameters': search}}))
+    with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters,
+                 '--views', 'service') as chain:
+        poses = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
+        pictures, nexts = (user.listen(kind, topic, SMALL) for kind, topic in (
+            (Image, 'overlay'), (PoseStamped, 'next_view')))
+        user.wait(lambda: 'active: ' in chain.log, 'the chain')
+        early = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
+        assert not early.success
+        assert 'no pose has been found' in early.message
+        robot = Robot(user)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        robot.shoot(frames[0])  # nobody asked
+        for number, frame in enumerate(frames, 1):
+            assert robot.ask('take').success
+            robot.shoot(frame)
+            user.wait(lambda number=number: len(poses) == number - 1, f'pose {number - 1}')
+        user.wait(lambda: len(pictures) == 3, 'the overlays')
+        answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
+        user.wait(lambda: nexts, 'the next view')
+    assert 'sweep: 4 posed views in base_link' in chain.log
+    found = [pose_with_covariance_from(each) for each in poses]
+    assert [header for header, *_ in found] == [
+        Header(each.stamp_ns, 'base_link') for each in frames[1:]]
+    sigmas = [np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]) for *_, covariance in found]
+    assert sigmas == sorted(sigmas, reverse=True)
+    error = off(found[-1][1], truth)
+    assert error.translation < 4 * sigmas[-1] < 0.02
+    assert np.degrees(error.rotation) < 3
+    # four views of 320x240 px in two rows, three times enlarged
+    assert picture_from(pictures[-1]).shape == (1440, 1920, 3)
+    assert picture_from(pictures[0]).shape == (720, 1920, 3)
+    assert answer.success, answer.message
+    assert 'mm now' in answer.message
+    _, camera = pose_from(nexts[0])
+    ahead = truth[:3, 3] - camera[:3, 3]
+    assert camera[:3, 2] @ ahead / np.linalg.norm(ahead) > 0.999
+
+
+def test_a_bag_of_a_moving_arm_gives_the_views_where_it_rested(tmp_path, user, frames):
+    record(tmp_path / 'bag', frames)
+    settings = {'poses': 'topic', 'collect': 'rest', 'exposure': 0.1, 'most_views': 4}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--rate', '2'):
+            user.wait(lambda: all(len(each) == 3 for each in came), 'two, three and four views')
+        refused = user.call(Trigger, '/sweep_driver/take', Trigger.Request())
+        assert 'collect is rest' in refused.message
+        again = user.call(Trigger, '/sweep_driver/finish', Trigger.Request())
+        user.wait(lambda: all(len(each) == 4 for each in came), 'the same again')
+    assert again.message.startswith('4 posed views in base_link; left out: frame 2: moved by')
+    for views, messages in zip((2, 3, 4, 4), zip(*came, strict=True), strict=True):
+        expected = sent_by(frames, views)
+        assert messages[0] == expected.camera_info
+        assert messages[2:] == (expected.sigma, expected.views)
+        found, wanted = posed_views_from(*messages), posed_views_from(*expected)
+        np.testing.assert_allclose([each.camera_to_reference for each in found.views],
+                                   [each.camera_to_reference for each in wanted.views],
+                                   atol=1e-12)
+
+
+def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames, truth, search):
+    lines = []
+    for views in (2, 4):
+        for (kind, topic, _), message in zip(TOPICS, sent_by(frames, views), strict=True):
+            name = f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+            lines.append(bags.Recorded(f'/{topic}', name, START + views,
+                                       serialize_message(message)))
+    bags.record(tmp_path / 'bag', lines)
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
+                 params=search | {'source': 'posed_views'}) as node:
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--in-step'):
+            user.wait(lambda: len(poses) == 2, 'both poses')
+    assert [pose_from(each)[0].stamp_ns for each in poses] == [
+        frames[1].stamp_ns, frames[3].stamp_ns]
+    assert 'found model in 4 views' in node.log
+    # The same views by the pipeline, without ROS.
+    settings = PmclSettings(**search)
+    with Pipeline.for_object(ObjectModel.load(scene / 'model.obj'), settings,
+                             posed=True) as pipeline:
+        run = pipeline.run(lambda: posed_views_from(*sent_by(frames, 4)),
+                           np.random.default_rng(settings.seed))
+    assert off(run.estimate.pose, truth).translation < 0.01
+    assert off(pose_from(poses[-1])[1], run.estimate.pose).translation < 1e-3
+
+
+def test_what_a_node_of_posed_views_cannot_do_is_refused(tmp_path, user, search):
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
+                 params=search | {'source': 'posed_views', 'tracking': 'camera'}) as node:
+        assert not user.change('pmcl_node', CONFIGURE)
+        assert 'source posed_views needs one object, tracking none and mode default' in node.log
+        assert user.set('pmcl_node', source='light_field', tracking='none') == []
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
+        answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
+        assert not answer.success
+        assert answer.message == 'a next view needs posed views: set source to posed_views'
