@@ -123,9 +123,12 @@ class GraspNode(StageNode):
 
     def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> Ranking:
+        if header.frame_id == self._settings.base_frame:  # of posed views
+            return self._ranker.rank(pose, covariance)
         if header.frame_id != self._settings.camera_frame:
             raise GraspError(f'the pose is in frame {header.frame_id!r}, expected camera_frame '
-                             f'{self._settings.camera_frame!r}')
+                             f'{self._settings.camera_frame!r} or base_frame '
+                             f'{self._settings.base_frame!r}')
         camera = self._arm.nearest(header.stamp_ns, self._settings.mount_parent,
                                    self._settings.max_age) @ self._mount
         return self._ranker.rank(camera @ pose, rotate_covariance(covariance, camera[:3, :3]))

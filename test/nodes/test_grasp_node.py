@@ -124,6 +124,12 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     for each in poses:  # equals may have changed places
         assert np.abs(parent - each).max(axis=(1, 2)).min() < 1e-6
     assert found['grasp'].pose == found['grasps'].poses[0]
+    # a pose in the base frame, as of posed views, needs no arm: the same grasps
+    planner.both.publish(with_covariance(GLASS, rotate_covariance(SPREAD, CAMERA[:3, :3]),
+                                         STAMP + 2 * SECOND, 'base_link'))
+    again = particles_from(planner.grasps(STAMP + 2 * SECOND)['grasps'])[1]
+    np.testing.assert_allclose(again[0], poses[0], atol=1e-6)
+    assert len(again) == len(poses)
     # the fingers are where they touch the glass: the axis passes between them
     fingers = poses[0] @ transform(gripper.parent_to_grasp)
     seen = inverse(fingers) @ GLASS
