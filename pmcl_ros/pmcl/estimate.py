@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 
+FOLLOWED = 'followed'  # the mode of an estimate that was found near a prediction
+
 
 @dataclass(frozen=True)
 class PoseMode:

@@ -107,13 +107,13 @@ class Estimator:
                             in_view=in_view, least_support=least.support,
                             least_evidence=least.evidence)
 
-    def from_prior(self, edges: EvidenceVolume, prior: Gaussian, count: int,
+    def from_prior(self, header: Header, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:
         """Lost, as nothing of the object is in view: `count` particles of the prior."""
         normal = rng.normal(size=(count, prior.basis.shape[1]))
         poses = retract(prior.pose, prior.deviations(normal))
         spread = self.model.symmetry.covariance(poses, prior.pose)
-        return PoseEstimate(edges.header, prior.pose, spread, poses,
+        return PoseEstimate(header, prior.pose, spread, poses,
                             np.full(count, -np.log(count)), 0.0, True, self.settings.mode,
                             support=-np.inf, evidence=-np.inf)
 

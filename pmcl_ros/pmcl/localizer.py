@@ -12,11 +12,12 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
-from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
@@ -29,10 +30,10 @@ from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
+from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
-FOLLOWED = 'followed'  # the mode of the estimates of `Localizer.follow`
 # image px: tolerance of the simplified mesh of a followed object; it biases the depth as much
 FINEST_DETAIL = 0.05
 
@@ -181,12 +182,17 @@ class Localizer:
         with evidence.score() as exact:
             search = evidence.posterior(exact, exact.points, exact.creases)
             score = search.exact if evidence.creases is not None else None
-            posterior = LocalSearch(
-                exact.points, evidence.edges, evidence.refinement(optimizers[0]),
-                evidence.refinement(optimizers[1], score=score), search, particles, candidates
-            ).run(prior, rng)
+
+            def rigid(pose: NDArray[np.float64]) -> Score | None:
+                points = exact.points(pose)
+                return rigid_score(pose, points, evidence.edges) if len(points.lengths) else None
+
+            near = NearPrior(self._model, rigid, evidence.refinement(optimizers[0]),
+                             evidence.refinement(optimizers[1], score=score), search.refine,
+                             search.feasible, candidates)
+            posterior = LocalSearch(near, search, particles).run(prior, rng)
             if posterior is None:
-                return replace(self._estimator.from_prior(edges, prior, particles, rng),
+                return replace(self._estimator.from_prior(edges.header, prior, particles, rng),
                                mode=FOLLOWED)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], posterior, search.local_model_at,

@@ -41,14 +41,26 @@ class Gaussian:
         basis = symmetry.tangent_basis(pose)
         return cls(pose, basis, np.linalg.cholesky(basis.T @ covariance @ basis), symmetry)
 
+    def seen_from(self, camera: NDArray[np.float64]) -> 'Gaussian':
+        """The same in the frame of a camera (4, 4), given in the frame of this."""
+        into = np.linalg.inv(camera)
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = into[:3, :3]
+        root = turn @ self.basis @ self.spread
+        return Gaussian.from_covariance(into @ self.pose, root @ root.T, self.symmetry)
+
     def deviations(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 6) tangent vectors of standard normal numbers (n, d)."""
         return normal @ self.spread.T @ self.basis.T
 
+    @property
+    def log_volume(self) -> float:
+        """Log of the product of the standard deviations along the axes of the ellipsoid."""
+        return float(np.log(np.abs(np.diag(self.spread))).sum())
+
     def log_density(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4), but for a constant that all Gaussians of d dimensions share."""
-        return (-0.5 * self.square_distance(poses)
-                - np.log(np.abs(np.diag(self.spread))).sum())
+        return -0.5 * self.square_distance(poses) - self.log_volume
 
     def square_distance(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) of poses (n, 4, 4) from the mean, squared, in standard deviations."""

@@ -18,12 +18,13 @@ from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.posterior import Refine
+from pmcl_ros.pmcl.posterior import Refine, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.tracking.near_prior import rigid_score
 from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
 from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 from pmcl_ros.runtime.errors import LocalizationError
@@ -202,6 +203,19 @@ class JointContours:
                             camera=camera)
                 for score, view, edges, camera in zip(
                     self.scores, joint.views, self.levels[level], cameras, strict=True)]
+
+    def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
+        """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
+
+        Cameras are where they are told to be. None: no view sees a contour.
+        """
+        into = np.linalg.inv(self.joint.cameras)
+        scores = [(camera, rigid_score(camera @ pose, points, view.edges))
+                  for camera, score, view in zip(into, self.scores, self.joint.views, strict=True)
+                  if len((points := score.points(camera @ pose)).lengths)]
+        if not scores:
+            return None
+        return lambda poses: np.sum([score(camera @ poses) for camera, score in scores], axis=0)
 
     def points(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> ContourPoints:
         """All of them, one view after the other."""

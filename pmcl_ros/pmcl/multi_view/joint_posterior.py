@@ -3,6 +3,7 @@
 Several views leave little room for other shapes (Laplace's approximation).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,7 +19,9 @@ from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, ViewFit, disa
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.tracking.local_search import log_volume, product
 from pmcl_ros.pmcl.uncertain_cameras import Nuisance
 from pmcl_ros.runtime.progress import Progress
 
@@ -119,28 +122,27 @@ class JointPosterior:
     def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
                watch: Watch | None = None) -> Posterior:
         """Particles of the Gaussians about modes, best first; each has its mode as the mean."""
-        scale = modes[0].local.scale
-        shares = []
-        for mode in modes:
-            determinant = np.linalg.slogdet(scale * mode.local.information)[1]
-            shares.append(scale * mode.local.evidence - determinant / 2)
-        weights = np.exp(np.array(shares) - logsumexp(shares))
-        count = self.settings.particles
-        pairs = np.sort(rng.choice(len(modes), (count + 1) // 2, p=weights))
-        own = np.repeat(pairs, 2)[:count]
-        poses, values = np.empty((count, 4, 4)), np.empty(count)
-        for number, mode in enumerate(modes):
-            ours = np.flatnonzero(own == number)
-            root = np.linalg.cholesky(np.linalg.inv(scale * mode.local.information))
-            normal = rng.normal(size=((len(ours) + 1) // 2, len(root)))
-            normal = np.stack([normal, -normal], axis=1).reshape(-1, len(root))[:len(ours)]
-            poses[ours] = retract(mode.pose, normal @ root.T @ mode.local.basis.T)
-            values[ours] = (scale * mode.local.evidence
-                            - np.square(normal).sum(axis=1) / 2)
+        scale, symmetry = modes[0].local.scale, self.model.symmetry
+        gaussians = [Gaussian(
+            mode.pose, mode.local.basis,
+            np.linalg.cholesky(np.linalg.inv(scale * mode.local.information)), symmetry)
+            for mode in modes]
+        masses = [scale * mode.local.evidence + each.log_volume
+                  for mode, each in zip(modes, gaussians, strict=True)]
+        posterior = mixture(modes, gaussians, masses, self.settings.particles, rng)
         if watch is not None:
-            watch(Generation('posterior', poses.copy(), values.copy()))
+            watch(Generation('posterior', posterior.poses.copy(), posterior.values.copy()))
         progress(1.0)
-        return Posterior(tuple(modes), poses, values, own)
+        return posterior
+
+    def sample_near(self, prior: Gaussian, modes: list[Mode], count: int,
+                    rng: np.random.Generator) -> Posterior:
+        """`count` particles of the products of a prior and the Gaussians about modes."""
+        scale = modes[0].local.scale
+        gaussians = [product(prior, mode, 1.0) for mode in modes]
+        masses = [scale * mode.local.evidence + log_volume(prior, mode, each)
+                  for mode, each in zip(modes, gaussians, strict=True)]
+        return mixture(modes, gaussians, masses, count, rng)
 
     def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
         """The last mode near a pose, else one with the cameras where they are told to be."""
@@ -158,6 +160,24 @@ class _Known:
     motions: NDArray[np.float64]
     scale: float
     error_share: float
+
+
+def mixture(modes: Sequence[Mode], gaussians: Sequence[Gaussian], masses: Sequence[float],
+            count: int, rng: np.random.Generator) -> Posterior:
+    """Particles of Gaussians of log masses; each Gaussian has its mean as theirs.
+
+    modes: of the Gaussians, best first.
+    """
+    pairs = np.sort(rng.choice(len(modes), (count + 1) // 2, p=np.exp(masses - logsumexp(masses))))
+    own = np.repeat(pairs, 2)[:count]
+    poses, values = np.empty((count, 4, 4)), np.empty(count)
+    for number, (each, mass) in enumerate(zip(gaussians, masses, strict=True)):
+        ours = np.flatnonzero(own == number)
+        normal = rng.normal(size=((len(ours) + 1) // 2, len(each.spread)))
+        normal = np.stack([normal, -normal], axis=1).reshape(-1, len(each.spread))[:len(ours)]
+        poses[ours] = retract(each.pose, each.deviations(normal))
+        values[ours] = mass - each.log_volume - np.square(normal).sum(axis=1) / 2
+    return Posterior(tuple(modes), poses, values, own)
 
 
 def _motion_step(nuisance: Nuisance | None, step: NDArray[np.float64], number: int

@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.learned import LearnedViews, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
 
@@ -70,13 +73,7 @@ class MultiViewLocalizer:
         begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
         if watch is not None:
             watch(Generation('proposals', begin, np.zeros(len(begin))))
-        edges, profile = joint.views[0].edges, joint.views[0].profile
-        numbers, least = None, Thresholds.from_evidence(edges, profile, self._settings)
-        if len(joint.views) > 1 and isinstance(edges, ContourMap):
-            numbers = self._numbers or learned_views()
-            chosen = 'least_support' in self._settings.model_fields_set
-            least = Thresholds(least.support if chosen else numbers.least_support,
-                               numbers.least_evidence, least.weight)
+        numbers, least = self._learned(joint)
         optimizers = joint.optimizers()
         with contextlib.ExitStack() as stack:
             contours = joint.open(stack)
@@ -85,16 +82,73 @@ class MultiViewLocalizer:
                 joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
                 joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior
             ).run(begin, rng, progress or (lambda _: True), watch)
-            estimate = Estimator(self._model, joint.region, self._settings).from_posterior(
-                evidence.header, [(view.edges.pinhole, camera) for view, camera
-                                  in zip(joint.views, joint.cameras, strict=True)],
-                sample, posterior.local_model_at, posterior.points_at, least, rng)
+            estimate = self._estimate(evidence, joint, posterior, sample, least, rng)
             fits = posterior.fits_at(estimate.pose)
         estimate = replace(
             estimate, evaluations=sum(each.evaluations for each in optimizers))
         if self._numbers is None:
             _tell(fits, least.evidence)
         return in_frame(estimate, first)
+
+    def follow(self, evidence: ViewsEvidence, prior: Gaussian, rng: np.random.Generator,
+               particles: int, candidates: int) -> PoseEstimate:
+        """The object's pose in one capture near a prior, as `Localizer.follow`.
+
+        prior, and the estimate: in the reference frame.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        first = evidence.views[joint.numbers[0]].camera_to_reference
+        near = prior.seen_from(first)
+        numbers, least = self._learned(joint)
+        optimizers = joint.optimizers()[1:]
+        with contextlib.ExitStack() as stack:
+            contours = joint.open(stack)
+            posterior = JointPosterior(self._model, self._settings, contours, numbers)
+            modes = NearPrior(self._model, contours.rigid_score, joint.refinement(optimizers[0]),
+                              joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
+                              candidates).modes(near, rng)
+            if modes:
+                sample = posterior.sample_near(near, modes, particles, rng)
+                estimate = self._estimate(evidence, joint, posterior, sample, least, rng)
+            else:
+                estimate = Estimator(self._model, joint.region, self._settings).from_prior(
+                    evidence.header, near, particles, rng)
+        return replace(in_frame(estimate, first), mode=FOLLOWED,
+                       evaluations=sum(each.evaluations for each in optimizers))
+
+    def log_likelihoods(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
+                        ) -> NDArray[np.float64]:
+        """(n,) [nat] of poses (n, 4, 4) in the reference frame, summed over views.
+
+        Scaled as for a posterior about the best of them.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        first = evidence.views[joint.numbers[0]].camera_to_reference
+        seen = np.linalg.inv(first) @ poses
+        with contextlib.ExitStack() as stack:
+            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
+            values = np.array([posterior.evidence_at(each) for each in seen])
+            return posterior.local_model_at(seen[values.argmax()], True).scale * values
+
+    def _learned(self, joint: JointEvidence) -> tuple[LearnedViews | None, Thresholds]:
+        """The numbers of several views, if there are several, and the thresholds."""
+        edges, profile = joint.views[0].edges, joint.views[0].profile
+        numbers, least = None, Thresholds.from_evidence(edges, profile, self._settings)
+        if len(joint.views) > 1 and isinstance(edges, ContourMap):
+            numbers = self._numbers or learned_views()
+            chosen = 'least_support' in self._settings.model_fields_set
+            least = Thresholds(least.support if chosen else numbers.least_support,
+                               numbers.least_evidence, least.weight)
+        return numbers, least
+
+    def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
+                  sample: Posterior, least: Thresholds, rng: np.random.Generator
+                  ) -> PoseEstimate:
+        """In the frame of the first view that sees the region."""
+        return Estimator(self._model, joint.region, self._settings).from_posterior(
+            evidence.header, [(view.edges.pinhole, camera) for view, camera
+                              in zip(joint.views, joint.cameras, strict=True)],
+            sample, posterior.local_model_at, posterior.points_at, least, rng)
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
                  ) -> NDArray[np.float64]:

@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.symmetry import Symmetry
-from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import FOLLOWED
+from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.tracking.action import State
 

@@ -1,14 +1,15 @@
 """Tracking of one object: predict its pose, observe the next capture, update the belief."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import FOLLOWED, Localizer
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import Weights
@@ -23,6 +24,34 @@ from pmcl_ros.runtime.progress import Progress
 _LOG = logging.getLogger(__name__)
 PREDICTED = 'predicted'  # mode of an estimate, beside those of `Localizer`
 _DOUBT_INTERVAL = 3  # captures between two searches of the region that only doubt asks for
+
+
+class Evidence(Protocol):
+    """Of one capture: by one view or by several."""
+
+    @property
+    def header(self) -> Header:
+        """Which capture."""
+        ...
+
+
+class Follower(Protocol):
+    """What a tracker searches with: `Localizer`, or `MultiViewLocalizer`."""
+
+    @property
+    def localize(self) -> Callable[..., PoseEstimate]:
+        """Evidence, random numbers, progress -> estimate, in the whole region."""
+        ...
+
+    @property
+    def follow(self) -> Callable[..., PoseEstimate]:
+        """Evidence, prior, random numbers, particles, candidates -> estimate near the prior."""
+        ...
+
+    @property
+    def log_likelihoods(self) -> Callable[..., NDArray[np.float64]]:
+        """Evidence, poses (n, 4, 4) -> (n,) [nat]."""
+        ...
 
 
 class Tracker:
@@ -43,7 +72,7 @@ class Tracker:
     reading.
     """
 
-    def __init__(self, localizer: Localizer, model: ObjectModel, settings: TrackingSettings
+    def __init__(self, localizer: Follower, model: ObjectModel, settings: TrackingSettings
                  ) -> None:
         self._localizer, self._settings = localizer, settings
         self._symmetry = model.symmetry
@@ -58,7 +87,7 @@ class Tracker:
         self.status.drop()
         self.status.statistics.clear()
 
-    def track(self, edges: EvidenceVolume, rng: np.random.Generator,
+    def track(self, evidence: Evidence, rng: np.random.Generator,
               progress: Progress | None = None, camera: NDArray[np.float64] | None = None
               ) -> PoseEstimate:
         """The object's pose in the next capture.
@@ -70,9 +99,9 @@ class Tracker:
         Raises what `Localizer.localize` raises; the track goes on with the next capture then.
         """
         if self._action is None:
-            return self._localizer.localize(edges, rng, progress)
-        prediction = self._predict(edges.header.stamp_ns, camera, rng)
-        estimate, accepted = self._observe(edges, prediction, rng, progress)
+            return self._localizer.localize(evidence, rng, progress)
+        prediction = self._predict(evidence.header.stamp_ns, camera, rng)
+        estimate, accepted = self._observe(evidence, prediction, rng, progress)
         return self._update(estimate, accepted, prediction, camera, rng)
 
     def _predict(self, stamp_ns: int, camera: NDArray[np.float64] | None,
@@ -94,7 +123,7 @@ class Tracker:
             return None
         return Prediction.from_state(state, self._symmetry)
 
-    def _observe(self, edges: EvidenceVolume, prediction: Prediction | None,
+    def _observe(self, evidence: Evidence, prediction: Prediction | None,
                  rng: np.random.Generator, progress: Progress | None
                  ) -> tuple[PoseEstimate, bool]:
         """The estimate of a capture, and whether it is accepted."""
@@ -102,7 +131,7 @@ class Tracker:
 
         def detect() -> PoseEstimate:
             track.since_search = 0
-            return self._localizer.localize(edges, rng, progress)
+            return self._localizer.localize(evidence, rng, progress)
 
         if prediction is None:  # the track is new, but the statistics hold
             track.confirmations = 0
@@ -112,7 +141,7 @@ class Tracker:
         def follow() -> PoseEstimate:
             track.since_search += 1
             return self._localizer.follow(
-                edges, prior, rng, settings.track_particles, settings.track_candidates)
+                evidence, prior, rng, settings.track_particles, settings.track_candidates)
 
         # An old prediction is wide: it holds other things that look like the object.
         if not track.observed:
@@ -125,12 +154,12 @@ class Tracker:
                 return followed, True
             detected = detect()
         here, there = self._localizer.log_likelihoods(
-            edges, np.stack([followed.pose, detected.pose]))
+            evidence, np.stack([followed.pose, detected.pose]))
         was_observed = track.observed
         estimate, accepted = track.select(followed, detected, there - here, prediction)
         if was_observed and not track.observed:
             _LOG.warning('capture %d: something else was followed; the object is elsewhere, '
-                         'likelier by %.0f nat', edges.header.stamp_ns, there - here)
+                         'likelier by %.0f nat', evidence.header.stamp_ns, there - here)
         return estimate, accepted
 
     def _search_due(self, followed: PoseEstimate) -> bool:
