@@ -36,6 +36,7 @@ from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
@@ -83,7 +84,7 @@ class PmclNode(StageNode):
                              if settings.broadcast_tf else None)
         localizer = self._work(partial(make_localizer, self._model, settings, self._posed),
                                self._model.name)
-        if isinstance(localizer, Localizer):
+        if isinstance(localizer, Localizer | MultiViewLocalizer):
             self._tracker = Tracker(localizer, self._model, settings)
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
                        self.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL),
@@ -196,7 +197,7 @@ class PmclNode(StageNode):
             if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
                 evidence = edges_from_likelihood(evidence)
             found: PoseEstimate | SceneEstimate
-            if self._tracker is not None and isinstance(evidence, EdgeVolume):
+            if self._tracker is not None and isinstance(evidence, EdgeVolume | ViewsEvidence):
                 found = self._tracker.track(evidence, self._random, progress, camera)
             else:
                 found = localizer.localize(evidence, self._random, progress)

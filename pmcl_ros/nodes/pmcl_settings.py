@@ -41,12 +41,13 @@ class PmclNodeSettings(TrackingSettings):
         if self.several and self.object_frame:
             raise ValueError(f'objects have frames of their own names: object_frame '
                              f'{self.object_frame!r} must be empty')
-        if self.evidence == 'map' and self.tracking != 'none':
-            raise ValueError(f'tracking {self.tracking} needs evidence edges, it is '
-                             f'{self.evidence}')
-        if self.source == 'posed_views' and (
-                self.several or self.tracking != 'none' or self.mode != 'default'):
-            raise ValueError('source posed_views needs one object, tracking none and mode '
-                             f'default; objects are {list(self.several)}, tracking '
-                             f'{self.tracking}, mode {self.mode}')
+        if self.source == 'light_field' and self.evidence == 'map' and self.tracking != 'none':
+            raise ValueError(f'tracking {self.tracking} needs evidence edges in light fields, it '
+                             f'is {self.evidence}')
+        if self.source == 'posed_views' and (self.several or self.mode != 'default'):
+            raise ValueError('source posed_views needs one object and mode default; objects are '
+                             f'{list(self.several)}, mode {self.mode}')
+        if self.source == 'posed_views' and self.tracking == 'camera':
+            raise ValueError('tracking camera is for light fields: posed views have poses of '
+                             'their cameras; set it to constant_pose')
         return self

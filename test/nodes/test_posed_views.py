@@ -1,5 +1,7 @@
 """A camera that goes around an object gives poses in the base frame, better ones as views come."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -178,12 +180,34 @@ def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames,
     assert off(pose_from(poses[-1])[1], run.estimate.pose).translation < 1e-3
 
 
+def test_fixed_cameras_follow_an_object(tmp_path, user, frames, truth, search):
+    """Four cameras that take their pictures at the same time, again and again."""
+    settings = search | {'source': 'posed_views', 'tracking': 'constant_velocity'}
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=settings) as node:
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        publishers = [user.publisher(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for number in range(2):
+            at = [replace(each, stamp_ns=START + number * SECOND // 10) for each in frames]
+            for publisher, message in zip(publishers, sent_by(at, 4), strict=True):
+                publisher.publish(message)
+            user.wait(lambda number=number: len(poses) == number + 1, 'a pose')
+    assert 'found in capture' in node.log
+    found = [pose_from(each)[1] for each in poses]
+    for each in found:
+        assert off(each, truth).translation < 0.01
+    assert 0 < off(found[1], found[0]).translation < 0.003
+
+
 def test_what_a_node_of_posed_views_cannot_do_is_refused(tmp_path, user, search):
     with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node',
                  params=search | {'source': 'posed_views', 'tracking': 'camera'}) as node:
         assert not user.change('pmcl_node', CONFIGURE)
-        assert 'source posed_views needs one object, tracking none and mode default' in node.log
-        assert user.set('pmcl_node', source='light_field', tracking='none') == []
+        assert 'posed views have poses of their cameras; set it to constant_pose' in node.log
+        assert user.set('pmcl_node', tracking='none', mode='faithful') == []
+        assert not user.change('pmcl_node', CONFIGURE)
+        assert 'source posed_views needs one object and mode default' in node.log
+        assert user.set('pmcl_node', source='light_field', mode='default') == []
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         assert not answer.success
