@@ -4,9 +4,18 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, PATH
-from pmcl_ros.lightfield.readers.read import is_light_field, read_light_field
-from pmcl_ros.messages.bag_captures import extract_captures, record_capture, record_light_field
+from pmcl_ros.cli.base import FOLDER
+from pmcl_ros.cli.sources import GivenSource, view_options
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.read import is_light_field
+from pmcl_ros.messages.bag_captures import (
+    extract_captures,
+    record_capture,
+    record_light_field,
+    record_posed_views,
+)
+from pmcl_ros.runtime.errors import LightFieldError
 
 
 @click.group()
@@ -15,22 +24,26 @@ def bag() -> None:
 
 
 @bag.command('record')
-@click.argument('source', type=PATH)
+@view_options
 @click.argument('folder', type=FOLDER)
-@click.option('--every', type=click.IntRange(1), default=1, metavar='K',
-              help='Of a light field: each K-th view alone.')
-@click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
-              help='Of a light field: make NxN pixels one.')
-def bag_record(source: Path, folder: Path, every: int, shrink: int) -> None:
+def bag_record(source: GivenSource, folder: Path) -> None:
     """Make the bag FOLDER from SOURCE.
 
     From a raw picture: what lytro_driver would publish for it. From a light field (as `pmcl
-    localize` takes): what subaperture_node would.
+    localize` takes): what subaperture_node would. From posed views: what sweep_driver would.
     """
-    if is_light_field(source):
-        record_light_field(read_light_field(source, every, shrink), folder)
+    if not is_light_field(source.source):
+        record_capture(source.source, folder)
+        return
+    made = source.open().read()
+    if isinstance(made, LightField):
+        record_light_field(made, folder)
+    elif isinstance(made, PosedViews):
+        record_posed_views(made, folder)
     else:
-        record_capture(source, folder)
+        raise LightFieldError(f'{source.source} is one picture without the pose of its camera: a '
+                              'bag is of light fields or posed views; give camera_to_reference '
+                              '(of one picture the unit matrix will do)')
 
 
 @bag.command('extract')

@@ -2,21 +2,23 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
-from rich.progress import Progress
+from rich.progress import Progress, track
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
-from pmcl_ros.cli.sources import open_source, source_options
+from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.readers.read import Source, has_posed_views
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.readers import bop
+from pmcl_ros.lightfield.readers.read import Source, pictures_alone
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
@@ -26,8 +28,10 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 
 @click.command()
 @source_options
-@click.option('--object', 'objects', required=True, multiple=True, type=FILE,
+@click.option('--object', 'objects', multiple=True, type=FILE,
               help='A mesh in metres, or an object YAML; several are found together.')
+@click.option('--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place '
+              "of --object: the data set's object N, models/obj_00000N.ply in millimetres.")
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
               help="Box that holds the object's origin: centre and size, camera's optical frame "
               '(of posed views: their reference frame) [m].')
@@ -42,19 +46,23 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
-def localize(source: Path, calibration: Path | None, white: Path | None, every: int, shrink: int,
-             scale: float | None, distance: tuple[str, str, float] | None,
-             objects: tuple[Path, ...], roi: tuple[float, ...], mode: Mode,
-             kind: EvidenceKind | None, changes: str | None, seed: int, as_json: bool,
-             out: Path | None, truth: Path | None) -> None:
+def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | None,
+             roi: tuple[float, ...], mode: Mode, kind: EvidenceKind | None, changes: str | None,
+             seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
     folder of the 4D Light Field Benchmark. Pictures of ordinary cameras are a views.yaml, or the
     folder with it, the folder of a COLMAP text model or of a BOP scene, or a picture of one. With
-    poses of the cameras, --roi and the pose are in their reference frame.
+    poses of the cameras, --roi and the pose are in their reference frame. A bag is one of raw
+    pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
+    if (object_id is None) == (not objects):
+        raise click.UsageError('say which object: --object, or --object-id of a BOP scene')
+    if object_id is not None:
+        objects = bop.model_of(source.source, object_id),
+        STDERR.print(f'object: {objects[0]}, in millimetres', markup=False, soft_wrap=True)
     changed = None if changes is None else Variant.parse(changes)
     if changed is not None and changed.base != 'default':
         raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
@@ -64,23 +72,30 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                                   'roi_center': roi[:3], 'roi_size': roi[3:]}
                                  | chosen | dict(of_search),
                                  '--roi, --mode, --evidence, --set, --seed')
-    read = open_source(source, calibration, white, every, shrink, scale, distance)
-    model = ObjectModel.load(objects[0])
+    load = ObjectModel.load if object_id is None else ObjectModel.load_bop
+    alone = pictures_alone(source.source)
+    if alone:
+        if len(objects) > 1 or truth is not None:
+            raise click.UsageError(f'{source.source} has no camera poses, and each picture is '
+                                   'localised alone: give one --object, and no --truth')
+        STDERR.print('no camera poses: each picture is localised alone', markup=False)
+        _localize_each([replace(source, source=each) for each in alone], load(objects[0]),
+                       settings, dict(of_volume), as_json, out)
+        return
+    opened = source.open()
+    model = load(objects[0])
     if len(objects) > 1:
-        if has_posed_views(source):
-            raise click.UsageError(f'{source}: several objects are found in a light field or one '
-                                   'picture; give one --object for posed views')
+        if opened.posed:
+            raise click.UsageError(f'{source.source}: several objects are found in a light field '
+                                   'or one picture; give one --object for posed views')
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
-        _localize_several(read, objects, settings, dict(of_volume), as_json, out)
+        _localize_several(opened.read, objects, settings, dict(of_volume), as_json, out)
         return
-    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set',
-                                   has_posed_views(source))
-    run = _run(pipeline, read, seed, with_volume=out is not None)
-    estimate, seconds = run.estimate, run.seconds
-    _print(estimate, {'decode': seconds['views'],
-                      'dlv': seconds['evidence'] + seconds.get('volume', 0.0),
-                      'pmcl': seconds['pose']}, as_json)
+    pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', opened.posed)
+    run = _run(pipeline, opened.read, seed, with_volume=out is not None)
+    estimate = run.estimate
+    _print(estimate, _seconds(run), as_json)
     if truth is not None:
         error = pose_error(estimate.pose, Truth.load(truth).pose, model.symmetry)
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
@@ -101,6 +116,28 @@ def localize(source: Path, calibration: Path | None, white: Path | None, every: 
                                                        pipeline.far))
         write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, model, estimate.pose))
         click.echo(f'pictures in {out}', err=True)
+
+
+def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings: PmclSettings,
+                   of_volume: dict[str, Any], as_json: bool, out: Path | None) -> None:
+    """Find an object in each picture by itself, and print a pose a picture, in its camera."""
+    found: list[dict[str, Any]] = []
+    with Pipeline.for_object(model, settings, of_volume, '--set') as pipeline:
+        for each in track(sources, 'pictures', console=STDERR, transient=True):
+            run = pipeline.run(each.open().read, np.random.default_rng(settings.seed))
+            name = each.source
+            if as_json:
+                found.append({'file': f'{name.parent.name}/{name.name}'}
+                             | _as_dict(run.estimate, _seconds(run)))
+            else:
+                click.echo(f'{name.name}: {run.estimate.describe()}')
+            if out is not None:
+                assert isinstance(run.source, PosedView)
+                out.mkdir(parents=True, exist_ok=True)
+                write_png(out / f'overlay_{name.stem}.png', overlay(
+                    displayed(run.source), run.source.pinhole, model, run.estimate.pose))
+    if as_json:
+        click.echo(json.dumps({'pictures': found}))
 
 
 def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
@@ -134,11 +171,21 @@ def _run(pipeline: Pipeline[Estimate], read: Callable[[], Source], seed: int,
             task, description=stage, completed=part), with_volume=with_volume)
 
 
+def _seconds(run: Run[PoseEstimate]) -> dict[str, float]:
+    return {'decode': run.seconds['views'],
+            'dlv': run.seconds['evidence'] + run.seconds.get('volume', 0.0),
+            'pmcl': run.seconds['pose']}
+
+
+def _as_dict(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float]) -> dict[str, Any]:
+    return estimate.as_dict() | {
+        'timings_ms': {name: 1e3 * each for name, each in seconds.items()}}
+
+
 def _print(estimate: PoseEstimate | SceneEstimate, seconds: dict[str, float], as_json: bool
            ) -> None:
     if as_json:
-        timings = {name: 1e3 * each for name, each in seconds.items()}
-        click.echo(json.dumps(estimate.as_dict() | {'timings_ms': timings}))
+        click.echo(json.dumps(_as_dict(estimate, seconds)))
     else:
         click.echo(estimate.describe())
         click.echo(', '.join(f'{name} {each:.2f} s' for name, each in seconds.items()), err=True)

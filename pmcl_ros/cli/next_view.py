@@ -8,11 +8,10 @@ import click
 import numpy as np
 from pydantic import Field
 
-from pmcl_ros.cli.base import FILE, PATH
+from pmcl_ros.cli.base import FILE
+from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews, check_pose
-from pmcl_ros.lightfield.readers.colmap import Metric
-from pmcl_ros.lightfield.readers.read import has_posed_views, read_source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import cap, next_views
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -30,7 +29,7 @@ class Candidates(Settings):
 
 
 @click.command('next-view')
-@click.argument('source', type=PATH)
+@view_options
 @click.option('--object', 'object_path', required=True, type=FILE,
               help='A mesh in metres, or an object YAML.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
@@ -41,26 +40,26 @@ class Candidates(Settings):
               help='Of the default candidates: the angle that they span [deg].')
 @click.option('--count', type=click.IntRange(1, 10_000), default=40, show_default=True,
               help='Of the default candidates.')
-@click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
-              help='Of a COLMAP model: metres a unit.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def next_view(source: Path, object_path: Path, roi: tuple[float, ...], candidates: Path | None,
-              degrees: float, count: int, scale: float | None, seed: int, as_json: bool) -> None:
+def next_view(source: GivenSource, object_path: Path, roi: tuple[float, ...],
+              candidates: Path | None, degrees: float, count: int, seed: int, as_json: bool
+              ) -> None:
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
 
     Prints the largest standard deviation of the position now, and with a view from each of the
     best five candidates; poses of cameras count as exact. Exit status 3: the object is lost, and
     no view can be chosen.
     """
-    if not has_posed_views(source):
-        raise click.UsageError(f'{source} has no poses of its cameras: a next view needs them')
+    opened = source.open()
+    if not opened.posed:
+        raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
+                               'them')
     settings = PmclSettings.make({'object': str(object_path), 'seed': seed,
                                   'roi_center': roi[:3], 'roi_size': roi[3:]}, '--roi, --seed')
     model = ObjectModel.load(object_path)
     with Pipeline.for_object(model, settings, posed=True) as pipeline:
-        run = pipeline.run(lambda: read_source(source, metric=Metric(scale)),
-                           np.random.default_rng(seed))
+        run = pipeline.run(opened.read, np.random.default_rng(seed))
     assert isinstance(run.source, PosedViews)
     assert isinstance(run.evidence, ViewsEvidence)
     click.echo(run.estimate.describe(), err=True)

@@ -1,61 +1,135 @@
-"""Opens a source: a raw picture with its camera, views, or an ordinary picture."""
+"""Opens a source: a raw picture with its camera, views, ordinary pictures, or a bag of these."""
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass, fields
+from functools import partial, wraps
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 
 from pmcl_ros.camera.files import read_raw_frame
+from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.cli.base import FILE, PATH, STDERR
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.colmap import Metric
-from pmcl_ros.lightfield.readers.read import Source, is_light_field, read_source
+from pmcl_ros.lightfield.readers.read import (
+    Source,
+    has_posed_views,
+    is_light_field,
+    read_source,
+)
+from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.messages.bag_views import BagViews
+from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.settings import read_yaml
+
+_CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
+_OF_RAW = (
+    click.option('--calibration', type=FILE,
+                 help="Of a raw picture: the camera's calibration, YAML."),
+    click.option('--white', type=PATH, help="Of a raw picture: the camera's white image, "
+                 'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
+                 'the picture is chosen.'))
+_OF_VIEWS = (
+    click.argument('source', type=PATH),
+    click.option('--every', type=click.IntRange(1), default=1, metavar='K',
+                 help='Of a light field: each K-th view alone.'),
+    click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
+                 help='Of a light field or an ordinary picture: make NxN pixels one.'),
+    click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
+                 help='Of a COLMAP model, which has no metric scale: metres a unit.'),
+    click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
+                 metavar='NAME NAME METRES', help='Of a COLMAP model, in place of '
+                 '--scale: the distance between the cameras of two pictures.'),
+    click.option('--image-topic', metavar='TOPIC', help="Of a robot's bag, where there are "
+                 'several: ' + (BagViews.model_fields['image_topic'].description or '')),
+    click.option('--pose-topic', metavar='TOPIC', help='Likewise: '
+                 + (BagViews.model_fields['pose_topic'].description or '')),
+    click.option('--collect', type=FILE, help="Of a robot's bag: YAML with parameters of "
+                 'sweep_driver (near, gap, mount_position, fixed_frame, ...).'))
+
+
+class Opened(NamedTuple):
+    """What makes or reads the source. posed: it is `PosedViews`. serial: of a Lytro."""
+
+    read: Callable[[], Source]
+    posed: bool = False
+    serial: str = ''
+
+
+@dataclass(frozen=True)
+class GivenSource:
+    """The arguments of a command that say where the pictures are, and how to read them."""
+
+    source: Path
+    every: int = 1
+    shrink: int = 1
+    scale: float | None = None
+    distance: tuple[str, str, float] | None = None
+    image_topic: str | None = None
+    pose_topic: str | None = None
+    collect: Path | None = None
+    calibration: Path | None = None
+    white: Path | None = None
+
+    def open(self) -> Opened:
+        """Read what must be there: calibration, white image, a bag."""
+        if self.scale is not None and self.distance is not None:
+            raise click.UsageError('--scale and --distance say the same: give one')
+        if is_bag(self.source):
+            return self._open_bag()
+        if self._bag_views() is not None:
+            raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
+                                   '--collect are for bags')
+        if is_light_field(self.source):
+            return Opened(partial(read_source, self.source, self.every, self.shrink,
+                                  Metric(self.scale, self.distance)),
+                          has_posed_views(self.source))
+        if self.calibration is None or self.white is None:
+            raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
+                                   '--white')
+        if (self.every, self.shrink) != (1, 1):
+            raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
+                                   'light fields')
+        return _decoded(read_raw_frame(self.source), self.calibration, self.white)
+
+    def _open_bag(self) -> Opened:
+        if (self.every, self.shrink) != (1, 1):
+            raise click.UsageError(f'{self.source} is a bag: --every and --shrink are for light '
+                                   'fields; of images with poses shrink is a key of --collect')
+        capture = read_bag(self.source, self._bag_views())
+        if isinstance(capture, RawFrame):
+            return _decoded(capture, self.calibration or _configured('calibration'),
+                            self.white or _configured('white'))
+        return Opened(lambda: capture, isinstance(capture, PosedViews))
+
+    def _bag_views(self) -> BagViews | None:
+        """How images with poses of a bag are read, where that is said."""
+        topics = {'image_topic': self.image_topic, 'pose_topic': self.pose_topic}
+        values = {} if self.collect is None else read_yaml(self.collect)
+        values |= {name: each for name, each in topics.items() if each is not None}
+        return BagViews.make(values, str(self.collect or 'topics')) if values else None
+
+
+def view_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The arguments of a command that takes views; it gets them as `source`, a GivenSource."""
+    @wraps(command)
+    def with_source(**values: Any) -> None:
+        given = {each.name: values.pop(each.name) for each in fields(GivenSource)
+                 if each.name in values}
+        command(source=GivenSource(**given), **values)
+    return _with(_OF_VIEWS, with_source)
 
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The arguments of every command that takes a raw picture or a light field."""
-    for option in (
-            click.argument('source', type=PATH),
-            click.option('--calibration', type=FILE,
-                         help="Of a raw picture: the camera's calibration, YAML."),
-            click.option('--white', type=PATH, help="Of a raw picture: the camera's white image, "
-                         'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
-                         'the picture is chosen.'),
-            click.option('--every', type=click.IntRange(1), default=1, metavar='K',
-                         help='Of a light field: each K-th view alone.'),
-            click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
-                         help='Of a light field or an ordinary picture: make NxN pixels one.'),
-            click.option('--scale', type=click.FloatRange(0, min_open=True), metavar='METRES',
-                         help='Of a COLMAP model, which has no metric scale: metres a unit.'),
-            click.option('--distance', type=(str, str, click.FloatRange(0, min_open=True)),
-                         metavar='NAME NAME METRES', help='Of a COLMAP model, in place of '
-                         '--scale: the distance between the cameras of two pictures.')):
-        command = option(command)
-    return command
-
-
-def open_source(source: Path, calibration: Path | None, white: Path | None, every: int,
-                shrink: int, scale: float | None = None,
-                distance: tuple[str, str, float] | None = None) -> Callable[[], Source]:
-    """A function that makes the light field of a raw picture, or reads views or pictures.
-
-    Calibration and white image have been read when this returns.
-    """
-    if scale is not None and distance is not None:
-        raise click.UsageError('--scale and --distance say the same: give one')
-    if is_light_field(source):
-        return partial(read_source, source, every, shrink, Metric(scale, distance))
-    if calibration is None or white is None:
-        raise click.UsageError(f'{source} is a raw picture: it needs --calibration and --white')
-    if (every, shrink) != (1, 1):
-        raise click.UsageError(f'{source} is a raw picture: --every and --shrink are for light '
-                               'fields')
-    decoders, frame = open_decoders(Calibration.load(calibration), white), read_raw_frame(source)
-    decoders.decoder_for(frame.metadata)
-    return partial(decoders.decode, frame)
+    """Those of `view_options`, of a command that takes raw pictures too."""
+    return _with(_OF_RAW, view_options(command))
 
 
 def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
@@ -64,3 +138,26 @@ def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
     report = (lambda why: STDERR.print(f'white image: {why}', markup=False, soft_wrap=True)
             ) if white.is_dir() else None
     return Decoders(calibration, white, report, views, size)
+
+
+def _with(options: tuple[Callable[[Any], Any], ...], command: Callable[..., None]
+          ) -> Callable[..., None]:
+    for option in options:
+        command = option(command)
+    return command
+
+
+def _decoded(frame: RawFrame, calibration: Path, white: Path) -> Opened:
+    decoders = open_decoders(Calibration.load(calibration), white)
+    decoders.decoder_for(frame.metadata)
+    return Opened(partial(decoders.decode, frame), serial=frame.metadata.serial)
+
+
+def _configured(name: str) -> Path:
+    """The value of a parameter of subaperture_node in config/pmcl.yaml."""
+    path = resolve(_CONFIG, 'config')
+    try:
+        value: Any = read_yaml(path)['/**/subaperture_node']['ros__parameters'][name]
+    except (KeyError, TypeError):
+        raise SettingsError(f'{path} names no {name} of subaperture_node; give --{name}') from None
+    return resolve(str(value), name)

@@ -11,16 +11,19 @@ from functools import cached_property
 from pathlib import Path
 
 from pmcl_ros.camera.files import is_picture, list_pictures, read_raw_frame
+from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source, read_source
+from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.runtime.errors import SettingsError
 
 
 @dataclass(frozen=True)
 class Capture:
-    """One object in one picture, which is a raw one, a light field or a view (`read_source`).
+    """One object in one picture: a raw one, a light field, views (`read_source`), or their bag.
 
     folder: of the object's truth and model. source: of the picture. name: of the capture.
     """
@@ -67,12 +70,19 @@ class Capture:
         return read
 
     def read(self, decoders: Decoders | None) -> Source:
-        """The light field or the view. decoders: of the camera of a raw picture."""
+        """The light field or the views. decoders: of the camera of a raw picture."""
         if self.picture is None:
-            return read_source(self.source)
+            return self._read_bag() if is_bag(self.source) else read_source(self.source)
         if decoders is None:
             raise SettingsError(f'{self.picture} is a raw picture: its calibration is needed')
         return decoders.decode(read_raw_frame(self.picture))
+
+    def _read_bag(self) -> Source:
+        found = read_bag(self.source)
+        if isinstance(found, RawFrame):
+            raise SettingsError(f'{self.source} is a bag of raw pictures: pmcl bag extract makes '
+                                'files of them')
+        return found
 
 
 def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Capture]:

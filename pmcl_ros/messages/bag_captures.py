@@ -12,13 +12,16 @@ from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, read, record
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.messages.bag_views import BagViews, has_images_with_poses, read_views
+from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, read, record, topics
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.cdr import cdr_from, message_from, type_name
-from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
 from pmcl_ros.messages.pose import pose_to_message
+from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
 from pmcl_ros.messages.raw_frame import (
     counts_from,
     metadata_from,
@@ -30,28 +33,58 @@ from pmcl_ros.runtime.errors import BagError, MessageError
 
 _RAW = ('/metadata', '/image_raw')
 _VIEWS = ('/views/camera_info', '/views/pupil', '/views')
+_POSED = ('/posed_views/camera_info', '/posed_views/poses', '/posed_views/sigma', '/posed_views')
 
 
-def read_bag(bag: Path | str) -> RawFrame | LightField:
-    """The first complete capture of a bag, as `pmcl bag record` writes it.
+def read_bag(bag: Path | str, wanted: BagViews | None = None
+             ) -> RawFrame | LightField | PosedViews:
+    """The first complete capture of a bag, as `pmcl bag record` writes it, or a robot's pictures.
 
-    The raw picture where there is one, else the views.
-    Raises BagError where there is neither, or a message is not what its topic promises.
+    The raw picture where there is one, else the views, else the posed views, the last of them, as
+    each that `sweep_driver` publishes has one view more; else images with poses (`read_views`).
+    wanted: that these are meant, and how they become posed views.
+    Raises BagError where there is none of these, or a message is not what its topic promises.
     """
-    messages: dict[str, Any] = {}
+    there = {each.name for each in topics(bag) if each.messages}
+    if wanted is not None:
+        return read_views(bag, wanted)
     try:
-        for each in read(bag):
-            if each.topic in (*_RAW, *_VIEWS):
-                messages.setdefault(each.topic, message_from(each.cdr, each.type))
-            if all(topic in messages for topic in _RAW):
-                text, image = (messages[topic] for topic in _RAW)
-                return raw_frame_from(image, metadata_from(text))
-        if all(topic in messages for topic in _VIEWS):
-            return light_field_from(*(messages[topic] for topic in _VIEWS))
+        if there.issuperset(_RAW):
+            text, image = _first(bag, _RAW)
+            return raw_frame_from(image, metadata_from(text))
+        if there.issuperset(_VIEWS):
+            return light_field_from(*_first(bag, _VIEWS))
+        if there.issuperset(_POSED):
+            return posed_views_from(*_last_of_one_stamp(bag, _POSED))
     except MessageError as error:
         raise BagError(f'{bag}: {error}') from None
-    raise BagError(f'{bag} holds neither {" with ".join(reversed(_RAW))} nor '
-                   f'{", ".join(_VIEWS)}: it takes the picture or its views')
+    if has_images_with_poses(bag):
+        return read_views(bag, BagViews())
+    raise BagError(f'{bag} holds neither {" with ".join(reversed(_RAW))} nor {", ".join(_VIEWS)} '
+                   f'nor {", ".join(_POSED)}: it takes the picture or its views; nor images with '
+                   'poses of their camera (PoseStamped or /tf)')
+
+
+def _first(bag: Path | str, names: tuple[str, ...]) -> list[Any]:
+    """The first message of each topic."""
+    found: dict[str, Any] = {}
+    for each in read(bag, names):
+        if each.topic not in found:
+            found[each.topic] = message_from(each.cdr, each.type)
+        if len(found) == len(names):
+            break
+    return [found[name] for name in names]
+
+
+def _last_of_one_stamp(bag: Path | str, names: tuple[str, ...]) -> list[Any]:
+    """The last message of each topic, of a capture that has all; else those of the last ones."""
+    now: dict[str, Any] = {}
+    complete: dict[str, Any] = {}
+    for each in read(bag, names):
+        now[each.topic] = message_from(each.cdr, each.type)
+        if len({header_from(now[name].header) for name in now}) == 1 and len(now) == len(names):
+            complete = dict(now)
+    return [(complete or now)[name] for name in names]
 
 
 def record_capture(picture: Path | str, bag: Path | str, header: Header | None = None) -> None:
@@ -103,6 +136,17 @@ def light_field_messages(light_field: LightField) -> list[Recorded]:
             _recorded('/views/camera_info', info, header),
             _recorded('/views/pupil', pupil, header),
             _recorded('/views', views, header)]
+
+
+def record_posed_views(views: PosedViews, bag: Path | str) -> None:
+    """Make a bag of `/posed_views` and what belongs to it."""
+    record(bag, posed_views_messages(views))
+
+
+def posed_views_messages(views: PosedViews) -> list[Recorded]:
+    """The messages that `sweep_driver` publishes for posed views, in its order."""
+    return [_recorded(topic, message, views.header)
+            for topic, message in zip(_POSED, posed_views_to_messages(views), strict=True)]
 
 
 def pose_message(topic: str, header: Header, pose: NDArray[np.float64]) -> Recorded:

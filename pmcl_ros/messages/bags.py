@@ -106,7 +106,8 @@ def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True)
 def is_bag(path: Path | str) -> bool:
     """Whether `path` is the folder of a bag."""
     path = Path(path)
-    return path.is_dir() and (path / 'metadata.yaml').is_file() and any(path.glob('*.mcap*'))
+    return path.is_dir() and (path / 'metadata.yaml').is_file() and any(
+        each for ending in ('mcap', 'db3') for each in path.glob(f'*.{ending}*'))
 
 
 class Topic(NamedTuple):

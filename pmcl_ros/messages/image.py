@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.header import header_to_message
-from pmcl_ros.messages.types import Buffer, Image
+from pmcl_ros.messages.types import Buffer, CompressedImage, Image
 from pmcl_ros.runtime.errors import MessageError
 
 # What this package publishes. encoding: type of one value, values per pixel
@@ -113,3 +113,16 @@ def colours_from(message: Image) -> NDArray[Any]:
     pixels = rows.view(kind).astype(kind.newbyteorder('='), copy=False)
     pixels = pixels.reshape((height, width, channels) if channels > 1 else (height, width))
     return pixels.copy() if code is None else np.asarray(cv2.cvtColor(pixels, code))
+
+
+def decompressed_from(message: CompressedImage) -> NDArray[Any]:
+    """(height, width, 3) RGB, uint8 or uint16, of a JPEG, PNG or the like.
+
+    MessageError where it is none.
+    """
+    data = np.frombuffer(message.data, np.uint8)
+    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
+    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+        raise MessageError(f'compressed image: {len(data)} bytes of format {message.format!r} are '
+                           'no picture that OpenCV reads')
+    return np.ascontiguousarray(pixels[..., ::-1])

@@ -1,6 +1,7 @@
 """PoseEstimate: `pose`, `pose_with_covariance`, `particles`, /tf."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,13 @@ def estimate_to_transform(estimate: PoseEstimate, child: str) -> TransformStampe
     return TransformStamped(
         header=header_to_message(estimate.header), child_frame_id=child,
         transform=Transform(translation=Vector3(x=p.x, y=p.y, z=p.z), rotation=pose.orientation))
+
+
+def transform_from(message: TransformStamped) -> tuple[Header, str, NDArray[np.float64]]:
+    """Header, child frame, and its pose (4, 4) in the header's frame."""
+    transform = message.transform
+    pose = SimpleNamespace(position=transform.translation, orientation=transform.rotation)
+    return header_from(message.header), message.child_frame_id, poses_from([pose], 'tf')[0]
 
 
 def pose_from(message: PoseStamped) -> tuple[Header, NDArray[np.float64]]:

@@ -1,5 +1,6 @@
 """The object that is looked for: its mesh in metres, and which motions leave it as it is."""
 
+import json
 import logging
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -90,6 +91,27 @@ class ObjectModel:
             mesh.vertices *= settings.scale
             return cls._from_mesh(mesh, path.stem, settings)
         return cls._from_mesh(_read_mesh(path), path.stem, None)
+
+    @classmethod
+    def load_bop(cls, path: Path) -> 'ObjectModel':
+        """Read models/obj_000001.ply of a BOP data set, in millimetres.
+
+        Its symmetries are those of models_info.json beside it, else found from the mesh. Raises as
+        `load`.
+        """
+        values: dict[str, Any] = {'mesh': path.name, 'scale': 0.001}
+        info = path.with_name('models_info.json')
+        if info.is_file():
+            number = str(int(path.stem.removeprefix('obj_')))
+            try:
+                entry = json.loads(info.read_text(encoding='utf-8'))[number]
+                values |= {key: entry.get(key, []) for key in (
+                    'symmetries_continuous', 'symmetries_discrete')}
+            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+                raise ObjectModelError(f'{info} has no object {number}: {error!r}') from None
+        mesh = _read_mesh(path)
+        mesh.vertices *= values['scale']
+        return cls._from_mesh(mesh, path.stem, ObjectSettings.make(values, str(info)))
 
     @classmethod
     def _from_mesh(cls, mesh: trimesh.Trimesh, name: str, settings: ObjectSettings | None

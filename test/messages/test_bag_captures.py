@@ -2,17 +2,26 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.messages.bag_captures import capture_messages, light_field_messages, read_bag
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.messages.bag_captures import (
+    capture_messages,
+    light_field_messages,
+    posed_views_messages,
+    read_bag,
+    record_posed_views,
+)
 from pmcl_ros.messages.bags import is_bag, read, record
 from pmcl_ros.runtime.errors import BagError
 
@@ -52,6 +61,48 @@ def test_views_are_read_as_they_were_but_for_rounding(tmp_path, light_field):
     np.testing.assert_array_equal(found.grid.weights, light_field.grid.weights)
     np.testing.assert_array_equal(found.grid.positions, light_field.grid.positions)
     np.testing.assert_allclose(found.views, light_field.views, atol=0.51 / 32768)
+
+
+@pytest.fixture
+def posed_views():
+    """Three, each from another place, as sweep_driver makes them: one pinhole, one group."""
+    rng = np.random.default_rng(2)
+    made = []
+    for k in range(3):
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.random(random_state=k).as_matrix()
+        pose[:3, 3] = rng.normal(size=3)
+        made.append(PosedView(
+            Header(HEADER.stamp_ns + 10 * k, 'base_link'), rng.random((5, 6, 3), np.float32),
+            Pinhole(6, 5, 20, 21, 2.4, 2.1), pose, (0.001, 0.002 * k), 'hand-eye', 0.25))
+    return PosedViews(tuple(made))
+
+
+def test_posed_views_are_read_as_they_were_but_for_rounding(tmp_path, posed_views):
+    record_posed_views(posed_views, tmp_path / 'bag')
+    found = read_bag(tmp_path / 'bag')
+    assert found.header == posed_views.header
+    for one, other in zip(found.views, posed_views.views, strict=True):
+        np.testing.assert_allclose(one.picture, other.picture, atol=0.51 / 65535)
+        np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-12)
+        np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-6)
+        assert (one.pinhole, one.common) == (other.pinhole, other.common)
+    assert len({each.group for each in found.views}) == 1
+    record_posed_views(found, tmp_path / 'again')
+    again = read_bag(tmp_path / 'again')
+    for one, other in zip(again.views, found.views, strict=True):  # rounded once
+        np.testing.assert_array_equal(one.picture, other.picture)
+
+
+def test_of_posed_views_that_grow_the_last_complete_ones_are_read(tmp_path, posed_views):
+    fewer = PosedViews(posed_views.views[:2])
+    later = PosedViews(tuple(replace(each, header=Header(HEADER.stamp_ns + 99, 'base_link'))
+                             for each in posed_views.views))
+    cut = posed_views_messages(later)[:3]  # the recording ended before the pictures came
+    record(tmp_path / 'bag', [*posed_views_messages(fewer), *posed_views_messages(posed_views),
+                              *cut])
+    assert len(read_bag(tmp_path / 'bag').views) == 3
+    assert read_bag(tmp_path / 'bag').header == posed_views.header
 
 
 def test_the_views_are_those_that_a_node_would_read(tmp_path, light_field):

@@ -15,6 +15,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 NAME = 'scene_camera.json'
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
+_POSE = 'cam_R_w2c', 'cam_t_w2c'
 _MOST_BYTES = 2 ** 26
 
 
@@ -34,8 +35,7 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
         file = picture or _file(scene, number)
         try:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
-            poses = [values[key] for key in ('cam_R_w2c', 'cam_t_w2c')
-                     if key in values and picture is None]
+            poses = [values[key] for key in _POSE if key in values and picture is None]
             turn, place = (np.array(each, float) for each in poses) if poses else (None, None)
         except (KeyError, TypeError, ValueError):
             raise LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and '
@@ -64,6 +64,28 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
         raise LightFieldError(f'{path} lists no picture' + (f' {picture}' if picture else ''))
     return ViewsFile.make({'cameras': cameras, 'views': views, 'reference': 'bop'},
                           str(path)), scene
+
+
+def pictures_alone(scene: Path) -> list[Path]:
+    """The pictures of a scene's folder without any pose of a camera; empty: it has poses."""
+    cameras = _read(scene / NAME)
+    if any(key in values for values in cameras.values() for key in _POSE):
+        return []
+    return [_file(scene, number) for number in cameras]
+
+
+def model_of(path: Path, object_id: int) -> Path:
+    """The mesh of an object, in millimetres, in the folder `models` of a scene's data set.
+
+    path: of a scene or of a picture of it. Raises LightFieldError where there is none.
+    """
+    scene = (path if path.is_dir() else scene_of(path) or path).absolute()
+    name = f'models/obj_{object_id:06d}.ply'
+    for folder in (*scene.parents,)[:3]:
+        if (folder / name).is_file():
+            return folder / name
+    raise LightFieldError(f'no folder above {scene} has {name}, the model of object {object_id}; '
+                          'give --object')
 
 
 def scene_of(picture: Path) -> Path | None:

@@ -36,12 +36,26 @@ def read_source(path: Path | str, every: int = 1, shrink: int = 1,
 
 
 def has_posed_views(path: Path | str) -> bool:
-    """Whether `read_source` makes `PosedViews` of a path. Raises SettingsError."""
+    """Whether `read_source` makes `PosedViews` of a path.
+
+    Raises SettingsError, LightFieldError.
+    """
     path = Path(path)
     yaml = _views_yaml(path)
     if yaml is not None:
         return posed_views.ViewsFile.load(yaml).posed
-    return path.is_dir() and _has_pictures(path)
+    return path.is_dir() and _has_pictures(path) and not pictures_alone(path)
+
+
+def pictures_alone(path: Path | str) -> list[Path]:
+    """The pictures at a path that are localised one by one: of a BOP scene without camera poses.
+
+    Each is one for `read_source`. Raises LightFieldError.
+    """
+    path = Path(path)
+    scene = (path.is_dir() and _views_yaml(path) is None and _has_pictures(path)
+             and (path / bop.NAME).is_file())
+    return bop.pictures_alone(path) if scene else []
 
 
 def _has_pictures(path: Path) -> bool:

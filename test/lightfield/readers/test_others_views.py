@@ -11,8 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.readers import bop as bop_reader
 from pmcl_ros.lightfield.readers.colmap import Metric
-from pmcl_ros.lightfield.readers.read import has_posed_views, is_light_field, read_source
+from pmcl_ros.lightfield.readers.read import (
+    has_posed_views,
+    is_light_field,
+    pictures_alone,
+    read_source,
+)
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 WIDTH, HEIGHT = 48, 36
@@ -169,6 +175,7 @@ def test_a_bop_scene_is_the_same_views(tmp_path):
     folder = bop(tmp_path / 'scene')
     same(read_source(folder), own(tmp_path / 'own'))
     assert has_posed_views(folder)
+    assert not pictures_alone(folder)
     assert read_source(folder).header.frame_id == 'bop'
 
 
@@ -181,8 +188,22 @@ def test_a_picture_of_a_scene_is_localised_alone(tmp_path):
     assert isinstance(found, PosedView)
     assert is_light_field(path)
     assert not has_posed_views(path)
+    assert not has_posed_views(folder)
+    assert pictures_alone(folder) == [folder / 'rgb' / f'{each:06d}.png' for each in range(3)]
+    assert not pictures_alone(path)
     np.testing.assert_array_equal(found.camera_to_reference, np.eye(4))
     np.testing.assert_array_equal(found.displayed()[..., ::-1], PICTURES[1])
+
+
+def test_an_object_of_a_scene_is_found_by_its_number(tmp_path):
+    scene = bop(tmp_path / 'set' / 'test' / '000001')
+    mesh = tmp_path / 'set' / 'models' / 'obj_000007.ply'
+    mesh.parent.mkdir()
+    mesh.touch()
+    assert bop_reader.model_of(scene, 7) == mesh
+    assert bop_reader.model_of(scene / 'rgb' / '000002.png', 7) == mesh
+    with pytest.raises(LightFieldError, match=r'has models/obj_000008.ply, the model of object 8'):
+        bop_reader.model_of(scene, 8)
 
 
 @pytest.mark.parametrize(('changes', 'reason'), [

@@ -1,0 +1,159 @@
+"""A robot's bag of images and camera poses -> PosedViews, as `sweep_driver` collects them."""
+
+import logging
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from pydantic import Field
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
+from pmcl_ros.geometry.se3 import transform
+from pmcl_ros.geometry.transform_tree import TransformTree
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.sweep.frame import SweepFrame
+from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
+from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
+from pmcl_ros.messages.bags import Topic, read, topics
+from pmcl_ros.messages.camera_info import lens_from
+from pmcl_ros.messages.cdr import message_from
+from pmcl_ros.messages.header import header_from
+from pmcl_ros.messages.image import colours_from, decompressed_from
+from pmcl_ros.messages.pose import pose_from, transform_from
+from pmcl_ros.runtime.errors import BagError, LightFieldError, PmclError, PoseUnavailableError
+
+_LOG = logging.getLogger(__name__)
+_IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
+_INFO, _POSE = 'sensor_msgs/msg/CameraInfo', 'geometry_msgs/msg/PoseStamped'
+_TF, _TF_STATIC = '/tf', '/tf_static'
+_ALWAYS = 1e8  # s: no pose of a bag is forgotten
+_CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
+_Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
+
+
+class BagViews(SweepDriverSettings):
+    """The parameters of `sweep_driver` that make posed views, and the topics of the bag."""
+
+    image_topic: str = Field('', description='of the images, plain or compressed; camera_info is '
+                             'beside it; empty: the only one, or the one called image')
+    pose_topic: str = Field('', description='of the poses of the camera: PoseStamped, or /tf; '
+                            'empty: the only one, or the one called camera_pose')
+    mount_parent: str = Field('', description='of /tf: the link that the camera is fixed to, by '
+                              'mount_position and mount_rpy; empty: the camera is on /tf')
+
+
+def has_images_with_poses(bag: Path | str) -> bool:
+    """Whether a bag has topics of images and of poses of a camera."""
+    there = topics(bag)
+    return bool(_images(there) and _pose_topics(there))
+
+
+def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
+    """A view of each place where the camera came to rest, in the frame of the poses.
+
+    A warning says which frames were left out. Raises BagError where topics are missing or hold
+    what they should not, and where there is no view.
+    """
+    there = topics(bag)
+    image = _chosen(bag, settings.image_topic, _images(there), 'image', '--image-topic')
+    info = _info_beside(image)
+    if not any(each[:2] == (info, _INFO) and each.messages for each in there):
+        raise BagError(f'{bag} has no {info} (CameraInfo) beside {image}: record it too')
+    pose = _chosen(bag, settings.pose_topic, _pose_topics(there), 'camera_pose', '--pose-topic')
+    try:
+        frame, poses = _tf(bag, settings) if pose == _TF else _stamped(bag, pose, settings)
+        collection = ViewCollection(settings, frame)
+        _collect(bag, image, info, poses, collection, settings)
+        found = collection.assemble()
+    except PmclError as error:
+        raise BagError(f'{bag}: {error}') from None
+    if found.left_out:
+        _LOG.warning('%s: %s', bag, found.describe())
+    return found.source
+
+
+def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: ViewCollection,
+             settings: BagViews) -> None:
+    lens = lens_from(next(message_from(each.cdr, each.type) for each in read(bag, (info,))),
+                     settings.rectified)
+    number = 0
+    for each in read(bag, (image, info)):
+        message = message_from(each.cdr, each.type)
+        if each.topic == info:
+            lens = lens_from(message, settings.rectified)
+            continue
+        number += 1
+        name, header = f'frame {number}', header_from(message.header)
+        try:
+            moving = poses(header)
+        except PoseUnavailableError as error:
+            collection.leave_out(name, str(error))
+            continue
+        if moving is None:
+            collection.leave_out(name, 'no pose of its time, or later, is there')
+            continue
+        pixels = (colours_from if each.type == _IMAGE else decompressed_from)(message)
+        collection.add(SweepFrame(name, header.stamp_ns, pixels, lens, moving.pose, moving.speed,
+                                  moving.angular_speed))
+
+
+def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Poses]:
+    """The frame of a topic of PoseStamped, and its poses, those of the camera by its mount."""
+    mount = transform(settings.mount_position, settings.mount_rpy)
+    buffer = PoseBuffer(_ALWAYS)
+    frame = settings.fixed_frame if 'fixed_frame' in settings.model_fields_set else ''
+    for each in read(bag, (topic,)):
+        header, pose = pose_from(message_from(each.cdr, each.type))
+        frame = frame or header.frame_id
+        if header.frame_id != frame:
+            raise LightFieldError(f'{topic} is in frame {header.frame_id!r} at {header.stamp_ns}, '
+                                  f'expected {frame!r}: give all poses in one frame')
+        buffer.add(header.stamp_ns, pose @ mount)
+    return frame, lambda header: buffer.interpolated(header.stamp_ns, settings.gap)
+
+
+def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses]:
+    """The fixed frame, and the poses of the camera in it, from /tf and /tf_static."""
+    mount = transform(settings.mount_position, settings.mount_rpy)
+    tree = TransformTree()
+    for each in read(bag, (_TF, _TF_STATIC)):
+        for one in message_from(each.cdr, each.type).transforms:
+            header, child, pose = transform_from(one)
+            tree.add(header.frame_id, child, pose,
+                     None if each.topic == _TF_STATIC else header.stamp_ns)
+    if settings.mount_parent:
+        tree.add(settings.mount_parent, _CAMERA, mount)
+
+    def at(header: Header) -> MovingPose | None:
+        camera = _CAMERA if settings.mount_parent else settings.camera_frame or header.frame_id
+        return tree.interpolated(header.stamp_ns, settings.fixed_frame, camera, settings.gap)
+    return settings.fixed_frame, at
+
+
+def _images(there: Sequence[Topic]) -> list[str]:
+    """Topics of images; of an image that is there also compressed, the plain one."""
+    plain = [each.name for each in there if each.type == _IMAGE and each.messages]
+    return plain + [each.name for each in there if each.type == _COMPRESSED and each.messages
+                    and each.name.rpartition('/')[0] not in plain]
+
+
+def _pose_topics(there: Sequence[Topic]) -> list[str]:
+    return [each.name for each in there if each.messages
+            and (each.type == _POSE or each.name == _TF)]
+
+
+def _info_beside(image: str) -> str:
+    """The name of camera_info: beside the image, whatever transport it came by."""
+    return f'{image.removesuffix("/compressed").rpartition("/")[0]}/camera_info'
+
+
+def _chosen(bag: Path | str, wanted: str, names: Sequence[str], usual: str, option: str) -> str:
+    """The topic that is wanted, else the only one, else the one of the usual name."""
+    if wanted and wanted not in names:
+        raise BagError(f'{bag} has no {wanted} of this kind; it has {", ".join(names) or "none"}')
+    called = [wanted] if wanted else [each for each in names if each.split('/')[-1] == usual]
+    for only in (names, called):
+        if len(set(only)) == 1:
+            return only[0]
+    raise BagError(f'{bag} has {", ".join(names) or "no topic"} for {usual}: choose one '
+                   f'({option})')

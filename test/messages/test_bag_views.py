@@ -1,0 +1,209 @@
+"""A robot's bag of images and camera poses is the views of where its camera rested."""
+
+from array import array
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import interpolate, transform
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.messages.bag_captures import read_bag
+from pmcl_ros.messages.bag_views import BagViews
+from pmcl_ros.messages.bags import Recorded, is_bag, record
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.cdr import cdr_from, type_name, typestore
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.pose import pose_to_message
+from pmcl_ros.messages.types import (
+    CompressedImage,
+    PoseStamped,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from pmcl_ros.runtime.errors import BagError
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+PINHOLE = Pinhole(32, 24, 90.0, 92.0, 15.0, 12.0)
+PICTURES = np.random.default_rng(0).integers(0, 255, (3, 24, 32, 3), np.uint8)
+MOUNT = BagViews(mount_position=(0.02, -0.03, 0.1), mount_rpy=(0.1, 0.2, -1.5))
+HAND_EYE = transform(MOUNT.mount_position, MOUNT.mount_rpy)
+
+
+PLACES = np.tile(np.eye(4), (3, 1, 1))
+PLACES[:, :3, :3] = Rotation.from_rotvec([[0, -0.35, 0], [0, 0, 0], [0, 0.35, 0]]).as_matrix()
+PLACES[:, :3, 3] = [[0.1, 0.2, 0.3], [0.3, 0.1, 0.35], [0.5, 0.2, 0.3]]
+
+
+def camera_at(seconds):
+    """At rest for 0.6 s at each place, then 0.4 s on the way to the next."""
+    number, rest = divmod(seconds, 1.0)
+    first, second = PLACES[int(number)], PLACES[min(int(number) + 1, 2)]
+    return interpolate(first, second, max(rest - 0.6, 0) / 0.4)
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What a robot records: images at 10 Hz, poses at 25 Hz, 3 s long."""
+
+    camera: str = '/wrist'
+    frame: str = 'base_link'
+
+    def images(self, compressed=False, first=0.05, last=2.6):
+        for seconds in np.arange(first, last, 0.1):
+            header = self.header(seconds, 'eye')
+            message = picture_to_message(header, PICTURES[int(seconds)])
+            topic = f'{self.camera}/image'
+            if compressed:
+                png = cv2.imencode('.png', PICTURES[int(seconds)][..., ::-1])[1]
+                message = CompressedImage(header=header_to_message(header), format='png',
+                                          data=array('B', png.tobytes()))
+                topic += '/compressed'
+            yield recorded(topic, message, header)
+
+    def info(self, **changes):
+        header = self.header(0)
+        message = pinhole_to_message(header, PINHOLE)
+        for name, value in changes.items():
+            setattr(message, name, value)
+        return recorded(f'{self.camera}/camera_info', message, header)
+
+    def poses(self, topic='/camera_pose', mount=None, last=3.0):
+        """PoseStamped of the camera, or of the link that it is on by a mount (4, 4)."""
+        for seconds in np.arange(0, last, 0.04):
+            header = self.header(seconds)
+            pose = camera_at(seconds) @ np.linalg.inv(np.eye(4) if mount is None else mount)
+            yield recorded(topic, PoseStamped(header=header_to_message(header),
+                                              pose=pose_to_message(pose)), header)
+
+    def tf(self, with_camera=True):
+        """base_link <- torso (fixed), torso <- wrist (moving), wrist <- eye (fixed)."""
+        torso = transform((0.1, 0.0, 0.7), (0.0, 0.1, 0.4))
+        fixed = [('base_link', 'torso', torso)] + [('wrist', 'eye', HAND_EYE)] * with_camera
+        yield transforms('/tf_static', self.header(0), fixed)
+        for seconds in np.arange(0, 3.0, 0.04):
+            wrist = np.linalg.inv(torso) @ camera_at(seconds) @ np.linalg.inv(HAND_EYE)
+            header = self.header(seconds)
+            yield transforms('/tf', header, [('torso', 'wrist', wrist)])
+
+    def header(self, seconds, frame=None):
+        return Header(START + round(seconds * SECOND), frame or self.frame)
+
+
+def recorded(topic, message, header):
+    return Recorded(topic, type_name(type(message)), header.stamp_ns, cdr_from(message))
+
+
+def transforms(topic, header, edges):
+    types = typestore().types
+    made = []
+    for parent, child, matrix in edges:
+        pose = pose_to_message(matrix)
+        p = pose.position
+        made.append(TransformStamped(
+            header=header_to_message(Header(header.stamp_ns, parent)), child_frame_id=child,
+            transform=Transform(translation=Vector3(x=p.x, y=p.y, z=p.z),
+                                rotation=pose.orientation)))
+    return recorded(topic, types['tf2_msgs/msg/TFMessage'](transforms=made), header)
+
+
+def bag_of(folder, *parts):
+    messages = [each for part in parts for each in (
+        [part] if isinstance(part, Recorded) else part)]
+    record(folder / 'bag', sorted(messages, key=lambda each: each.time_ns))
+    return folder / 'bag'
+
+
+def assert_rests(found):
+    """The views are one of each place, at its pose, with its picture."""
+    assert isinstance(found, PosedViews)
+    assert found.header.frame_id == 'base_link'
+    assert len(found.views) == 3
+    for view, place, picture in zip(found.views, PLACES, PICTURES, strict=True):
+        np.testing.assert_allclose(view.camera_to_reference, place, atol=1e-9)
+        np.testing.assert_array_equal(view.displayed(), picture)
+        assert view.pinhole == PINHOLE
+        assert view.sigma == (0.001, 0.0035)
+        assert (view.group, view.common) == ('hand-eye', 0.5)
+
+
+ROBOT = Robot()
+
+
+@pytest.mark.parametrize(('parts', 'wanted'), [
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses()), None),
+    ((ROBOT.info(), ROBOT.images(compressed=True), ROBOT.poses()), None),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.images(compressed=True), ROBOT.poses()), None),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.tf()), None),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.tf(with_camera=False)),
+     MOUNT.model_copy(update={'mount_parent': 'wrist'})),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses(mount=HAND_EYE)), MOUNT),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses(), Robot('/other').images(),
+      ROBOT.poses('/goal', HAND_EYE), ROBOT.tf()),
+     BagViews(image_topic='/wrist/image', pose_topic='/camera_pose')),
+], ids=['poses', 'compressed', 'both', 'tf', 'tf and mount', 'poses and mount', 'chosen'])
+def test_a_view_of_each_place_where_the_camera_rested(tmp_path, parts, wanted):
+    assert_rests(read_bag(bag_of(tmp_path, *parts), wanted))
+
+
+def test_frames_that_are_left_out_are_told_in_one_line(tmp_path, caplog):
+    read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(first=1.45), ROBOT.poses(last=2.3)))
+    line, = caplog.messages
+    assert '2 posed views in base_link; left out: frame 3: moved by 2.5 px' in line
+    assert 'frame 10: no pose of its time, or later, is there' in line
+    assert line.endswith('3 of places with a better one')
+    assert '\n' not in line
+
+
+def test_bags_of_the_older_storage_are_read_too(tmp_path):
+    writer = Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3)
+    with writer:
+        known = {}
+        for each in (ROBOT.info(), *ROBOT.images(), *ROBOT.poses()):
+            if each.topic not in known:
+                known[each.topic] = writer.add_connection(each.topic, each.type,
+                                                          typestore=typestore())
+            writer.write(known[each.topic], each.time_ns, each.cdr)
+    assert is_bag(tmp_path / 'bag')
+    assert_rests(read_bag(tmp_path / 'bag'))
+
+
+OTHER = Robot(frame='map')
+
+
+@pytest.mark.parametrize(('parts', 'wanted', 'reason'), [
+    ((ROBOT.info(), ROBOT.images()), None, r'nor images with poses of their camera'),
+    ((ROBOT.images(), ROBOT.poses()), None, r'no /wrist/camera_info \(CameraInfo\) beside'),
+    ((ROBOT.info(distortion_model='fov', d=array('d', [1.0] * 5)), ROBOT.images(), ROBOT.poses()),
+     None, "distortion model 'fov' is not known"),
+    ((ROBOT.info(k=np.zeros(9)), ROBOT.images(), ROBOT.poses()), None, 'calibrate the camera'),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses(last=1.0), OTHER.poses()), None,
+     "/camera_pose is in frame 'map' at 17.*, expected 'base_link'"),
+    ((ROBOT.info(), ROBOT.images(), OTHER.poses()), BagViews(fixed_frame='base_link'),
+     "expected 'base_link'"),
+    ((ROBOT.info(), ROBOT.images(first=1.05), ROBOT.poses(last=1.0)), None,
+     'there is no view: frame 1: no pose of its time, or later, is there'),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses(last=0.01)), None,
+     'there is no view: frame 1: no pose'),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.tf(with_camera=False)), None,
+     "no chain of transforms joins 'eye' to 'base_link': there are base_link, torso, wrist"),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses(), Robot('/left').images()), None,
+     'has /wrist/image, /left/image for image: choose one .--image-topic.'),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses('/a'), ROBOT.tf()), None,
+     'has .* for camera_pose: choose one .--pose-topic.'),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.poses()), BagViews(image_topic='/no'),
+     'has no /no of this kind; it has /wrist/image'),
+], ids=['no poses', 'no camera_info', 'unknown lens', 'uncalibrated', 'two frames', 'other frame',
+        'poses ended', 'one pose', 'not on tf', 'two cameras', 'two sources', 'no such topic'])
+def test_what_is_missing_or_wrong_is_told_in_one_line(tmp_path, parts, wanted, reason):
+    with pytest.raises(BagError, match=reason) as caught:
+        read_bag(bag_of(tmp_path, *parts), wanted)
+    assert '\n' not in str(caught.value)
