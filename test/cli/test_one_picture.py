@@ -96,7 +96,8 @@ def test_what_needs_several_views_is_refused_in_one_line(captures, arguments, re
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_a_bag_is_of_light_fields(captures, tmp_path):
+def test_a_bag_is_not_of_a_picture_without_pose(captures, tmp_path):
     done = pmcl('bag', 'record', captures / '000001', tmp_path / 'bag')
     assert done.exit_code == 1
-    assert 'a light field is needed' in done.stderr
+    assert 'is one picture without the pose of its camera' in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

@@ -1,3 +1,4 @@
+import json
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +140,26 @@ def test_an_axis_is_a_direction_through_the_origin(tmp_path, symmetry):
 def test_impossible_descriptions_are_refused_by_name(tmp_path, fields, message):
     with pytest.raises(SettingsError, match=message):
         ObjectModel.load(describe(tmp_path, cup(), **fields))
+
+
+def test_an_object_of_bop_is_in_millimetres_with_the_symmetries_of_its_list(tmp_path):
+    carton = trimesh.creation.box((50, 60, 100))
+    path = save(carton, tmp_path, 'obj_000012.ply')
+    np.testing.assert_allclose(ObjectModel.load_bop(path).diameter, np.sqrt(.05**2 + .06**2 + .01))
+    half = np.diag([-1.0, -1, 1, 1])
+    (tmp_path / 'models_info.json').write_text(json.dumps({
+        '12': {'diameter': 126.9, 'symmetries_discrete': [half.ravel().tolist()]}}))
+    model = ObjectModel.load_bop(path)
+    assert (model.name, model.axis, len(model.discrete)) == ('obj_000012', None, 2)
+    described = describe(tmp_path, carton, scale=0.001,
+                         symmetries_discrete=[half.ravel().tolist()], symmetries_continuous=[])
+    np.testing.assert_array_equal(model.discrete, ObjectModel.load(described).discrete)
+    # What the list does not call symmetric is not, whatever its mesh.
+    round_one = save(trimesh.creation.cylinder(30, 100), tmp_path, 'obj_000013.ply')
+    with pytest.raises(ObjectModelError, match='has no object 13'):
+        ObjectModel.load_bop(round_one)
+    (tmp_path / 'models_info.json').write_text('{"13": {"diameter": 120}}')
+    assert ObjectModel.load_bop(round_one).axis is None
 
 
 def test_missing_files_are_named(tmp_path):

@@ -1,0 +1,168 @@
+"""Bags of posed views, a robot's bag and a BOP scene, as users call the commands on them."""
+
+import json
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from click import UsageError
+from command_line import pmcl
+
+from pmcl_ros.cli.sources import GivenSource
+from pmcl_ros.evaluation.captures import Capture
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.read import read_source
+from pmcl_ros.messages import bags
+from pmcl_ros.messages.bag_captures import pose_message, read_bag
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.cdr import cdr_from, type_name
+from pmcl_ros.messages.image import picture_to_message
+
+CAMERA = {'width': 240, 'height': 180, 'fx': 225.0, 'cx': 119.0, 'cy': 91.0}
+STEP = 100_000_000  # ns
+
+
+@pytest.fixture(scope='module')
+def capture(tmp_path_factory):
+    """An opaque tumbler, seen from two sides."""
+    folder = tmp_path_factory.mktemp('views')
+    (folder / 'camera.yaml').write_text(yaml.safe_dump(CAMERA))
+    pmcl('scenes', 'render', '--camera', folder / 'camera.yaml', '--cameras', 'arc:2:40',
+         '--samples', 2, '--kind', 'opaque', '--seed', 1, '--count', 1, '-o', folder)
+    return folder / '000001'
+
+
+def region(capture):
+    truth = Truth.load(capture / 'truth.json')
+    return ['--roi', *truth.roi_center, *truth.roi_size]
+
+
+def localized(source, capture, *more):
+    done = pmcl('localize', source, *region(capture), '--json', *more)
+    return json.loads(next(line for line in done.output.splitlines() if line[:1] == '{'))
+
+
+@pytest.fixture(scope='module')
+def expected(capture):
+    """What is found in the folder of the views."""
+    found = localized(capture, capture, '--object', capture / 'model.obj')
+    assert not found['lost']
+    return found
+
+
+def test_a_bag_of_posed_views_has_the_pose_of_their_folder(capture, expected, tmp_path):
+    bag = tmp_path / 'bag'
+    pmcl('bag', 'record', capture, bag)
+    assert [each.name for each in bags.topics(bag)] == [
+        '/posed_views/camera_info', '/posed_views/poses', '/posed_views/sigma', '/posed_views']
+    found = localized(bag, capture, '--object', capture / 'model.obj')
+    np.testing.assert_allclose(found['position'], expected['position'], atol=1e-5)
+    assert GivenSource(bag).open().posed
+    for name in ('model.obj', 'truth.json'):
+        shutil.copy(capture / name, bag)
+    assert isinstance(Capture.load(bag).read(None), PosedViews)  # as pmcl evaluate does
+    done = pmcl('bag', 'record', bag, tmp_path / 'smaller', '--shrink', 2, status=2)
+    assert 'is a bag: --every and --shrink are for light fields' in done.output
+
+
+def robots_bag(folder, views):
+    """Images, camera_info and poses: the camera rests for 0.3 s at each view."""
+    messages = []
+    for number, view in enumerate(views.views):
+        for k in range(number * 10, number * 10 + 4):
+            at = Header(k * STEP, 'base')
+            messages.append(pose_message('/arm/pose', at, view.camera_to_reference))
+            for topic, message in (
+                    ('/eye/camera_info', pinhole_to_message(at, view.pinhole)),
+                    ('/eye/image', picture_to_message(at, view.displayed()))):
+                messages.append(bags.Recorded(topic, type_name(type(message)), at.stamp_ns,
+                                              cdr_from(message)))
+    bags.record(folder, messages)
+    return folder
+
+
+def test_a_robot_s_bag_has_the_pose_of_the_views_where_it_rested(capture, expected, tmp_path):
+    bag = robots_bag(tmp_path / 'bag', read_source(capture))
+    exact = tmp_path / 'exact.yaml'
+    exact.write_text('{sigma_position: 0, sigma_rotation: 0}')
+    found = localized(bag, capture, '--object', capture / 'model.obj', '--collect', exact,
+                      '--image-topic', '/eye/image')
+    np.testing.assert_allclose(found['position'], expected['position'], atol=1e-5)
+    views = read_bag(bag)
+    assert [each.sigma for each in views.views] == [(0.001, 0.0035)] * 2
+    pmcl('bag', 'record', bag, tmp_path / 'posed')
+    again = read_bag(tmp_path / 'posed')
+    for one, other in zip(again.views, views.views, strict=True):
+        np.testing.assert_array_equal(one.displayed(), other.displayed())
+        np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-9)
+
+
+def test_topics_are_of_bags(capture):
+    with pytest.raises(UsageError, match=r'is no bag: --image-topic'):
+        GivenSource(capture, pose_topic='/tf').open()
+
+
+@pytest.fixture
+def scene(capture, tmp_path):
+    """The same pictures as a BOP scene without poses, and the tumbler in millimetres."""
+    views = read_source(capture).views
+    folder = tmp_path / 'set' / 'test' / '000004'
+    (folder / 'rgb').mkdir(parents=True)
+    pinhole = views[0].pinhole
+    for number, view in enumerate(views):
+        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), view.displayed()[..., ::-1])
+    (folder / 'scene_camera.json').write_text(json.dumps(
+        {str(number): {'cam_K': pinhole.matrix.ravel().tolist()} for number in range(2)}))
+    mesh = trimesh.load_mesh(capture / 'model.obj', process=False)
+    mesh.vertices *= 1000
+    models = tmp_path / 'set' / 'models'
+    models.mkdir()
+    mesh.export(models / 'obj_000003.ply')
+    (models / 'models_info.json').write_text(json.dumps(
+        {'3': {'diameter': 100.0, 'symmetries_continuous': [{'axis': [0, 0, 1],
+                                                             'offset': [0, 0, 0]}]}}))
+    return folder
+
+
+def in_first_camera(capture):
+    """A region about the object, and its origin, in the first camera's frame."""
+    truth = Truth.load(capture / 'truth.json')
+    into = np.linalg.inv(read_source(capture).views[0].camera_to_reference)
+    origin = (into @ truth.pose)[:3, 3]
+    return ['--roi', *origin, 0.2, 0.2, 0.3], origin
+
+
+def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture, tmp_path):
+    roi, origin = in_first_camera(capture)
+    done = pmcl('localize', scene, '--object-id', 3, *roi, '--json', '--out', tmp_path / 'out')
+    assert done.output.count('no camera poses: each picture is localised alone') == 1
+    assert 'obj_000003.ply, in millimetres' in done.output
+    assert {each.name for each in (tmp_path / 'out').iterdir()} == {
+        'overlay_000000.png', 'overlay_000001.png'}
+    pictures = json.loads(done.stdout.splitlines()[-1])['pictures']
+    assert [each['file'] for each in pictures] == ['rgb/000000.png', 'rgb/000001.png']
+    cameras = json.loads((scene / 'scene_camera.json').read_text())
+    del cameras['0']
+    (scene / 'scene_camera.json').write_text(json.dumps(cameras))
+    line, = pmcl('localize', scene, '--object-id', 3, *roi).stdout.splitlines()
+    assert line.startswith('000001.png: ')
+    x, y, z = pictures[1]['position']
+    assert f'at ({x:.4f}, {y:.4f}, {z:.4f}) m' in line
+    found = np.array(pictures[0]['position'])
+    off = found / found[2] - origin / origin[2]
+    assert abs(off).max() < 0.03  # rad: one picture hardly tells the depth
+
+
+@pytest.mark.parametrize(('more', 'reason'), [
+    ((), 'say which object: --object, or --object-id of a BOP scene'),
+    (('--object-id', 4), 'models/obj_000004.ply, the model of object 4; give --object'),
+    (('--object-id', 3, '--truth', 'scene_camera.json'), 'give one --object, and no --truth')])
+def test_what_a_scene_cannot_do_is_told(scene, more, reason, monkeypatch):
+    monkeypatch.chdir(scene)
+    done = pmcl('localize', scene, '--roi', *'001111', *more, status=2 if more[1:2] != (4,) else 1)
+    assert reason in ' '.join(done.output.split())
