@@ -10,10 +10,9 @@ from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evidence.build_map import centre_view
 from pmcl_ros.evidence.edges import edge_volume
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedViews, centre_view
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import (
     Evidence,

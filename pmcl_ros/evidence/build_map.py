@@ -11,12 +11,11 @@ from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
+from pmcl_ros.lightfield.posed_view import PosedView, exposed
 
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
-_LEVEL = 0.3  # mean linear light of an exposed picture, 1 at white
 
 
 def build_map(source: LightField | PosedView, settings: DlvSettings,
@@ -34,7 +33,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     lattice = PixelGrid.from_crop(pinhole, settings.crop, settings.stride)
     if isinstance(source, LightField):
         depths = depth_labels(settings.near, settings.far, REFOCUSED)
-        pictures = _exposed(np.moveaxis(refocused(source, depths, settings.views), 1, -1))
+        pictures = exposed(np.moveaxis(refocused(source, depths, settings.views), 1, -1))
     else:
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
@@ -45,19 +44,6 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     inside = odds[..., 5].clip(-_MOST_INSIDE, _MOST_INSIDE)
     return ContourMap(source.header, np.ascontiguousarray(odds[..., :5]), depths, lattice.pinhole,
                       inside, numbers or learned_map_evidence())
-
-
-def centre_view(light_field: LightField) -> PosedView:
-    """The centre view alone, as a picture of an ordinary camera."""
-    row, column = light_field.grid.centre
-    return PosedView(light_field.header, _exposed(light_field.views[row, column]),
-                     light_field.grid.pinhole)
-
-
-def _exposed(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Linear light as a camera of automatic exposure encodes it, 0 to 1."""
-    linear = linear * np.float32(_LEVEL / max(float(linear.mean()), 1e-6))
-    return np.asarray(np.clip(linear, 0, 1) ** np.float32(1 / GAMMA), np.float32)
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

@@ -8,9 +8,11 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError
 
 GAMMA = 2.2  # linear light is a picture's value to the power of this
+_LEVEL = 0.3  # mean linear light of an exposed picture, 1 at white
 _RIGID = 1e-3  # tolerance of orthogonality: poses in files are rounded
 
 
@@ -74,6 +76,18 @@ def encoded(values: NDArray[Any], gamma: float) -> NDArray[np.float32]:
     if np.isfinite(picture).all():
         picture = np.clip(picture, 0, 1)
     return picture if gamma == GAMMA else picture ** np.float32(gamma / GAMMA)
+
+
+def exposed(linear: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Linear light as a camera of automatic exposure encodes it, 0 to 1."""
+    linear = linear * np.float32(_LEVEL / max(float(linear.mean()), 1e-6))
+    return np.asarray(np.clip(linear, 0, 1) ** np.float32(1 / GAMMA), np.float32)
+
+
+def centre_view(light_field: LightField) -> PosedView:
+    """The centre view alone, as a picture of an ordinary camera, which is the reference."""
+    return PosedView(light_field.header, exposed(light_field.centre_view),
+                     light_field.grid.pinhole)
 
 
 def check_pose(pose: NDArray[np.float64], name: str) -> None:

@@ -5,11 +5,12 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evidence.build_map import REFOCUSED, build_map, centre_view
+from pmcl_ros.evidence.build_map import REFOCUSED, build_map
 from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import centre_view
 from pmcl_ros.runtime.errors import VolumeError
 
 SIDE, RADIUS, MIDDLE = 224, 50.0, (110.0, 117.0)

@@ -1,6 +1,7 @@
 """Pictures of ordinary cameras with known poses: `views.yaml`."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,8 @@ from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, encoded
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, centre_view, encoded
+from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction, read_picture
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
 from pmcl_ros.lightfield.sweep.frame import Lens
@@ -17,6 +19,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
 NAME = 'views.yaml'
+_NPZ = '.npz'
 
 
 class ViewCamera(CameraEntry):
@@ -41,8 +44,9 @@ class ViewCamera(CameraEntry):
 class ViewEntry(Settings):
     """One picture and the pose of its camera."""
 
-    file: str = Field(min_length=1, description='name of the picture, relative to views.yaml')
-    camera: str = Field(description='name of its camera')
+    file: str = Field(min_length=1, description='name of the picture, relative to views.yaml; or '
+                      'of a light field, .npz of pmcl decode, of which the centre view is meant')
+    camera: str = Field('', description='name of its camera; a light field (.npz) has its own')
     camera_to_reference: Annotated[tuple[float, ...], Field(min_length=16, max_length=16)] = Field(
         (1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1., 0., 0., 0., 0., 1.),
         description='pose of its optical frame, 4x4, row by row [m]; may be left out of a single '
@@ -61,11 +65,16 @@ class ViewEntry(Settings):
     common: float = Field(1.0, ge=0, le=1, description='share of the variance of these errors '
                           'that the group shares; the rest is of each view')
 
+    @property
+    def is_light_field(self) -> bool:
+        """Whether the file is a light field, with a camera of its own."""
+        return self.file.lower().endswith(_NPZ)
+
 
 class ViewsFile(Settings):
     """views.yaml: cameras, views, and the frame of their poses."""
 
-    cameras: dict[str, ViewCamera] = Field(min_length=1, description='by name')
+    cameras: dict[str, ViewCamera] = Field({}, description='by name')
     views: list[ViewEntry] = Field(min_length=1, description='in any order')
     reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
 
@@ -77,9 +86,12 @@ class ViewsFile(Settings):
     @model_validator(mode='after')
     def _whole(self) -> 'ViewsFile':
         for each in self.views:
-            if each.camera not in self.cameras:
-                raise ValueError(f'{each.file} is of the camera {each.camera!r}, there are only '
-                                 f'{", ".join(self.cameras)}')
+            if each.is_light_field == bool(each.camera):
+                raise ValueError(f'{each.file}: a picture needs a camera, and a light field '
+                                 f'({_NPZ}) has its own')
+            if each.camera and each.camera not in self.cameras:
+                raise ValueError(f'{each.file} is of the camera {each.camera!r}, cameras has '
+                                 f'{", ".join(self.cameras) or "none"}')
             if ('camera_to_reference' in each.model_fields_set) != self.posed and len(
                     self.views) > 1 and (self.posed and each.mount_to_base is not None):
                 raise ValueError(f'{each.file} and {self.views[0].file}: either all views have '
@@ -108,7 +120,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
                               'taken; leave out --every')
     shrink = reduction.shrink
     size = 12 * sum((of.cameras[each.camera].width // shrink)
-                    * (of.cameras[each.camera].height // shrink) for each in of.views)
+                    * (of.cameras[each.camera].height // shrink)
+                    for each in of.views if each.camera)
     if size > MOST_BYTES:
         factor = shrink * math.ceil(math.sqrt(size / MOST_BYTES))
         raise LightFieldError(f'{name}: its {len(of.views)} pictures need {size / 2 ** 30:.1f} '
@@ -118,21 +131,31 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 
 
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
-    camera, path = of.cameras[entry.camera], folder / entry.file
+    path = folder / entry.file
+    seen = (centre_view(read_npz(path, Header(), reduction)) if entry.is_light_field
+            else _picture(path, entry.camera, of.cameras[entry.camera], reduction))
+    try:
+        stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
+                    else round(1e9 * entry.stamp))
+        return replace(
+            seen, header=Header(stamp_ns, of.reference),
+            camera_to_reference=np.array(entry.camera_to_reference).reshape(4, 4),
+            sigma=(1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))),
+            group=entry.group, common=entry.common)
+    except LightFieldError as error:
+        raise LightFieldError(f'{path}: {error}') from None
+
+
+def _picture(path: Path, name: str, camera: ViewCamera, reduction: Reduction) -> PosedView:
+    """What a camera's file shows, without distortion, in the frame of the camera."""
     values = read_picture(path)
     height, width = values.shape[:2]
     try:
         if (width, height) != (camera.width, camera.height):
-            raise LightFieldError(f'it has {width}x{height} px, its camera {entry.camera!r} '
+            raise LightFieldError(f'it has {width}x{height} px, its camera {name!r} '
                                   f'{camera.width}x{camera.height}')
         reduction.check_memory(1, 1, height, width)
         picture = camera.lens.undistorted(encoded(values, camera.gamma), camera.pinhole)
-        stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
-                    else round(1e9 * entry.stamp))
-        return PosedView(Header(stamp_ns, of.reference), reduction.shrunk(picture),
-                         reduction.pinhole(camera.pinhole),
-                         np.array(entry.camera_to_reference).reshape(4, 4),
-                         (1e-3 * entry.sigma_mm, float(np.deg2rad(entry.sigma_deg))), entry.group,
-                         entry.common)
+        return PosedView(Header(), reduction.shrunk(picture), reduction.pinhole(camera.pinhole))
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None

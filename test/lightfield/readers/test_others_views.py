@@ -150,7 +150,7 @@ def test_a_model_without_a_metric_scale_is_refused(tmp_path):
 
 @pytest.mark.parametrize(('change', 'reason'), [
     (lambda text: text.replace('7 a.png', 'a.png'), r'images.txt:2: expected IMAGE_ID'),
-    (lambda text: text.replace('7 b.png', '8 b.png'), "of the camera '8', there are only 7"),
+    (lambda text: text.replace('7 b.png', '8 b.png'), "of the camera '8', cameras has 7"),
     (lambda text: text.replace('c.png', 'a.png'), 'a.png is there more than once'),
     (lambda text: text.replace('c.png', 'd.png'), 'there is no .*d.png'),
     (lambda text: text.replace('\n0 ', '\n0 9'), 'the quaternion has length'),
@@ -261,3 +261,37 @@ def test_poses_of_arm_and_camera_are_not_mixed(tmp_path):
     path.write_text(yaml.safe_dump(values))
     with pytest.raises(SettingsError, match='either all views have camera_to_reference, or none'):
         read_source(path)
+
+
+def test_a_light_field_gives_its_centre_view_among_others(tmp_path):
+    expected = own(tmp_path)
+    rng = np.random.default_rng(2)
+    light = rng.random((3, 3, 8, 10, 3), np.float32)
+    np.savez(tmp_path / 'lytro.npz', views=light, fx=30, fy=31, cx=4, cy=3, baseline=0.001)
+    path = tmp_path / 'views.yaml'
+    values = yaml.safe_load(path.read_text())
+    values['views'][1] = {'file': 'lytro.npz', 'sigma_mm': 2.0, 'stamp': 5.0,
+                          'camera_to_reference': values['views'][1]['camera_to_reference']}
+    path.write_text(yaml.safe_dump(values))
+    found = read_source(path).views
+    same(PosedViews(found[::2]), PosedViews(expected.views[::2]))
+    view = found[1]
+    assert (view.pinhole.fx, view.pinhole.width, view.header.stamp_ns) == (30, 10, 5_000_000_000)
+    assert (view.header.frame_id, view.sigma[0]) == ('camera', 0.002)
+    np.testing.assert_array_equal(view.camera_to_reference,
+                                  expected.views[1].camera_to_reference)
+    centre = light[1, 1] * (0.3 / light[1, 1].mean())
+    np.testing.assert_allclose(view.linear(), centre.clip(0, 1), atol=1e-5)
+    assert read_source(path, shrink=2).views[1].picture.shape == (4, 5, 3)
+
+
+@pytest.mark.parametrize(('entry', 'reason'), [
+    ({'file': 'no.npz'}, r'cannot read .*no\.npz'),
+    ({'file': 'no.npz', 'camera': 'one'}, r'no\.npz: a picture needs a camera, and a light field'),
+    ({'file': 'a.png'}, r'a\.png: a picture needs a camera, and a light field \(\.npz\) has')])
+def test_a_light_field_has_a_camera_of_its_own(tmp_path, entry, reason):
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump({'views': [
+        entry | {'camera_to_reference': np.eye(4).ravel().tolist()}]}))
+    with pytest.raises((LightFieldError, SettingsError), match=reason) as caught:
+        read_source(tmp_path)
+    assert '\n' not in str(caught.value)
