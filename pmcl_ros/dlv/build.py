@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv import cost
 from pmcl_ros.dlv.gl_cost import GlCost
 from pmcl_ros.dlv.likelihood import log_likelihood, truncate
+from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import BackEnd, DlvSettings, LayersFrom
 from pmcl_ros.dlv.superposition import fit_superposition
@@ -35,7 +36,8 @@ def build_volume(light_field: LightField, settings: DlvSettings) -> DepthLikelih
     near, or the volume would be too large; RenderError when `back_end` is 'gl' and GL cannot.
     """
     pinhole = PixelGrid.from_crop(light_field.grid.pinhole, settings.crop, settings.stride).pinhole
-    depths = checked_labels(light_field.grid, settings, pinhole, 'labels')
+    pairs = StereoPairs.from_grid(light_field.grid, settings.views)
+    depths = checked_labels(pairs, settings, pinhole, 'labels')
     likelihood = make_likelihood(light_field, depths, settings)
     if settings.truncate:
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)

@@ -22,6 +22,7 @@ from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.row_costs import LANES, aligned_zeros, room_of_coefficients, row_costs
 from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.window_sums import sum_across, sum_down
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
@@ -151,43 +152,18 @@ def _sweep(planes, where, cells, taps, time, weights,  # type: ignore[no-untyped
             if 0 <= row < height:
                 row_costs(planes, where, cells, taps, time, weights, limits, inside, left, top,
                           stride, l2, row, width, quadratics[band], margin, single[band])
-                _sum_across(single[band], margin - half + columns[0], reach, sums)
+                sum_across(single[band], margin - half + columns[0], reach, sums)
             else:
                 sums[:] = 0
             done = row - half
             if done < first:
                 continue
-            _sum_down(across, row + 1, summed)
+            sum_down(across, row + 1, summed)
             if len(likelihood):
                 row_likelihood(summed[:labels], summed[labels], likelihood[done - rows[0]])
             else:
                 for label in range(labels):
                     cost[label, done - rows[0]] = summed[labels] + summed[label]
-
-
-@compiled(inner=True)
-def _sum_across(single, first, reach, sums):  # type: ignore[no-untyped-def]
-    """Sum `reach` neighbours of each row, from column `first` on."""
-    for label in range(len(sums)):
-        row, out = single[label, first:], sums[label]
-        for x in range(len(out)):
-            out[x] = row[x]
-        for k in range(1, reach):
-            for x in range(len(out)):
-                out[x] += row[x + k]
-
-
-@compiled(inner=True)
-def _sum_down(across, oldest, sums):  # type: ignore[no-untyped-def]
-    """Sum the rows of a window, from the oldest on, whatever place of the ring it is in."""
-    reach = len(across)
-    for label in range(len(sums)):
-        out = sums[label]
-        out[:] = 0
-        for k in range(reach):
-            row = across[(oldest + k) % reach, label]
-            for x in range(len(out)):
-                out[x] += row[x]
 
 
 def _reached(lattice: PixelGrid, shift: int) -> tuple[int, int, int, int]:

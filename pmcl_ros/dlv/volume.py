@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.layers import Layers, read_layers
 from pmcl_ros.dlv.pairs import StereoPairs
+from pmcl_ros.dlv.posed_pairs import PosedPairs
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.superposition import Superposition
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.light_field import ViewGrid
+from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)
@@ -29,14 +30,14 @@ def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
     return 1 / np.linspace(1 / far, 1 / near, count)
 
 
-def checked_labels(grid: ViewGrid, settings: DlvSettings, pinhole: Pinhole,
+def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinhole: Pinhole,
                    name: Literal['labels', 'edge_labels'], components: int = 1
                    ) -> NDArray[np.float64]:
     """The depths (labels,) [m] of the labels that the settings ask for.
 
     pinhole: of the pixels that each get `components` float32 values a label. Raises VolumeError
-    where the values take too much memory or fewer than two views have light. Logs a warning where
-    views move by more than a pixel from label to label.
+    where the values take too much memory. Logs a warning where views move by more than a pixel
+    from label to label.
     """
     count = getattr(settings, name)
     size = 4 * pinhole.height * pinhole.width * count * components
@@ -44,7 +45,7 @@ def checked_labels(grid: ViewGrid, settings: DlvSettings, pinhole: Pinhole,
         raise VolumeError(
             f'{count} {name} of {pinhole.width}x{pinhole.height} px take {size / 2 ** 30:.1f} GiB,'
             f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views')
-    needed = StereoPairs.from_grid(grid, settings.views).labels_needed(settings.near, settings.far)
+    needed = pairs.labels_needed(settings.near, settings.far)
     if count < needed:
         _warn_of_few_labels(name, count, needed)
     return depth_labels(settings.near, settings.far, count)
@@ -80,13 +81,31 @@ def check_values(values: NDArray[np.float32], components: tuple[int, ...],
 
 
 @dataclass(frozen=True)
+class CameraPose:
+    """Where the camera of a volume is.
+
+    frame_id: the reference frame. camera_to_reference: (4, 4) pose of the camera's optical frame
+    in it [m]. Raises LightFieldError where that is no pose.
+    """
+
+    frame_id: str
+    camera_to_reference: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        check_pose(self.camera_to_reference, 'camera_to_reference')
+
+
+@dataclass(frozen=True)
 class DepthLikelihoodVolume:
-    """The paper's DLV (section IV), in the centre view.
+    """The paper's DLV (section IV), in the centre view, or in one of several posed views.
+
+    header: frame_id is the optical frame of the camera whose pixels these are.
 
     likelihood: (height, width, labels) float32, the log of eq. "L(x, l)": zero at the worst label
         of a pixel, growing.
     depths: (labels,) float64 [m], far to near, uniform in inverse depth.
     superposition: two layers fitted to each of its rays, where that was asked for.
+    camera: where that camera is, of posed views; None: the frame's name alone says it.
     """
 
     header: Header
@@ -94,6 +113,7 @@ class DepthLikelihoodVolume:
     depths: NDArray[np.float64]
     pinhole: Pinhole
     superposition: Superposition | None = None
+    camera: CameraPose | None = None
 
     def __post_init__(self) -> None:
         check_values(self.likelihood, (), self.depths, self.pinhole, 'volume')

@@ -13,6 +13,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import mirrored
 from pmcl_ros.dlv.settings import DlvSettings
@@ -85,7 +86,8 @@ def build_edges(light_field: LightField, settings: DlvSettings) -> EdgeVolume:
     """
     pinhole = light_field.grid.pinhole
     lattice = PixelGrid.from_crop(pinhole, settings.crop, settings.stride)
-    depths = checked_labels(light_field.grid, settings, pinhole, 'edge_labels', components=3)
+    pairs = StereoPairs.from_grid(light_field.grid, settings.views)
+    depths = checked_labels(pairs, settings, pinhole, 'edge_labels', components=3)
     return edge_volume(light_field, depths, settings.views).on(lattice)
 
 

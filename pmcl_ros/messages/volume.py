@@ -7,7 +7,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.dlv.volume import CameraPose, DepthLikelihoodVolume
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
@@ -30,6 +30,7 @@ _Number = TypeVar('_Number', int, float)
 # what follows the name in a dimension's label
 _KEYS = {'height': ('stamp', 'frame'), 'width': ('fx', 'fy', 'cx', 'cy'), 'depth': ('metres',),
          'tensor': ('components',), 'log_odds': ('components',)}
+_POSED = *_KEYS['width'], 'camera_to_reference', 'reference'  # instead, of posed views
 
 
 def volume_to_message(volume: DepthLikelihoodVolume,
@@ -38,18 +39,21 @@ def volume_to_message(volume: DepthLikelihoodVolume,
 
     The labels of the dimensions hold text, exact to the last bit:
     `height;stamp=NS;frame=ID`, `width;fx=..;fy=..;cx=..;cy=..`, `depth;metres=FAR,..,NEAR`.
+    Of posed views the second ends `;camera_to_reference=..,..;reference=ID`: the pose of the
+    camera in that frame, 16 numbers, row by row.
     The data before `data_offset` hold the same as float32: the stamp [ns] as four 16-bit words,
-    most significant first, then fx, fy, cx, cy, then the depth of every label. The value of row i,
-    column j, label k is data[data_offset + dim[1].stride * i + dim[2].stride * j + k].
+    most significant first, then fx, fy, cx, cy, then the depth of every label, then the pose if
+    there is one. The value of row i, column j, label k is
+    data[data_offset + dim[1].stride * i + dim[2].stride * j + k].
     """
-    return _write_volume(volume, (volume.likelihood,), _VOLUME, buffer)
+    return _write_volume(volume, (volume.likelihood,), _VOLUME, buffer, volume.camera)
 
 
 def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
     """The inverse of `volume_to_message`."""
-    header, pinhole, depths, values = _read_volume(message, _VOLUME, 'dlv')
+    header, pinhole, depths, values, camera = _read_volume(message, _VOLUME, 'dlv')
     with promised_by('dlv'):
-        return DepthLikelihoodVolume(header, values, depths, pinhole)
+        return DepthLikelihoodVolume(header, values, depths, pinhole, camera=camera)
 
 
 def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32MultiArray:
@@ -59,7 +63,7 @@ def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32
 
 def edges_from(message: Float32MultiArray) -> EdgeVolume:
     """The inverse of `edges_to_message`."""
-    header, pinhole, depths, values = _read_volume(message, _EDGES, 'dlv/edges')
+    header, pinhole, depths, values, _ = _read_volume(message, _EDGES, 'dlv/edges')
     with promised_by('dlv/edges'):
         return EdgeVolume(header, values, depths, pinhole)
 
@@ -71,7 +75,7 @@ def map_to_message(odds: ContourMap, buffer: Buffer | None = None) -> Float32Mul
 
 def map_from(message: Float32MultiArray) -> ContourMap:
     """The inverse of `map_to_message`, with the learned numbers of this package."""
-    header, pinhole, depths, values = _read_volume(message, _MAP, 'dlv/contour_map')
+    header, pinhole, depths, values, _ = _read_volume(message, _MAP, 'dlv/contour_map')
     with promised_by('dlv/contour_map'):
         return ContourMap(header, np.ascontiguousarray(values[..., :5]), depths, pinhole,
                           np.ascontiguousarray(values[..., 5]), learned_map_evidence())
@@ -79,21 +83,24 @@ def map_from(message: Float32MultiArray) -> ContourMap:
 
 def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume,
                   parts: Sequence[NDArray[np.float32]], names: Sequence[str],
-                  buffer: Buffer | None) -> Float32MultiArray:
+                  buffer: Buffer | None, camera: CameraPose | None = None
+                  ) -> Float32MultiArray:
     """parts: the values, apart along the last axis; they are copied once, into the message."""
     header, pinhole = source.header, source.pinhole
     shape = (*parts[0].shape[:-1], sum(each.shape[-1] for each in parts))
-    texts = {'height': (header.stamp_ns, header.frame_id),
-             'width': (pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy),
-             'depth': (','.join(repr(float(depth)) for depth in source.depths),),
+    intrinsics = pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy
+    posed = () if camera is None else (_listed(camera.camera_to_reference), camera.frame_id)
+    texts = {'height': (header.stamp_ns, header.frame_id), 'width': (*intrinsics, *posed),
+             'depth': (_listed(source.depths),),
              **{name: (each,) for name, each in _COMPONENTS.items()}}
     dimensions = []
     for axis, name in enumerate(names):
-        pairs = zip(_KEYS[name], texts[name], strict=True)
+        keys = _POSED if name == 'width' and camera is not None else _KEYS[name]
+        pairs = zip(keys, texts[name], strict=True)
         label = ';'.join([name, *(f'{key}={value}' for key, value in pairs)])
         dimensions.append(MultiArrayDimension(label=label, size=shape[axis],
                                               stride=prod(shape[axis:])))
-    padding = _padding(header, pinhole, source.depths)
+    padding = _padding(header, pinhole, source.depths, camera)
     message, data = (buffer or Buffer()).message(Float32MultiArray, 'f',
                                                  (len(padding) + prod(shape),), '<f4')
     message.layout = MultiArrayLayout(dim=dimensions, data_offset=len(padding))
@@ -103,7 +110,8 @@ def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume,
 
 
 def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
-                 ) -> tuple[Header, Pinhole, NDArray[np.float64], NDArray[np.float32]]:
+                 ) -> tuple[Header, Pinhole, NDArray[np.float64], NDArray[np.float32],
+                            CameraPose | None]:
     dimensions, offset = message.layout.dim, message.layout.data_offset
     if len(dimensions) != len(names):
         raise MessageError(f'{topic}: the layout has {len(dimensions)} dimensions, expected '
@@ -124,10 +132,12 @@ def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
     with promised_by(topic):
         header = Header(_number(int, stamp, topic), frame)
         time_to_message(header.stamp_ns)  # refuses what no ROS time can hold
-        intrinsics = [_number(float, text, topic) for text in texts[1]]
-        pinhole = Pinhole(shape[1], shape[0], *intrinsics)
-    depths = np.array([_number(float, text, topic) for text in texts[2][0].split(',')])
-    padding = _padding(header, pinhole, depths)
+        intrinsics, posed = texts[1][:4], texts[1][4:]
+        pinhole = Pinhole(shape[1], shape[0], *(_number(float, text, topic)
+                                                for text in intrinsics))
+        camera = _camera(topic, *posed) if posed else None
+    depths = _numbers(texts[2][0], topic)
+    padding = _padding(header, pinhole, depths, camera)
     sizes = len(depths), offset, len(message.data)
     right = shape[2], len(padding), len(padding) + expected[0]
     if sizes != right:
@@ -140,25 +150,43 @@ def _read_volume(message: Float32MultiArray, names: Sequence[str], topic: str,
     values = data[offset:].reshape(shape)
     if not np.isfinite([values.min(), values.max()]).all():  # either is NaN where any value is
         raise MessageError(f'{topic}: the data hold NaN or infinity')
-    return header, pinhole, depths, values
+    return header, pinhole, depths, values, camera
 
 
-def _padding(header: Header, pinhole: Pinhole,
-             depths: NDArray[np.float64]) -> NDArray[np.float32]:
+def _camera(topic: str, pose: str, frame: str) -> CameraPose:
+    numbers = _numbers(pose, topic)
+    if len(numbers) != 16:
+        raise MessageError(f'{topic}: camera_to_reference has {len(numbers)} numbers, expected '
+                           '16, row by row')
+    return CameraPose(frame, numbers.reshape(4, 4))
+
+
+def _padding(header: Header, pinhole: Pinhole, depths: NDArray[np.float64],
+             camera: CameraPose | None) -> NDArray[np.float32]:
     words = np.frombuffer(header.stamp_ns.to_bytes(8, 'big', signed=True), '>u2')
     intrinsics = [pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]
-    return np.concatenate([words, intrinsics, depths]).astype(np.float32)
+    pose = np.empty(0) if camera is None else camera.camera_to_reference.ravel()
+    return np.concatenate([words, intrinsics, depths, pose]).astype(np.float32)
 
 
 def _fields(label: str, name: str, topic: str) -> list[str]:
     """The values of a label `name;key=value;...`, of which the last may hold any text."""
-    keys = _KEYS[name]
+    posed = topic == 'dlv' and name == 'width' and f';{_POSED[4]}=' in label
+    keys = _POSED if posed else _KEYS[name]
     found, *pairs = label.split(';', len(keys))
     split = [pair.partition('=') for pair in pairs]
     if found != name or tuple(key for key, _, _ in split) != keys:
         raise MessageError(f'{topic}: dimension label {label[:60]!r}, expected '
                            f'{";".join([name, *(f"{key}=..." for key in keys)])!r}')
     return [value for _, _, value in split]
+
+
+def _listed(numbers: NDArray[np.float64]) -> str:
+    return ','.join(repr(float(each)) for each in numbers.ravel())
+
+
+def _numbers(text: str, topic: str) -> NDArray[np.float64]:
+    return np.array([_number(float, each, topic) for each in text.split(',')])
 
 
 def _number(kind: type[_Number], text: str, topic: str) -> _Number:

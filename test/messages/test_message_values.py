@@ -20,7 +20,7 @@ from visualization_msgs.msg import Marker
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
+from pmcl_ros.dlv.volume import CameraPose, DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evaluation.bench.timing import best_ms
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume
@@ -202,6 +202,31 @@ def test_numbers_before_the_data_say_what_the_labels_say(volume):
     assert words[0] << 48 | words[1] << 32 | words[2] << 16 | words[3] == HEADER.stamp_ns
     np.testing.assert_allclose(numbers[4:8], [PINHOLE.fx, PINHOLE.fy, PINHOLE.cx, PINHOLE.cy])
     np.testing.assert_allclose(numbers[8:], volume.depths)
+
+
+def test_a_volume_of_posed_views_says_where_its_camera_is(volume, edges, estimate):
+    posed = replace(volume, camera=CameraPose('room;fx=3', estimate.pose))
+    message = wired(volume_to_message(posed))
+    found = volume_from(message)
+    assert (found.header, found.pinhole, found.camera.frame_id) == (HEADER, PINHOLE, 'room;fx=3')
+    np.testing.assert_array_equal(found.camera.camera_to_reference, estimate.pose)
+    np.testing.assert_array_equal(found.likelihood, volume.likelihood)
+    plain, offset = volume_to_message(volume), message.layout.data_offset
+    first = plain.layout.data_offset
+    assert message.data[:first] == plain.data[:first]
+    np.testing.assert_allclose(message.data[first:offset], estimate.pose.ravel(), rtol=1e-6)
+    assert volume_from(wired(plain)).camera is None
+    for change, reason in (('=', '15 numbers'), ('=x,', 'is no number'), ('=3,', 'is no')):
+        again = wired(volume_to_message(posed))
+        label = again.layout.dim[1].label
+        head, _, tail = label.partition('camera_to_reference=')
+        again.layout.dim[1].label = f'{head}camera_to_reference{change}{tail.partition(",")[2]}'
+        with pytest.raises(MessageError, match=f'dlv: .*{reason}'):
+            volume_from(again)
+    other = wired(edges_to_message(edges))
+    other.layout.dim[1].label = label
+    with pytest.raises(MessageError, match='dlv/edges: '):
+        edges_from(other)
 
 
 def test_edges_round_trip(edges):

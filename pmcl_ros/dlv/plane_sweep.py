@@ -1,0 +1,209 @@
+"""PosedViews -> DepthLikelihoodVolume: the light field's volume, by a plane sweep.
+
+Each label is a plane across the reference camera. A homography says where another view sees its
+pixels, in place of the light field's displacement; what is compared there, and how costs become
+likelihoods, is the same.
+"""
+
+import numpy as np
+from numba import get_num_threads, prange
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.likelihood import row_likelihood, truncate
+from pmcl_ros.dlv.planes import matching_planes
+from pmcl_ros.dlv.posed_pairs import PosedPairs
+from pmcl_ros.dlv.row_costs import aligned_zeros
+from pmcl_ros.dlv.sampling import TAPS, bilinear_taps, neutral_taps
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.volume import CameraPose, DepthLikelihoodVolume, checked_labels
+from pmcl_ros.dlv.window_sums import sum_across, sum_down
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.runtime.errors import VolumeError
+from pmcl_ros.runtime.kernels import LOCK, compiled
+
+_CHANNELS, _NEXT = 5, np.uint64(5)  # of `matching_planes`, side by side
+_TWICE, _THRICE = np.uint64(10), np.uint64(15)
+_FRACTIONS = 256  # of a pixel that have weights of their own: a place is rounded by 1/512 px
+_UNSEEN = np.float32(-1)  # in place of a cost
+_ROUNDING = 1e-6  # px: a place so little outside is inside
+
+
+def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: int | None = None
+                          ) -> DepthLikelihoodVolume:
+    """The depth likelihood volume of posed views, in the optical frame of one of them.
+
+    reference: number of that view; None: the `central` one. All views are compared with it,
+    whatever the settings' `views` says, and count alike. A view that does not see a pixel's point
+    at some labels, since it is behind the camera or out of the picture, says nothing there: it
+    adds the mean cost of those at which it sees it. The header's frame is named after the view;
+    `camera` says where it is.
+    Raises VolumeError when there is one view only, no other sees what the reference view does, the
+    volume would be too large, or the settings ask for what only light fields have: interpolation
+    phase, layers joint, back_end gl.
+    """
+    _check(settings)
+    pairs = PosedPairs.from_views(views, settings.crop, settings.stride, reference)
+    pinhole = pairs.pixels.pinhole
+    depths = checked_labels(pairs, settings, pinhole, 'labels')
+    likelihood = _likelihood(pairs, depths, settings)
+    if not likelihood.any():
+        raise VolumeError(f'no other view sees what view {pairs.number} does between '
+                          f'{settings.near:g} and {settings.far:g} m, or none sees it change; '
+                          'check poses and depths, or choose another reference view')
+    if settings.truncate:
+        likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
+    frame = views.header.frame_id
+    return DepthLikelihoodVolume(
+        Header(views.header.stamp_ns, f'{frame}/view_{pairs.number}'), likelihood, depths, pinhole,
+        camera=CameraPose(frame, pairs.reference.camera_to_reference))
+
+
+def _check(settings: DlvSettings) -> None:
+    for name, only, other in (('interpolation', 'phase', 'neutral or bilinear'),
+                              ('layers', 'joint', 'volume'), ('back_end', 'gl', 'auto')):
+        if getattr(settings, name) == only:
+            raise VolumeError(f'{name} {only} is for light fields: choose {other} for the volume '
+                              'of posed views')
+
+
+def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSettings
+                ) -> NDArray[np.float32]:
+    """L(x, l), (height, width, labels). Beside it, a band of rows is in memory at a time."""
+    neutral = settings.interpolation == 'neutral'
+    weights = np.stack([np.full_like(pairs.gamma, settings.beta),
+                        (1 - settings.beta) * pairs.gamma,
+                        (1 - settings.beta) * (1 - pairs.gamma)], axis=1).astype(np.float32)
+    limits = np.array([settings.tau_color, settings.tau_gradient, settings.tau_gradient])
+    fractions = np.linspace(0, 1, _FRACTIONS + 1)
+    taps = (neutral_taps if neutral else bilinear_taps)(fractions).astype(np.float32)
+    sizes = np.array([(each.pinhole.width, each.pinhole.height) for each in pairs.others])
+    width, height = sizes.max(axis=0) + 2 * TAPS
+    others = np.zeros((len(sizes), height, width, _CHANNELS), np.float32)
+    for each, room in zip(pairs.others, others, strict=True):
+        channels = _channels(each, neutral)
+        room[:channels.shape[0], :channels.shape[1]] = channels
+    half = settings.window // 2 // settings.stride
+    lattice = pairs.pixels.grown(half)
+    rows, columns = pairs.pixels.within(lattice)
+    centre = _channels(pairs.reference, neutral)[np.ix_(lattice.rows + TAPS,
+                                                        lattice.columns + TAPS)]
+    likelihood = np.empty((*pairs.pixels.shape, len(depths)), np.float32)
+    single = aligned_zeros(get_num_threads(), len(depths) + 1, centre.shape[1] + 2 * half)
+    with LOCK:
+        _sweep(centre, (lattice.left, lattice.top), lattice.stride, others, sizes,
+               pairs.homographies(depths), taps, weights, limits.astype(np.float32),
+               settings.color_cost == 'l2', half, (rows.start, rows.stop),
+               (columns.start, columns.stop), single, likelihood)
+    return likelihood
+
+
+def _channels(view: PosedView, smooth: bool) -> NDArray[np.float32]:
+    """(height + 2 TAPS, width + 2 TAPS, 5) of `matching_planes`: as of a light field of one view.
+    """
+    width, height = view.pinhole.width, view.pinhole.height
+    grid = ViewGrid(view.pinhole, 1.0, nominal_positions(1, 1), np.ones((1, 1), np.float32))
+    field = LightField(view.header, view.linear()[None, None], grid)
+    planes = matching_planes(field, np.empty((0, 2), np.int64), (0, 0, width, height), TAPS,
+                             smooth)[0]
+    return np.ascontiguousarray(planes[:, :, :width + 2 * TAPS].swapaxes(1, 2))
+
+
+@compiled(parallel=True)
+def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyped-def]
+           taps, weights, limits, l2, half, rows, columns, single, likelihood):
+    """Fill `likelihood`, a band of rows for each thread, as `cost` does."""
+    height, width = centre.shape[:2]
+    labels, reach = maps.shape[1], 2 * half + 1
+    count, bands = rows[1] - rows[0], len(single)
+    flat = others.reshape(len(others), -1)
+    for band in prange(bands):
+        first, end = rows[0] + count * band // bands, rows[0] + count * (band + 1) // bands
+        across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
+        summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)
+        costs = np.empty((labels, width), np.float32)
+        seen = np.empty(_CHANNELS, np.float32)
+        for row in range(first - half, end + half if first < end else first - half):
+            sums = across[(row + reach) % reach]
+            if 0 <= row < height:
+                single[band] = 0
+                for pair in range(len(others)):
+                    for label in range(labels):
+                        _pixel_costs(centre[row], corner[0], corner[1] + stride * row, stride,
+                                     flat[pair], sizes[pair], others.shape[2], maps[pair, label],
+                                     taps, weights[pair], limits, l2, seen, costs[label])
+                    _add(costs, half, single[band])
+                sum_across(single[band], columns[0], reach, sums)
+            else:
+                sums[:] = 0
+            done = row - half
+            if done < first:
+                continue
+            sum_down(across, row + 1, summed)
+            row_likelihood(summed[:labels], summed[labels], likelihood[done - rows[0]])
+
+
+@compiled(inner=True)
+def _add(costs, margin, out):  # type: ignore[no-untyped-def]
+    """Add what a pair's costs (labels, width) differ from their mean over the labels it sees.
+
+    out: (labels + 1, margin + width + margin); the last row: the sum of the means.
+    """
+    labels, width = costs.shape
+    for x in range(width):
+        total, seen = np.float32(0), 0
+        for label in range(labels):
+            if costs[label, x] >= 0:
+                total += costs[label, x]
+                seen += 1
+        if seen:
+            mean = total / np.float32(seen)
+            out[labels, margin + x] += mean
+            for label in range(labels):
+                if costs[label, x] >= 0:
+                    out[label, margin + x] += costs[label, x] - mean
+
+
+@compiled(inner=True)
+def _pixel_costs(centre, left, y, stride, view, size, view_width, h,  # type: ignore[no-untyped-def]
+                 taps, weights, limits, l2, seen, out):
+    """Costs of one row of single pixels at one label: of those that the view sees."""
+    below = np.uint64(_CHANNELS * view_width)
+    right, bottom = size[0] - 1 + _ROUNDING, size[1] - 1 + _ROUNDING
+    for i in range(len(out)):
+        x = left + stride * i
+        w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+        if w <= 0:
+            out[i] = _UNSEEN
+            continue
+        part = np.divide(1.0, w)
+        u = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) * part
+        v = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) * part
+        if not (-_ROUNDING <= u <= right and -_ROUNDING <= v <= bottom):
+            out[i] = _UNSEEN
+            continue
+        column, row = int(u + 1) - 1, int(v + 1) - 1
+        a = taps[int((u - column) * _FRACTIONS + 0.5)]
+        d = taps[int((v - row) * _FRACTIONS + 0.5)]
+        # Unsigned, since of other numbers the compiler looks whether they count from the end.
+        first = np.uint64(_CHANNELS * ((row + TAPS - 1) * view_width + column + TAPS - 1))
+        for channel in range(_CHANNELS):
+            place, total = first + np.uint64(channel), np.float32(0)
+            for k in range(TAPS):
+                total += d[k] * (a[0] * view[place] + a[1] * view[place + _NEXT]
+                                 + a[2] * view[place + _TWICE] + a[3] * view[place + _THRICE])
+                place += below
+            seen[channel] = total
+        red, green, blue, along_u, along_v = seen[0], seen[1], seen[2], seen[3], seen[4]
+        # Gradients along the view's axes, as the reference view would see them: by the chain rule.
+        along_x = (np.float32((h[0, 0] - u * h[2, 0]) * part) * along_u
+                   + np.float32((h[1, 0] - v * h[2, 0]) * part) * along_v)
+        along_y = (np.float32((h[0, 1] - u * h[2, 1]) * part) * along_u
+                   + np.float32((h[1, 1] - v * h[2, 1]) * part) * along_v)
+        red, green, blue = red - centre[i, 0], green - centre[i, 1], blue - centre[i, 2]
+        colour = (np.sqrt(red * red + green * green + blue * blue) if l2
+                  else abs(red) + abs(green) + abs(blue))
+        out[i] = (weights[0] * min(colour, limits[0])
+                  + weights[1] * min(abs(along_x - centre[i, 3]), limits[1])
+                  + weights[2] * min(abs(along_y - centre[i, 4]), limits[2]))
