@@ -37,6 +37,7 @@ from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region
@@ -90,8 +91,8 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     if mode == 'faithful':
         if isinstance(source, LightField):
             return build_volume(source, settings)
-        raise VolumeError('the mode faithful needs a light field: pictures have no depth '
-                          'likelihood volume; choose the mode default')
+        raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
+                          'default')
     if isinstance(source, PosedViews):
         return ViewsEvidenceBuilder(settings, kind == 'map').build(source)
     if kind == 'map':
@@ -149,7 +150,8 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
 class Run(Generic[Estimate]):
     """One capture's way through the pipeline.
 
-    settings: of evidence and volume. volume: None where nothing asked for it, or of one picture.
+    settings: of evidence and volume. volume: None where nothing asked for it, or where one
+    picture alone shows the region.
     seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
     """
 
@@ -166,13 +168,14 @@ class Pipeline(Generic[Estimate]):
 
     localizer: closed with this. near, far: depths that can hold a part of an object [m].
     settings: mode and kind of the evidence. changes: parameters of evidence and volume that differ
-    from `volume_settings`; origin: where they are from, for errors.
+    from `volume_settings`; origin: where they are from, for errors. model: whose region a volume
+    of posed views is made for.
     """
 
     def __init__(self, localizer: AnyLocalizer[Estimate], settings: PmclSettings, near: float,
                  far: float, changes: Mapping[str, Any] | None = None,
-                 origin: str = 'region of interest') -> None:
-        self.localizer = localizer
+                 origin: str = 'region of interest', model: ObjectModel | None = None) -> None:
+        self.localizer, self._model = localizer, model
         self.mode, self._settings = settings.mode, settings
         self.near, self.far = near, far
         self._changes, self._origin = changes, origin
@@ -184,7 +187,7 @@ class Pipeline(Generic[Estimate]):
         """One object. posed: as of `make_localizer`. Raises RenderError, LocalizationError."""
         localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings, posed)
         near, far = depths_of(settings.roi_center, settings.roi_size, model.radius, posed)
-        return Pipeline(localizer, settings, near, far, changes, origin)
+        return Pipeline(localizer, settings, near, far, changes, origin, model)
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
@@ -211,8 +214,9 @@ class Pipeline(Generic[Estimate]):
             with_volume: bool = False) -> Run[Estimate]:
         """Read a light field or a picture, and find the objects in it.
 
-        watch: as of `Localizer.localize`, for one object. with_volume: make the volume of a light
-        field too where the mode reads none. Raises what the stages raise.
+        watch: as of `Localizer.localize`, for one object. with_volume: make the volume too where
+        the mode reads none; of posed views that of the region (`region_volume`). Raises what the
+        stages raise.
         """
         seconds: dict[str, float] = {}
         begun = time.perf_counter()
@@ -239,6 +243,13 @@ class Pipeline(Generic[Estimate]):
         if with_volume and volume is None and isinstance(source, LightField):
             progress('volume', 0.0)
             volume = build_volume(source, settings)
+            finished('volume')
+        elif with_volume and isinstance(evidence, ViewsEvidence) and self._model is not None:
+            assert isinstance(source, PosedViews)
+            progress('volume', 0.0)
+            made = region_volume(source, evidence, self._model, self._settings, self._changes,
+                                 self._origin)
+            volume, settings = made or (None, settings)
             finished('volume')
         progress('pose', 0.0)
         options = {} if watch is None else {'watch': watch}

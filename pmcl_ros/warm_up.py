@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.dlv import build
+from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
@@ -21,6 +22,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
@@ -48,6 +50,14 @@ def _volume() -> None:
 
 def _layers() -> None:
     build.warm_up('numba', 'joint')
+
+
+def _plane_sweep() -> None:
+    beside = np.eye(4)
+    beside[0, 3] = 0.01
+    views = tuple(PosedView(Header(), _noise(3)[:, :, 0], _CAMERA, each)
+                  for each in (np.eye(4), beside))
+    build_volume_of_views(PosedViews(views), DlvSettings(labels=3)).layers()
 
 
 def _evidence() -> None:
@@ -83,8 +93,8 @@ def _object(mode: Mode) -> tuple[ObjectModel, PmclSettings]:
 Stages = tuple[Callable[[], None], ...]
 # The longest first.
 CHAIN: Stages = (_search, _volume, _decode, GaussNewton.warm_up, _evidence)
-# Other modes.
-OTHER_MODES: Stages = (_filter, _layers)
+# Other modes and sources.
+OTHER_MODES: Stages = (_filter, _layers, _plane_sweep)
 
 
 def compile_ahead(console: Console, stages: Stages = CHAIN) -> None:

@@ -10,6 +10,7 @@ import pytest
 from pmcl_scenes import CAMERA, cup, model_of
 
 from pmcl_ros.dlv.build import build_volume
+from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.build_map import build_map
@@ -17,7 +18,7 @@ from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.posed_view import GAMMA, PosedView
+from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.pipeline import (
     Pipeline,
     build_evidence,
@@ -25,6 +26,7 @@ from pmcl_ros.pipeline import (
     make_localizer,
     volume_settings,
 )
+from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError, VolumeError
 
@@ -98,6 +100,34 @@ def test_a_picture_has_the_evidence_of_a_centre_view():
     with make_localizer(CUP, settings) as localizer:
         again = localizer.localize(found.evidence, np.random.default_rng(1))
     np.testing.assert_array_equal(again.pose, found.estimate.pose)
+
+
+def posed_views(places=(0, 0.02, -0.03, 9)):
+    views = []
+    for seed, x in enumerate(places):
+        pose = np.eye(4)
+        pose[0, 3] = x
+        noise = np.random.default_rng(seed).random((CAMERA.height, CAMERA.width, 3), np.float32)
+        views.append(PosedView(Header(5, 'room'), noise, CAMERA, pose))
+    return PosedViews(tuple(views))
+
+
+def test_posed_views_have_a_volume_of_the_region_where_one_is_asked_for():
+    with Pipeline.for_object(CUP, SETTINGS, {'stride': 2}, posed=True) as pipeline:
+        found = pipeline.run(posed_views, np.random.default_rng(1), with_volume=True)
+    assert list(found.seconds) == ['views', 'evidence', 'volume', 'pose']
+    settings, volume = found.settings, found.volume
+    assert volume.header == Header(5, 'room/view_0')  # the middle one of those that see the region
+    assert (settings.near, settings.far) == pytest.approx((0.35 - CUP.radius, 0.45 + CUP.radius))
+    assert len(volume.depths) >= 30 * (1 / settings.near - 1 / settings.far) * 1e-3 * CAMERA.fx
+    again = build_volume_of_views(posed_views(), settings, 0)
+    np.testing.assert_array_equal(volume.likelihood, again.likelihood)
+    middle = np.array([0, 0, 0.4])
+    assert volume.pinhole.project(middle) == pytest.approx(
+        (np.array([volume.pinhole.width, volume.pinhole.height]) - 1) / 2, abs=2)
+    alone = posed_views((0, 9))
+    seen = build_evidence(alone, found.settings, 'default', 'map')
+    assert region_volume(alone, seen, CUP, SETTINGS) is None  # one view alone sees the region
 
 
 @pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap)])

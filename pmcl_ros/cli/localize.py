@@ -102,6 +102,9 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
+        if run.volume is not None:
+            write_png(out / 'depth.png', depth_picture(
+                run.volume.depth_map(), run.settings.near, run.settings.far))
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
                 pose = np.linalg.inv(view.camera_to_reference) @ estimate.pose
@@ -111,9 +114,6 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
             return
         picture = displayed(run.source)
         write_png(out / 'centre.png', picture)
-        if run.volume is not None:
-            write_png(out / 'depth.png', depth_picture(run.volume.depth_map(), pipeline.near,
-                                                       pipeline.far))
         write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, model, estimate.pose))
         click.echo(f'pictures in {out}', err=True)
 

@@ -245,7 +245,8 @@ def volume_figures(run: Localization, volume: DepthLikelihoodVolume) -> list[Fig
     """Two slices through the middle of the object, and the depth picture."""
     depth = over(depth_picture(volume.depth_map(), run.volume_settings.near,
                                run.volume_settings.far))
-    outline(depth, outlines(volume.pinhole, run.model, run.estimate.pose), 'on-estimate')
+    pose, _ = run.before(volume)
+    outline(depth, outlines(volume.pinhole, run.model, pose), 'on-estimate')
     return [Figure(svg(volume_axes(run, volume, 'x'), 'likelihood from above'),
                    'From above, the camera below: across and depth.'),
             Figure(svg(volume_axes(run, volume, 'y'), 'likelihood from the side'),
@@ -257,8 +258,9 @@ def volume_figures(run: Localization, volume: DepthLikelihoodVolume) -> list[Fig
 def volume_axes(run: Localization, volume: DepthLikelihoodVolume, along: Along) -> Axes:
     """A slice through the middle of the object, with the object's own cut."""
     pinhole = volume.pinhole
-    window = run.region.window(pinhole, run.model.radius)
-    point = np.nan_to_num(pinhole.project(middle(run.model, run.estimate.pose)))
+    pose, region = run.before(volume)
+    window = region.window(pinhole, run.model.radius)
+    point = np.nan_to_num(pinhole.project(middle(run.model, pose)))
     line, sides = (1, pinhole.height) if along == 'x' else (0, pinhole.width)
     pixel = int(np.clip(round(float(point[line])), 0, sides - 1))
     low, length = ((window.left, window.size[0]) if along == 'x'
@@ -275,7 +277,7 @@ def volume_axes(run: Localization, volume: DepthLikelihoodVolume, along: Along) 
         made = axes(labels, pixels[::-1], 'depth [m]', 'y [px]', size=(340.0, 300.0),
                     picture=picture)
     (made.yaxis if along == 'x' else made.xaxis).set_ticks(*_depth_ticks(volume.depths))
-    pieces = cut(pinhole, run.model, run.estimate.pose, along, pixel)
+    pieces = cut(pinhole, run.model, pose, along, pixel)
     ends = np.stack([pieces[..., 0], label_at(volume.depths, pieces[..., 1])], axis=-1)
     lines(made, ends if along == 'x' else ends[..., ::-1], 'on-estimate', 2.0)
     return made

@@ -34,7 +34,8 @@ class Localization:
 
     Of several views source, estimate, region and truth are of the first that sees the region, in
     the frame of its camera. views: all of them, each with the pose (4, 4) of the object before it;
-    told: the estimate in their reference frame. volume: None of a picture. history: the search's
+    told: the estimate in their reference frame. volume: None where one picture alone shows the
+    region; of several views in the frame of a camera of its own (`before`). history: the search's
     generations.
     contour: of the estimate; None in the mode faithful, and of several views.
     seconds: wall time of each stage, in their order; those of the search by their names [s].
@@ -59,6 +60,14 @@ class Localization:
     region: Region = field(kw_only=True)
     told: PoseEstimate = field(kw_only=True)
     views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
+
+    def before(self, volume: DepthLikelihoodVolume) -> tuple[NDArray[np.float64], Region]:
+        """The estimated pose (4, 4) and the region in the frame of the volume's camera."""
+        if volume.camera is None:
+            return self.estimate.pose, self.region
+        camera = volume.camera.camera_to_reference
+        return (np.asarray(np.linalg.inv(camera) @ self.told.pose),
+                Region.before_camera(camera, self.settings.roi_center, self.settings.roi_size))
 
 
 def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSettings,

@@ -1,0 +1,48 @@
+"""PosedViews -> DepthLikelihoodVolume of the part of a view that can show the object."""
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+
+from pmcl_ros.dlv.plane_sweep import build_volume_of_views
+from pmcl_ros.dlv.posed_pairs import PosedPairs, central
+from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
+from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.pmcl.multi_view.joint_evidence import regions_seen
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+
+_LOG = logging.getLogger(__name__)
+_MOST_VALUES = 2 ** 26  # a quarter of a GiB
+
+
+def region_volume(views: PosedViews, evidence: ViewsEvidence, model: ObjectModel,
+                  settings: PmclSettings, changes: Mapping[str, Any] | None = None,
+                  origin: str = 'region of interest'
+                  ) -> tuple[DepthLikelihoodVolume, DlvSettings] | None:
+    """The volume in the central one of the views that see the region of interest; its settings.
+
+    It has as many labels as by default, or more where the views move farther, up to a quarter of a
+    GiB. None where one view alone sees the region. evidence: of the views. changes: values that
+    are wanted otherwise. origin: of them, for errors (SettingsError).
+    Raises VolumeError, and LocalizationError where no view sees the region.
+    """
+    seen = regions_seen(evidence, model, settings)
+    if len(seen) < 2:
+        _LOG.info('one view alone sees the region of interest: it has no depth likelihood volume')
+        return None
+    number = list(seen)[central(PosedViews(tuple(views.views[each] for each in seen)))]
+    near, far = seen[number].grown(model.radius)
+    window = seen[number].window(views.views[number].pinhole, model.radius)
+    values: dict[str, Any] = {'near': near, 'far': far,
+                              'crop': (window.left, window.top, *window.size)}
+    made = DlvSettings.make(values | dict(changes or {}), origin)
+    if 'labels' not in (changes or {}):
+        pairs = PosedPairs.from_views(views, made.crop, made.stride, number)
+        rows, columns = pairs.pixels.shape
+        labels = min(max(made.labels, pairs.labels_needed(made.near, made.far)), MOST_LABELS,
+                     _MOST_VALUES // (rows * columns))
+        made = made.model_copy(update={'labels': labels})
+    return build_volume_of_views(views, made, number), made
