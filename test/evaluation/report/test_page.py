@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,6 +11,7 @@ from browser import WIDTHS, browser, look
 from pmcl_scenes import bracket, model_of
 from runs import MODEL, field, run, settings, truth_of
 
+from pmcl_ros.dlv.volume import CameraPose
 from pmcl_ros.evaluation.report.drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
@@ -17,6 +19,7 @@ from pmcl_ros.evaluation.report.slices import outlines
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_view.localizer import in_frame
 
 
 class Reader(HTMLParser):
@@ -91,6 +94,20 @@ def test_a_page_stands_alone_and_says_what_the_estimate_says(found):
     style, _, body = text.partition('</style>')
     assert not re.search('(stroke|fill): #[0-9a-f]{6}', body)
     assert set(re.findall(r'var\(--([a-z-]+)\)', text)) <= set(re.findall(r'--([a-z-]+):', style))
+
+
+def test_a_volume_of_posed_views_is_drawn_in_the_frame_of_its_own_camera(found):
+    camera = np.array([[0, 0, 1, 0.3], [1, 0, 0, -0.2], [0, 1, 0, 0.1], [0, 0, 0, 1.0]])
+    x, y, z = found.settings.roi_size
+    chosen = found.settings.model_copy(update={
+        'roi_center': tuple(camera[:3, :3] @ found.settings.roi_center + camera[:3, 3]),
+        'roi_size': (z, x, y)})
+    volume = replace(found.volume, camera=CameraPose('room', camera))
+    pose, region = replace(found, volume=volume, settings=chosen,
+                           told=in_frame(found.estimate, camera)).before(volume)
+    np.testing.assert_allclose(pose, found.estimate.pose, atol=1e-12)
+    np.testing.assert_allclose([region.center, region.size],
+                               [found.region.center, found.region.size], atol=1e-12)
 
 
 def test_a_lost_object_is_told_and_names_are_only_names(lost):
