@@ -13,7 +13,7 @@ from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews, check_pose
 from pmcl_ros.pipeline import Pipeline
-from pmcl_ros.pmcl.multi_view.next_view import cap, next_views
+from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, cap, next_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.settings import Settings
@@ -36,9 +36,9 @@ class Candidates(Settings):
               help="Box that holds the object's origin: centre and size, reference frame [m].")
 @click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '
               '16 numbers each. Default: a cap about the views there are.')
-@click.option('--cap', 'degrees', type=click.FloatRange(1, 360), default=90.0, show_default=True,
+@click.option('--cap', 'degrees', type=click.FloatRange(1, 360), default=CAP, show_default=True,
               help='Of the default candidates: the angle that they span [deg].')
-@click.option('--count', type=click.IntRange(1, 10_000), default=40, show_default=True,
+@click.option('--count', type=click.IntRange(1, 10_000), default=CANDIDATES, show_default=True,
               help='Of the default candidates.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')

@@ -22,7 +22,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, WIDEST
 from pmcl_ros.pmcl.uncertain_cameras import Nuisance, UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, pairs
+from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, pairs, pairs_in_image
 
 # px: along a contour, beyond which contributions share no noise. Contrast is normalised by that of
 # a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
@@ -96,7 +96,8 @@ class LocalModel:
             stretched = [each.stretches() for each in terms if len(each.points.lengths)]
             each, curved = (np.concatenate(values) for values in zip(
                 *((one.each, one.curved) for one in stretched), strict=True))
-            distance, same_side, alike = pairs(stretched, error)
+            distance, same_side, alike = (pairs_in_image(stretched[0]) if len(stretched) == 1
+                                          else pairs(stretched, stretched, error))
             together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0) * alike
             # The slopes at the best pose are smaller than at the true one, as d directions of them
             # were fitted. A stretch of _REACH counts as one degree of freedom.
@@ -106,9 +107,7 @@ class LocalModel:
             # The model error moves the contour; the pose follows by weighted least squares.
             follow = np.linalg.solve(information, curved.T)
             off = follow @ ((error.covariance(distance, same_side) * alike) @ follow.T)
-            # The limit of `same_side` can make eigenvalues negative.
-            values, vectors = np.linalg.eigh((off + off.T) / 2)
-            off = (vectors * np.maximum(values, 0)) @ vectors.T
+            off = without_negative(off)  # the limit of `same_side` can make eigenvalues negative
         return cls(evidence, length, basis, gradient, information, variability, off,
                    moments / max(length, 1.0), nuisance)
 
@@ -130,6 +129,11 @@ class LocalModel:
     def covariance(self) -> NDArray[np.float64]:
         """(6, 6) of the posterior, without the model's error."""
         return self.basis @ np.linalg.inv(self.scale * self.information) @ self.basis.T
+
+    @property
+    def spread(self) -> NDArray[np.float64]:
+        """(6, 6) the same with the model's error."""
+        return self.covariance + self.basis @ self.model_error @ self.basis.T
 
     @property
     def step(self) -> NDArray[np.float64]:
@@ -161,8 +165,13 @@ class Observation:
     @property
     def covariance(self) -> NDArray[np.float64]:
         """(6, 6) of the pose [m, rad], with the model error; none about an axis of symmetry."""
-        error = self.local.basis @ self.local.model_error @ self.local.basis.T
-        return self.local.covariance + error
+        return self.local.spread
+
+
+def without_negative(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A matrix (d, d), made symmetric, with 0 in place of negative eigenvalues."""
+    values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
+    return np.asarray((vectors * np.maximum(values, 0)) @ vectors.T)
 
 
 def weighted(points: ContourPoints, weights: NDArray[np.float64]) -> ContourPoints:

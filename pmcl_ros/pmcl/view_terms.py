@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,23 +148,43 @@ class ViewTerms:
                        scale=scale[:, 0], points=replace(self.points, pixels=pixels))
 
 
-def pairs(views: Sequence[ViewTerms], error: ModelError
-           ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-    """Of all pairs of stretches: distance [px], whether on one side, alikeness of their views.
+def pairs_in_image(view: ViewTerms
+                   ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """As `pairs`, within one view; distances are those in its image."""
+    pixels, normals = view.points.pixels, view.directions
+    return cdist(pixels, pixels), normals @ normals.T > FACING, np.ones(())
 
-    (n, n) each. Between views distances are those of the places, in pixels there.
+
+def pairs(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
+          ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+    """Of pairs of stretches: distance [px], whether on one side, alikeness of their views.
+
+    (n, m) each, of those of views with those of others. Distances are those of the places, in
+    pixels there.
     """
-    if len(views) == 1:
-        pixels, normals = views[0].points.pixels, views[0].directions
-        distance = cdist(pixels, pixels)
-        return distance, normals @ normals.T > FACING, np.ones(())
+    (owner, sights, places, normals, scale), other = _joined(views), _joined(others)
+    distance = cdist(places, other.places) * np.sqrt(np.multiply.outer(scale, other.scale))
+    angle = np.arccos(np.clip(sights @ other.sights.T, -1, 1))
+    return (distance, normals @ other.directions.T > FACING,
+            error.between_views(angle)[owner][:, other.owner])
+
+
+class _Joined(NamedTuple):
+    """Stretches of several views (n,): number of the view, and as of `ViewTerms`; sights: (v, 3).
+    """
+
+    owner: NDArray[np.int64]
+    sights: NDArray[np.float64]
+    places: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    scale: NDArray[np.float64]
+
+
+def _joined(views: Sequence[ViewTerms]) -> _Joined:
     owner = np.repeat(np.arange(len(views)), [len(each.scale) for each in views])
-    places, normals, scale = (np.concatenate([getattr(each, name) for each in views])
-                              for name in ('places', 'directions', 'scale'))
-    distance = cdist(places, places) * np.sqrt(np.multiply.outer(scale, scale))
-    sights = np.array([each.sight for each in views])
-    angle = np.arccos(np.clip(sights @ sights.T, -1, 1))
-    return distance, normals @ normals.T > FACING, error.between_views(angle)[owner][:, owner]
+    return _Joined(owner, np.array([each.sight for each in views]), *(
+        np.concatenate([getattr(each, name) for each in views])
+        for name in ('places', 'directions', 'scale')))
 
 
 def _places(points: ContourPoints, pinhole: Pinhole) -> NDArray[np.float64]:

@@ -19,25 +19,27 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.learned import learned_map_evidence
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
-from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.local_model import LocalModel, without_negative
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.view_terms import ViewContour
+from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, pairs
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 
 _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
                        np.array([[-1, 1]], np.float32))
 _OPPOSITE = 0.05  # length of a mean direction that means nothing
 _CLOSEST = 0.05  # m: between an object and a camera that may look at it
+CAP, CANDIDATES = 90.0, 40  # degrees and number of candidates where nobody lists them
 
 
 @dataclass(frozen=True)
@@ -69,35 +71,74 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
         contours = joint.open(stack)
         posterior = JointPosterior(model, settings, contours, None)
         mode = posterior.refine(into @ pose)
-        known = contours.contours(mode.pose, posterior.motions_near(mode.pose))
-    error = joint.views[0].error
-    before = LocalModel.from_views(mode.pose, model.symmetry, known, error)
-    # Curvature a pixel, relative to that of a contour of which nothing is known.
-    weak = LocalModel.from_views(mode.pose, model.symmetry, [_flattened(each) for each in known],
-                                 None)
-    curved = float(np.trace(before.information) / np.trace(weak.information))
-    now = _sigma(before, before.scale)
+        known = _Known.from_contours(mode.pose, contours, posterior.motions_near(mode.pose))
+    now = known.sigma()
     found = []
     for camera in candidates:
         seen = _contour(model, pinhole, into @ camera, mode.pose)
-        if seen is None:
-            found.append(NextView(camera, now, now))
-            continue
-        both = LocalModel.from_views(mode.pose, model.symmetry, [*known, replace(
-            seen, curvature=curved)], error)
-        found.append(NextView(camera, min(_sigma(both, before.scale), now), now))
+        sigma = now if seen is None else min(known.sigma(seen), now)
+        found.append(NextView(camera, sigma, now))
     return sorted(found, key=lambda each: each.sigma)
 
 
-def _sigma(local: LocalModel, scale: float) -> float:
-    """Largest standard deviation of the position [m]."""
-    covariance = np.linalg.inv(scale * local.information) + local.model_error
-    whole = local.basis @ covariance @ local.basis.T
-    return float(np.sqrt(np.linalg.eigvalsh(whole[:3, :3])[-1]))
+@dataclass(frozen=True)
+class _Known:
+    """What the views that there are tell about a pose (4, 4).
+
+    local: by all of them. stretches: of their contours. displaced: (d, d) covariance of the
+    gradient by the model error. curvature: of the evidence, in units of the least.
+    """
+
+    pose: NDArray[np.float64]
+    local: LocalModel
+    stretches: Sequence[ViewTerms]
+    displaced: NDArray[np.float64]
+    curvature: float
+    error: ModelError
+
+    @classmethod
+    def from_contours(cls, pose: NDArray[np.float64], contours: JointContours,
+                      motions: NDArray[np.float64]) -> '_Known':
+        """Of a pose at a mode of all views; motions: (k,) of the cameras there."""
+        symmetry, error = contours.joint.model.symmetry, contours.joint.views[0].error
+        views = contours.contours(pose, motions)
+        local = LocalModel.from_views(pose, symmetry, views, error)
+        # Curvature a pixel, relative to that of a contour of which nothing is known.
+        weak = LocalModel.from_views(pose, symmetry, [replace(each, curvature=1.0)
+                                                      for each in views], None)
+        curved = float(np.trace(local.information) / np.trace(weak.information))
+        stretches = [ViewTerms.from_view(each, pose, local.basis).stretches() for each in views
+                     if len(each.points.lengths)]
+        return cls(pose, local, stretches, _displaced(stretches, stretches, error), curved, error)
+
+    def sigma(self, seen: ViewContour | None = None) -> float:
+        """Largest standard deviation of the position, with the contour in one more view [m]."""
+        information, displaced = self.local.information, self.displaced
+        if seen is not None:
+            terms = ViewTerms.from_view(replace(seen, curvature=self.curvature), self.pose,
+                                        self.local.basis)
+            added = [terms.stretches()]
+            both = _displaced(self.stretches, added, self.error)
+            information = information + terms.information
+            displaced = displaced + both + both.T + _displaced(added, added, self.error)
+        inverse = np.linalg.inv(information)
+        covariance = inverse / self.local.scale + without_negative(inverse @ displaced @ inverse)
+        return position_sigma(self.local.basis @ covariance @ self.local.basis.T)
 
 
-def _flattened(view: ViewContour) -> ViewContour:
-    return replace(view, curvature=1.0)
+def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
+               ) -> NDArray[np.float64]:
+    """(d, d) covariance, by the model error, of what views and others add to the gradient."""
+    if not (views and others):
+        return np.zeros(())
+    distance, same_side, alike = pairs(views, others, error)
+    one, other = (np.concatenate([each.curved for each in of]) for of in (views, others))
+    return np.asarray(one.T @ ((error.covariance(distance, same_side) * alike) @ other))
+
+
+def position_sigma(covariance: NDArray[np.float64]) -> float:
+    """Largest standard deviation of the position, in any direction, by a covariance (6, 6) [m]."""
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
 def _contour(model: ObjectModel, pinhole: Pinhole, camera: NDArray[np.float64],
@@ -129,13 +170,7 @@ def cap(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]], degre
     direction, at their mean distance, and spans `degrees` from side to side. The image's axes are
     turned as little as possible from those of the first camera.
     """
-    origin = pose[:3, 3]
-    away = np.array([each[:3, 3] - origin for each in cameras])
-    distances = np.linalg.norm(away, axis=1)
-    middle = (away / distances[:, None]).mean(axis=0)
-    if np.linalg.norm(middle) < _OPPOSITE:  # cameras all around: about the first
-        middle = away[0] / distances[0]
-    middle /= np.linalg.norm(middle)
+    middle, distance = _middle(pose, cameras)
     # A Fibonacci lattice on the cap (Gonzalez 2010).
     number = np.arange(count) + 0.5
     z = 1 - (1 - np.cos(np.deg2rad(degrees) / 2)) * number / count
@@ -145,7 +180,39 @@ def cap(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]], degre
     onto = Rotation.align_vectors(middle[None], [[0, 0, 1]])[0]
     made = np.tile(np.eye(4), (count, 1, 1))
     for k, direction in enumerate(onto.apply(local)):
-        turned = Rotation.align_vectors([-direction], [cameras[0][:3, 2]])[0].as_matrix()
-        made[k, :3, :3] = turned @ cameras[0][:3, :3]
-        made[k, :3, 3] = origin + distances.mean() * direction
+        made[k, :3, :3] = _looking(cameras[0], -direction)
+        made[k, :3, 3] = pose[:3, 3] + distance * direction
     return made
+
+
+def angles_around(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]],
+                  others: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """(n, 2) where others (n, 4, 4) stand around an object, to the right and upwards [deg].
+
+    pose: (4, 4) of the object. It is the angle at the object from the middle of the cameras
+    (4, 4) there are, as the first of them would see it from there.
+    """
+    middle, _ = _middle(pose, cameras)
+    right, down, _ = _looking(cameras[0], -middle).T
+    away = np.array([each[:3, 3] for each in others]).reshape(-1, 3) - pose[:3, 3]
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    aside = away @ np.stack([right, -down], axis=1)
+    angle = np.rad2deg(np.arccos(np.clip(away @ middle, -1, 1)))
+    return angle[:, None] * aside / np.maximum(np.linalg.norm(aside, axis=1, keepdims=True), 1e-12)
+
+
+def _middle(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]]
+            ) -> tuple[NDArray[np.float64], float]:
+    """Mean direction (3,) from an object at a pose (4, 4) to cameras, and mean distance [m]."""
+    away = np.array([each[:3, 3] for each in cameras]) - pose[:3, 3]
+    distances = np.linalg.norm(away, axis=1)
+    middle = (away / distances[:, None]).mean(axis=0)
+    if np.linalg.norm(middle) < _OPPOSITE:  # cameras all around: about the first
+        middle = away[0] / distances[0]
+    return middle / np.linalg.norm(middle), float(distances.mean())
+
+
+def _looking(camera: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) a camera (4, 4) turned as little as possible, so that it looks along a direction."""
+    turn = Rotation.align_vectors([direction], [camera[:3, 2]])[0].as_matrix()
+    return np.asarray(turn @ camera[:3, :3])
