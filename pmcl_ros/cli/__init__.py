@@ -13,7 +13,8 @@ _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'scenes')}
 _MODULES |= {name: f'pmcl_ros.cli.cameras.{name}' for name in (
     'calibrate', 'camera', 'lattice', 'lfp', 'sweep')}
-_MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track'), 'pmcl_ros.cli.studies')
+_MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track', 'view-gain'),
+                          'pmcl_ros.cli.studies')
 _MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.cameras.calibrate',
              'handeye': 'pmcl_ros.cli.cameras.hand_eye', 'learn-map': 'pmcl_ros.cli.learn_map',
              'next-view': 'pmcl_ros.cli.next_view', 'warm-up': 'pmcl_ros.cli.warm_up'}

@@ -1,16 +1,17 @@
-"""The studies as commands: `pmcl coverage`, `figures`, `together`, `track`."""
+"""The studies as commands: `pmcl coverage`, `figures`, `together`, `track`, `view-gain`."""
 
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import click
 import numpy as np
 from rich import progress
 
-from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
@@ -26,12 +27,19 @@ from pmcl_ros.evaluation.studies.tracking import (
     recovery,
     row,
 )
+from pmcl_ros.evaluation.studies.view_gain import ViewGain, ViewGainSettings
+from pmcl_ros.evaluation.studies.view_gain import summary as summary_of_gains
+from pmcl_ros.evaluation.studies.view_gain import view_gain as in_one_scene
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
-from pmcl_ros.simulation.scenes.random_scene import SceneSettings
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
+from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _FIELDS = SequenceSettings.model_fields
+_CAMERA = {'width': 640, 'height': 480, 'fx': 600.0, 'cx': 319.5, 'cy': 239.5}
+Done = TypeVar('Done')  # what a study has of one seed
 
 
 @click.command()
@@ -104,8 +112,7 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     click.echo(summary(done))
 
 
-def _all(run: Callable[[int], Together], seeds: Iterable[int], processes: int
-         ) -> Iterator[Together]:
+def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> Iterator[Done]:
     """Of each seed, as soon as it is done."""
     if processes == 1:
         yield from map(run, seeds)
@@ -114,6 +121,50 @@ def _all(run: Callable[[int], Together], seeds: Iterable[int], processes: int
     with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
         for job in as_completed([pool.submit(run, each) for each in seeds]):
             yield job.result()
+
+
+@click.command('view-gain')
+@click.option('--count', type=click.IntRange(1), default=20, show_default=True, help='Scenes.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Scene k is that of seed + k.')
+@click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS), default=['glass'],
+              show_default=True, help='Of the scenes; may be repeated.')
+@click.option('--camera', type=FILE, help='As of `pmcl scenes render`; default: 640x480 px, fx '
+              '600.')
+@click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
+              help='Rays per pixel.')
+@click.option('--apart', type=click.FloatRange(0, 180, min_open=True), default=10.0,
+              show_default=True, help='Angle between the first two views [deg].')
+@click.option('--cap', type=click.FloatRange(1, 360), default=CAP, show_default=True,
+              help='As of `pmcl next-view`.')
+@click.option('--candidates', type=click.IntRange(1, 10_000), default=CANDIDATES,
+              show_default=True, help='On this cap.')
+@click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
+@click.option('--out', type=FOLDER, help='Folder for the table (view_gain.md).')
+def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None, samples: int,
+              apart: float, cap: float, candidates: int, processes: int, out: Path | None
+              ) -> None:
+    """Look at generated scenes twice, then from where `pmcl next-view` says, and anywhere else.
+
+    Prints a row for each scene: the error by two views, by these and the best candidate, and by
+    these and a random one, each ± the largest standard deviation of the position that is told, and
+    that which was expected before the view was taken [mm]. Candidates beyond the table or the
+    wall are left out.
+    """
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    ordinary = OrdinaryCamera.make(_CAMERA) if camera is None else OrdinaryCamera.load(camera)
+    scenes = SceneSettings.make({'kinds': kinds, 'empty': 0.0, 'views': 3,
+                                 'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
+    run = partial(in_one_scene, of=ViewGainSettings(scenes, ordinary, samples, apart, cap,
+                                                    candidates))
+    done: list[ViewGain] = []
+    for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
+                               console=STDERR, transient=True, description='scenes'):
+        done = sorted([*done, each], key=lambda one: one.seed)
+        if out is not None:
+            (out / 'view_gain.md').write_text(summary_of_gains(done) + '\n')
+    click.echo(summary_of_gains(done))
 
 
 @click.command()

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import binomtest
 
 from pmcl_ros.evaluation.trials import Trial
 
@@ -26,6 +27,15 @@ def share(flags: ArrayLike) -> float:
     """The share of true flags, 0 to 1; NaN without flags."""
     flags = np.asarray(flags, bool)
     return float(flags.mean()) if flags.size else np.nan
+
+
+def interval(flags: ArrayLike) -> tuple[float, float]:
+    """95 % interval of the share of which flags are a sample (Wilson 1927); NaN without flags."""
+    flags = np.asarray(flags, bool)
+    if not flags.size:
+        return np.nan, np.nan
+    found = binomtest(int(flags.sum()), flags.size).proportion_ci(method='wilson')
+    return float(found.low), float(found.high)
 
 
 def median(trials: Sequence[Trial], name: str) -> float:
