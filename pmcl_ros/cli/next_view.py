@@ -81,7 +81,4 @@ def next_view(source: GivenSource, object_path: Path, roi: tuple[float, ...],
         return
     click.echo(f'now: {1e3 * found[0].now:.2f} mm')
     for each in found[:5]:
-        x, y, z = each.camera[:3, 3]
-        ahead = ', '.join(f'{value:+.2f}' for value in each.camera[:3, 2])
-        click.echo(f'{1e3 * each.sigma:.2f} mm with a view from ({x:.3f}, {y:.3f}, {z:.3f}) m, '
-                   f'looking along ({ahead})')
+        click.echo(each.describe())

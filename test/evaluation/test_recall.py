@@ -37,6 +37,15 @@ def test_within_counts_both_bounds_and_lost_ones_as_not_found():
     assert np.isnan(recall.within([EMPTY], 10, 10))
 
 
+def test_the_interval_of_a_share_is_wilsons():
+    low, high = recall.interval([True] * 8 + [False] * 2)
+    for bound in (low, high):  # the shares from which 8 of 10 is 1.96 standard deviations off
+        off = abs(0.8 - bound) / np.sqrt(bound * (1 - bound) / 10)
+        assert off == pytest.approx(1.96, abs=1e-3)
+    assert recall.interval([True] * 5)[1] == 1
+    assert np.isnan(recall.interval([])).all()
+
+
 def test_success_forgives_flips_only_where_asked_and_where_there_is_an_axis():
     trials = [trial(5, 0), trial(5, 60), trial(5, 175), trial(5, 175, symmetric=False),
               trial(15, 0), trial(5, 0, lost=True)]

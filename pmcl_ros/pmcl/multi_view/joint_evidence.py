@@ -87,8 +87,12 @@ class JointEvidence:
     @property
     def independent(self) -> float:
         """Number of views whose model errors are independent that these are worth."""
+        return self.independent_with(np.zeros((0, 3)))
+
+    def independent_with(self, places: NDArray[np.float64]) -> float:
+        """The same with further cameras at places (k, 3)."""
         middle = np.array(self.views[0].region.center)
-        sights = middle - self.cameras[:, :3, 3]
+        sights = middle - np.concatenate([self.cameras[:, :3, 3], places])
         sights /= np.linalg.norm(sights, axis=1, keepdims=True)
         angles = np.arccos(np.clip(sights @ sights.T, -1, 1))
         return float(len(sights) ** 2 / self.views[0].error.between_views(angles).sum())

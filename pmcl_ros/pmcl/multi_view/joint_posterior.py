@@ -10,12 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from pmcl_ros.evidence.learned import LearnedViews
+from pmcl_ros.evidence.contour_map import ContourMap
+from pmcl_ros.evidence.learned import LearnedViews, learned_views
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
-from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, ViewFit, disagreement
+from pmcl_ros.pmcl.multi_view.joint_evidence import (
+    JointContours,
+    JointEvidence,
+    ViewFit,
+    disagreement,
+)
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -27,6 +33,15 @@ from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12
 _CONVERGED = 0.02  # px: rms along the contour
+
+
+def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> LearnedViews | None:
+    """The numbers of several views: those given, by default those that the package ships.
+
+    None for a single view, or evidence that is no contour map. Raises SettingsError.
+    """
+    several = len(joint.views) > 1 and isinstance(joint.views[0].edges, ContourMap)
+    return (given or learned_views()) if several else None
 
 
 @dataclass(frozen=True)
@@ -57,6 +72,10 @@ class JointPosterior:
     def motions_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k,) of the cameras at the mode near a pose (4, 4)."""
         return self._known_at(pose).motions
+
+    def error_share_near(self, pose: NDArray[np.float64]) -> float:
+        """Factor of the model error's variance at the mode near a pose (4, 4)."""
+        return self._known_at(pose).error_share
 
     def fits_near(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera as at the mode nearby."""

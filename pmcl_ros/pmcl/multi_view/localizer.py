@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.contour_map import ContourMap
-from pmcl_ros.evidence.learned import LearnedViews, learned_views
+from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
-from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
+from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.proposals import Proposals
@@ -133,9 +132,9 @@ class MultiViewLocalizer:
     def _learned(self, joint: JointEvidence) -> tuple[LearnedViews | None, Thresholds]:
         """The numbers of several views, if there are several, and the thresholds."""
         edges, profile = joint.views[0].edges, joint.views[0].profile
-        numbers, least = None, Thresholds.from_evidence(edges, profile, self._settings)
-        if len(joint.views) > 1 and isinstance(edges, ContourMap):
-            numbers = self._numbers or learned_views()
+        numbers = numbers_of(joint, self._numbers)
+        least = Thresholds.from_evidence(edges, profile, self._settings)
+        if numbers is not None:
             chosen = 'least_support' in self._settings.model_fields_set
             least = Thresholds(least.support if chosen else numbers.least_support,
                                numbers.least_evidence, least.weight)

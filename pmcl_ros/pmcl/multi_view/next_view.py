@@ -1,10 +1,11 @@
 """Where to look next: how sure the pose would be with one more view, for candidate cameras.
 
-Poses of cameras count as exact, and the model error is that of one view.
+Poses of cameras count as exact.
 
 The contour that a candidate would see is drawn at the pose found. Its evidence is expected to be
-as curved, for each pixel of it, as that of the views there are; its model error is correlated with
-theirs.
+as curved, for each pixel of it, as that of the views there are. Its model error is correlated with
+theirs, and is expected to be that of one view: views that agree so far do not tell that a view
+from elsewhere will.
 """
 
 import contextlib
@@ -25,8 +26,8 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.local_model import LocalModel, without_negative
-from pmcl_ros.pmcl.multi_view.joint_evidence import JointContours, JointEvidence
-from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -47,12 +48,19 @@ class NextView:
     """What a candidate would bring.
 
     camera: (4, 4) to the reference frame. sigma: largest standard deviation of the position that
-    is expected with its view, now: without [m].
+    is expected with its view, now: without; the same where it is not expected to help [m].
     """
 
     camera: NDArray[np.float64]
     sigma: float
     now: float
+
+    def describe(self) -> str:
+        """One line: what is left, and from where."""
+        place = ', '.join(f'{value:.3f}' for value in self.camera[:3, 3])
+        ahead = ', '.join(f'{value:+.2f}' for value in self.camera[:3, 2])
+        return (f'{1e3 * self.sigma:.2f} mm with a view from ({place}) m, looking along '
+                f'({ahead})')
 
 
 def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings,
@@ -69,16 +77,14 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
     into = np.asarray(np.linalg.inv(first), float)
     with contextlib.ExitStack() as stack:
         contours = joint.open(stack)
-        posterior = JointPosterior(model, settings, contours, None)
+        posterior = JointPosterior(model, settings, contours, numbers_of(joint))
         mode = posterior.refine(into @ pose)
-        known = _Known.from_contours(mode.pose, contours, posterior.motions_near(mode.pose))
+        known = _Known.from_posterior(mode.pose, posterior)
     now = known.sigma()
-    found = []
-    for camera in candidates:
-        seen = _contour(model, pinhole, into @ camera, mode.pose)
-        sigma = now if seen is None else min(known.sigma(seen), now)
-        found.append(NextView(camera, sigma, now))
-    return sorted(found, key=lambda each: each.sigma)
+    seen = [_contour(model, pinhole, into @ camera, mode.pose) for camera in candidates]
+    sigmas = np.array([np.inf if each is None else known.sigma(each) for each in seen])
+    return [NextView(candidates[k], float(min(sigmas[k], now)), now)
+            for k in np.argsort(sigmas, kind='stable')]
 
 
 @dataclass(frozen=True)
@@ -86,22 +92,24 @@ class _Known:
     """What the views that there are tell about a pose (4, 4).
 
     local: by all of them. stretches: of their contours. displaced: (d, d) covariance of the
-    gradient by the model error. curvature: of the evidence, in units of the least.
+    gradient by the model error of one view, share: factor of that by how views agree. curvature:
+    of the evidence, in units of the least.
     """
 
+    joint: JointEvidence
     pose: NDArray[np.float64]
     local: LocalModel
     stretches: Sequence[ViewTerms]
     displaced: NDArray[np.float64]
+    share: float
     curvature: float
-    error: ModelError
 
     @classmethod
-    def from_contours(cls, pose: NDArray[np.float64], contours: JointContours,
-                      motions: NDArray[np.float64]) -> '_Known':
-        """Of a pose at a mode of all views; motions: (k,) of the cameras there."""
-        symmetry, error = contours.joint.model.symmetry, contours.joint.views[0].error
-        views = contours.contours(pose, motions)
+    def from_posterior(cls, pose: NDArray[np.float64], posterior: JointPosterior) -> '_Known':
+        """Of a pose at a mode of all views."""
+        joint = posterior.contours.joint
+        symmetry, error = joint.model.symmetry, joint.views[0].error
+        views = posterior.contours.contours(pose, posterior.motions_near(pose))
         local = LocalModel.from_views(pose, symmetry, views, error)
         # Curvature a pixel, relative to that of a contour of which nothing is known.
         weak = LocalModel.from_views(pose, symmetry, [replace(each, curvature=1.0)
@@ -109,21 +117,36 @@ class _Known:
         curved = float(np.trace(local.information) / np.trace(weak.information))
         stretches = [ViewTerms.from_view(each, pose, local.basis).stretches() for each in views
                      if len(each.points.lengths)]
-        return cls(pose, local, stretches, _displaced(stretches, stretches, error), curved, error)
+        return cls(joint, pose, local, stretches, _displaced(stretches, stretches, error),
+                   posterior.error_share_near(pose), curved)
 
     def sigma(self, seen: ViewContour | None = None) -> float:
         """Largest standard deviation of the position, with the contour in one more view [m]."""
-        information, displaced = self.local.information, self.displaced
-        if seen is not None:
+        information, displaced, share = self.local.information, self.displaced, self.share
+        error = self.joint.views[0].error
+        if seen is not None and seen.camera is not None:
             terms = ViewTerms.from_view(replace(seen, curvature=self.curvature), self.pose,
                                         self.local.basis)
             added = [terms.stretches()]
-            both = _displaced(self.stretches, added, self.error)
+            both = _displaced(self.stretches, added, error)
             information = information + terms.information
-            displaced = displaced + both + both.T + _displaced(added, added, self.error)
+            displaced = displaced + both + both.T + _displaced(added, added, error)
+            share = self._share_with(seen.camera)
         inverse = np.linalg.inv(information)
-        covariance = inverse / self.local.scale + without_negative(inverse @ displaced @ inverse)
+        off = without_negative(inverse @ displaced @ inverse)
+        covariance = inverse / self.local.scale + share * off
         return position_sigma(self.local.basis @ covariance @ self.local.basis.T)
+
+    def _share_with(self, camera: NDArray[np.float64]) -> float:
+        """Factor of the model error that is expected with a view by a camera (4, 4).
+
+        n independent views compare n - 1 times how far the model error moves them. Those that a
+        view adds are expected to find what the model error of one view lets expect, 1.
+        """
+        independent = self.joint.independent
+        done = independent - 1
+        added = max(self.joint.independent_with(camera[None, :3, 3]) - independent, 0)
+        return (done * self.share + added) / max(done + added, 1e-9)
 
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
