@@ -21,6 +21,8 @@ from pmcl_ros.pmcl.history import Generation
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.joint_evidence import regions_seen
 from pmcl_ros.pmcl.multi_view.localizer import in_frame
+from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
+from pmcl_ros.pmcl.multi_view.view_by_view import sigmas_by_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -42,6 +44,8 @@ class Localization:
     renderer: the back end that scored poses.
     name: of the picture, in words. serial: of the camera, empty if unknown.
     truth: None if unknown.
+    sigmas: as of `sigmas_by_views`, next_views: of candidates on a cap; of several views that show
+    the object.
     """
 
     source: LightField | PosedView
@@ -60,6 +64,13 @@ class Localization:
     region: Region = field(kw_only=True)
     told: PoseEstimate = field(kw_only=True)
     views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
+    sigmas: NDArray[np.float64] | None = None
+    next_views: tuple[NextView, ...] = ()
+
+    @property
+    def cameras(self) -> list[NDArray[np.float64]]:
+        """(4, 4) each, of several views, to their reference frame."""
+        return [view.camera_to_reference for view, _ in self.views]
 
     def before(self, volume: DepthLikelihoodVolume) -> tuple[NDArray[np.float64], Region]:
         """The estimated pose (4, 4) and the region in the frame of the volume's camera."""
@@ -91,6 +102,8 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
     seconds |= _stages(ended - seconds.pop('pose'), history, ended)
     source, estimate = run.source, run.estimate
     views: tuple[tuple[PosedView, NDArray[np.float64]], ...] = ()
+    sigmas: NDArray[np.float64] | None = None
+    candidates: list[NextView] = []
     if isinstance(source, PosedViews):
         assert isinstance(run.evidence, ViewsEvidence)
         seen = regions_seen(run.evidence, model, settings)
@@ -99,6 +112,12 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
                  for each in source.views]
         views = tuple((view, into @ estimate.pose)
                       for view, into in zip(source.views, poses, strict=True))
+        if not estimate.lost:
+            sigmas = sigmas_by_views(run.evidence, model, settings, estimate.pose)
+            cameras = [each.camera_to_reference for each in source.views]
+            candidates = next_views(run.evidence, model, settings, estimate.pose,
+                                    cap(estimate.pose, cameras, CAP, CANDIDATES),
+                                    source.views[0].pinhole)
         source, region, into = source.views[number], seen[number], poses[number]
         estimate = in_frame(estimate, into)
         truth = None if truth is None else replace(truth, pose=into @ truth.pose)
@@ -106,7 +125,8 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
         region = Region(settings.roi_center, settings.roi_size)
     return Localization(source, model, run.settings, settings, run.volume, estimate,
                         tuple(history), contour, seconds, localizer.renderer, name, serial,
-                        truth, region=region, told=run.estimate, views=views)
+                        truth, region=region, told=run.estimate, views=views, sigmas=sigmas,
+                        next_views=tuple(candidates))
 
 
 def _stages(begin: float, history: list[Generation], end: float) -> dict[str, float]:

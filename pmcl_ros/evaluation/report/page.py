@@ -13,7 +13,9 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from pmcl_ros import __version__
+from pmcl_ros.drawing.charts import picture
 from pmcl_ros.drawing.pictures import layers_picture
+from pmcl_ros.drawing.views_picture import next_views_figure, sigmas_figure
 from pmcl_ros.evaluation.records import libraries
 from pmcl_ros.evaluation.report import drawings
 from pmcl_ros.evaluation.report.localization import Localization
@@ -51,7 +53,7 @@ def page(run: Localization) -> str:
     found = coordinates(run)
     outside = (np.abs(found.particles) > drawings.REACH * found.sigma).any(axis=1)
     return environment.get_template('page.html').render(
-        run=run, drawings=drawings, stages=_STAGES, image=image,
+        run=run, drawings=drawings, stages=_STAGES, image=image, **_charts(run),
         known=run.truth is not None and not run.truth.empty, about=about(run),
         facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
         overlays=drawings.all_views(run),
@@ -65,11 +67,24 @@ def page(run: Localization) -> str:
         versions={'pmcl_ros': __version__, 'Python': platform.python_version(), **libraries()})
 
 
-def image(picture: NDArray[np.uint8], alternative: str) -> Markup:
-    """A picture (height, width, 3) RGB as an element. alternative: what it shows, in words."""
+def image(picture: NDArray[np.uint8], alternative: str, kind: str = 'pixels') -> Markup:
+    """A picture (height, width, 3) RGB as an element. alternative: what it shows, in words.
+
+    kind: 'pixels' or 'chart'; the latter is smooth at any size.
+    """
     _, data = cv2.imencode('.png', picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
-        base64.b64encode(data.tobytes()).decode('ascii'), alternative, *picture.shape[1::-1])
+    return Markup('<img src="data:image/png;base64,{}" alt="{}" class="{}" width="{}" '
+                  'height="{}">').format(
+        base64.b64encode(data.tobytes()).decode('ascii'), alternative, kind,
+        *picture.shape[1::-1])
+
+
+def _charts(run: Localization) -> dict[str, NDArray[np.uint8] | None]:
+    """Of several views: how the posterior shrinks, and where to look next."""
+    shrinking = None if run.sigmas is None else picture(sigmas_figure(run.sigmas))
+    further = (picture(next_views_figure(run.next_views, run.told.pose, run.cameras))
+               if run.next_views else None)
+    return {'shrinking': shrinking, 'further': further}
 
 
 def _layers(run: Localization) -> NDArray[np.uint8] | None:

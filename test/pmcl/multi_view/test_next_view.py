@@ -1,6 +1,7 @@
 """Where to look next: what is told of a view against that view, taken."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from pmcl_scenes import CAMERA
 from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
 
 from pmcl_ros.cli import main
-from pmcl_ros.pmcl.multi_view.next_view import cap, next_views
+from pmcl_ros.pmcl.multi_view.next_view import NextView, angles_around, cap, next_views
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 
@@ -58,6 +59,14 @@ def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
     mean = made[:, :3, 2].mean(axis=0)
     angles = np.rad2deg(np.arccos(made[:, :3, 2] @ mean / np.linalg.norm(mean)))
     assert 40 < angles.max() < 50
+    around_views = angles_around(pose, cameras, made)
+    middle = sum(camera[:3, 3] - pose[:3, 3] for camera in cameras)
+    np.testing.assert_allclose(np.linalg.norm(around_views, axis=1), np.rad2deg(np.arccos(
+        -made[:, :3, 2] @ middle / np.linalg.norm(middle))), atol=0.5)
+    # To the right and up, as the cameras see it, which have y down.
+    right, down = (made[:, :3, 3] - made[:, :3, 3].mean(axis=0))[:, :2].T
+    assert np.corrcoef(around_views[:, 0], right)[0, 1] > 0.98
+    assert np.corrcoef(around_views[:, 1], -down)[0, 1] > 0.98
     # Even on the sphere: half of the area is within 32.0 degrees of the axis.
     half = np.rad2deg(np.arccos((1 + np.cos(np.deg2rad(45))) / 2))
     assert (angles < half).mean() == pytest.approx(0.5, abs=0.03)
@@ -79,15 +88,28 @@ def test_the_command_prints_what_was_found(tmp_path):
     command = ['next-view', str(folder), '--object', str(folder / 'model.obj'), '--roi', *roi]
     first = yaml.safe_load((folder / 'views.yaml').read_text())['views'][0]['camera_to_reference']
     (tmp_path / 'candidates.yaml').write_text(yaml.safe_dump({'poses': [first]}))
-    for options, count in (([], 40), (['--candidates', str(tmp_path / 'candidates.yaml')], 1)):
-        result = runner.invoke(main, [*command, '--json', *options])
-        assert result.exit_code == 0, result.output
-        told = json.loads(result.stdout)
-        assert len(told['views']) == count
-        sigmas = [each['sigma'] for each in told['views']]
-        assert sigmas == sorted(sigmas)
-        assert sigmas[0] <= told['sigma_now']
-    np.testing.assert_allclose(told['views'][0]['camera_to_reference'], first)
+    result = runner.invoke(main, [*command, '--json'])
+    assert result.exit_code == 0, result.output
+    told = json.loads(result.stdout)
+    assert len(told['views']) == 40
+    sigmas = [each['sigma'] for each in told['views']]
+    assert sigmas == sorted(sigmas)
+    assert sigmas[0] < told['sigma_now']
+    result = runner.invoke(main, [*command, '--candidates', str(tmp_path / 'candidates.yaml')])
+    assert result.exit_code == 0, result.output
+    now, only = result.stdout.splitlines()
+    assert now == f'now: {1e3 * told["sigma_now"]:.2f} mm'
+    place = ', '.join(f'{each:.3f}' for each in np.reshape(first, (4, 4))[:3, 3])
+    assert f' mm with a view from ({place}) m, looking along (' in only
+    # The report says the same.
+    page = runner.invoke(main, ['report', str(folder), '-o', str(tmp_path / 'page.html')])
+    assert page.exit_code == 0, page.output
+    text = (tmp_path / 'page.html').read_text()
+    best = NextView(np.reshape(told['views'][0]['camera_to_reference'], (4, 4)), sigmas[0],
+                    told['sigma_now'])
+    assert (re.search('id="advice">(.*?)<', text).group(1).replace('&#43;', '+')
+            == f'{1e3 * best.now:.2f} mm now, {best.describe()} in room.')
+    assert 'alt="how sure it is, view by view"' in text
     empty = runner.invoke(main, [*command[:-6], '0', '0', '5', '0.1', '0.1', '0.1'])
     assert empty.exit_code != 0
     assert 'sees the region' in empty.output
