@@ -164,11 +164,16 @@ class JointPosterior:
         return mixture(modes, gaussians, masses, count, rng)
 
     def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
-        """The last mode near a pose, else one with the cameras where they are told to be."""
-        for known in reversed(self._known):
-            if self.model.symmetry.same_mode(known.pose[None], pose, *SAME_MODE)[0]:
-                return known
-        return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0, 1.0)
+        """The mode next to a pose, else one with the cameras where they are told to be."""
+        symmetry = self.model.symmetry
+        same = [each for each in self._known
+                if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
+        if not same:
+            return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0, 1.0)
+        # Not the last one: a duplicate that was refined later is worse, or the same.
+        poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
+        apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)
+        return same[int(np.linalg.norm(apart, axis=1).argmin())]
 
 
 @dataclass(frozen=True)
