@@ -1,4 +1,4 @@
-"""LightField -> EdgeVolume, ContourMap, DepthLikelihoodVolume: what has a subscriber."""
+"""LightField or PosedViews -> evidence and DepthLikelihoodVolume: what has a subscriber."""
 
 import sys
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.dlv.build import build_volume, choose, tiny_light_field, warm_up
+from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
@@ -15,12 +16,14 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.camera_info import pinhole_from
 from pmcl_ros.messages.header import Part, part_from
 from pmcl_ros.messages.image import depth_to_message, picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, mosaic_from, pupil_from
 from pmcl_ros.messages.types import Buffer
 from pmcl_ros.messages.volume import edges_to_message, map_to_message, volume_to_message
+from pmcl_ros.nodes.posed_views_input import PosedViewsInput
 from pmcl_ros.nodes.runtime.base import BIG, SMALL, StageNode
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher, Output
@@ -58,8 +61,24 @@ class Products:
         return build_volume(self.light_field, self.settings)
 
 
+@dataclass(frozen=True)
+class VolumeOfViews:
+    """What is made of posed views."""
+
+    views: PosedViews
+    settings: DlvSettings
+
+    @cached_property
+    def volume(self) -> DepthLikelihoodVolume:
+        """As of a light field, in the frame of the central view."""
+        return build_volume_of_views(self.views, self.settings)
+
+
 class DlvNode(StageNode):
-    """Publishes evidence and volume of each capture whose views, camera_info and pupil came."""
+    """Publishes evidence and volume of each capture whose views, camera_info and pupil came.
+
+    Of posed views the volume alone: `pmcl_node` reads these views themselves.
+    """
 
     name = 'dlv_node'
     settings_class = DlvSettings
@@ -80,12 +99,14 @@ class DlvNode(StageNode):
                                 each_a_capture=True)
         depth = ValuePublisher(self, Image, 'dlv/depth', SMALL, depth_to_message)
         layers = ValuePublisher(self, Image, 'dlv/layers', SMALL, self._layers_to_message)
-        self._outputs: list[Output[Products]] = [
-            Output(edges.wanted, lambda made: edges.publish(made.edges)),
-            Output(odds.wanted, lambda made: odds.publish(made.contour_map)),
+        self._volumes: list[Output[Products | VolumeOfViews]] = [
             Output(volume.wanted, lambda made: volume.publish(made.volume)),
             Output(depth.wanted, lambda made: depth.publish(made.volume)),
             Output(layers.wanted, lambda made: layers.publish(made.volume))]
+        self._outputs: list[Output[Products]] = [
+            Output(edges.wanted, lambda made: edges.publish(made.edges)),
+            Output(odds.wanted, lambda made: odds.publish(made.contour_map)),
+            *(Output[Products](each.wanted, each.publish) for each in self._volumes)]
 
     def start(self) -> None:
         """Listen."""
@@ -94,6 +115,9 @@ class DlvNode(StageNode):
         self._deferred = DeferredPublisher(
             self, self._outputs, 'no subscriber of dlv/edges, dlv/contour_map, dlv, '
             'dlv/depth or dlv/layers')
+        self._of_views = DeferredPublisher(
+            self, self._volumes, 'no subscriber of dlv, dlv/depth or dlv/layers')
+        PosedViewsInput(self, self._on_views)
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),
                             partial(self._on_part, topic), qos, each_a_capture=topic == 'views',
@@ -111,6 +135,12 @@ class DlvNode(StageNode):
             self._deferred.publish(
                 lambda: Products(light_field_from(*complete), self._settings),
                 f'capture {part.header.stamp_ns}')
+
+    def _on_views(self, views: PosedViews) -> None:
+        self.health.frames_in += 1
+        if len(views.views) > 1:  # one alone has no depth
+            self._of_views.publish(partial(VolumeOfViews, views, self._settings),
+                                   f'capture {views.header.stamp_ns}')
 
     def _layers_to_message(self, volume: DepthLikelihoodVolume,
                            buffer: Buffer) -> Image:

@@ -23,10 +23,10 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.nodes.evidence_input import ENDED, EvidenceInput
-from pmcl_ros.nodes.next_view_service import NextViewService
 from pmcl_ros.nodes.pmcl_outputs import ObjectFrame, ObjectList, Overlays, SeveralObjects
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.posed_views_input import PosedViewsInput
+from pmcl_ros.nodes.posed_views_outputs import PosedViewsOutputs
 from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
@@ -75,7 +75,7 @@ class PmclNode(StageNode):
             self._work(self._several.localizer, ', '.join(self._several.names))
         else:
             self._set_up_one(settings)
-        self._next_view = NextViewService(self, self._model if self._posed else None, settings)
+        self._of_views = PosedViewsOutputs(self, self._model if self._posed else None, settings)
 
     def _set_up_one(self, settings: PmclNodeSettings) -> None:
         path = resolve(settings.object, 'object')
@@ -120,13 +120,13 @@ class PmclNode(StageNode):
             self._input = EvidenceInput(self, self._settings, self._on_evidence)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
-        self._next_view.start()
+        self._of_views.start()
 
     def _forget(self) -> None:
         if self._tracker is not None:
             self._tracker.reset()
         self._overlays.forget()
-        self._next_view.forget()
+        self._of_views.forget()
         self._random = np.random.default_rng(self._settings.seed)
         self._last: Evidence | PosedViews | None = None
         self._missing = MissingCaptures()
@@ -206,7 +206,7 @@ class PmclNode(StageNode):
                 self.dropped(f'capture {evidence.header.stamp_ns}: {ENDED}')
             elif isinstance(found, PoseEstimate):
                 if isinstance(evidence, ViewsEvidence):
-                    self._next_view.on_estimate(evidence, found)
+                    self._of_views.on_estimate(evidence, found)
                 self._publish(found, given, latency)
             elif self._several is not None:
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)

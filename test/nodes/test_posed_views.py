@@ -10,6 +10,7 @@ from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, Process
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 from test_sweep_driver import BASE, SECOND, START, Robot, info_of, record
 
@@ -27,8 +28,10 @@ from pmcl_ros.messages import bags
 from pmcl_ros.messages.image import picture_from
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
 from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
+from pmcl_ros.messages.volume import volume_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 from pmcl_ros.pipeline import Pipeline
+from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -94,8 +97,10 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters,
                  '--views', 'service') as chain:
         poses = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
-        pictures, nexts = (user.listen(kind, topic, SMALL) for kind, topic in (
-            (Image, 'overlay'), (PoseStamped, 'next_view')))
+        pictures, sigmas, nexts, candidates = (user.listen(kind, topic, SMALL) for kind, topic in (
+            (Image, 'overlay'), (Image, 'pose/sigma_by_views'), (PoseStamped, 'next_view'),
+            (Image, 'next_view/candidates')))
+        volumes = user.listen(Float32MultiArray, 'dlv', BIG)
         user.wait(lambda: 'active: ' in chain.log, 'the chain')
         early = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         assert not early.success
@@ -108,21 +113,30 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
             assert robot.ask('take').success
             robot.shoot(frame)
             user.wait(lambda number=number: len(poses) == number - 1, f'pose {number - 1}')
-        user.wait(lambda: len(pictures) == 3, 'the overlays')
+        user.wait(lambda: len(pictures) == len(sigmas) == len(volumes) == 3, 'pictures, volumes')
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
-        user.wait(lambda: nexts, 'the next view')
+        user.wait(lambda: nexts and candidates, 'the next view')
     assert 'sweep: 4 posed views in base_link' in chain.log
     found = [pose_with_covariance_from(each) for each in poses]
     assert [header for header, *_ in found] == [
         Header(each.stamp_ns, 'base_link') for each in frames[1:]]
-    sigmas = [np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]) for *_, covariance in found]
-    assert sigmas == sorted(sigmas, reverse=True)
+    told = [position_sigma(covariance) for *_, covariance in found]
+    assert told == sorted(told, reverse=True)
     error = off(found[-1][1], truth)
-    assert error.translation < 4 * sigmas[-1] < 0.02
+    assert error.translation < 4 * told[-1] < 0.02
     assert np.degrees(error.rotation) < 3
     # four views of 320x240 px in two rows, three times enlarged
     assert picture_from(pictures[-1]).shape == (1440, 1920, 3)
     assert picture_from(pictures[0]).shape == (720, 1920, 3)
+    drawn = [picture_from(each) for each in (*sigmas, candidates[0])]
+    assert all(each.std() > 10 for each in drawn)
+    assert (drawn[2] != drawn[0]).any()
+    # The volume is of one of the views, and says where that is.
+    volume = volume_from(volumes[-1])
+    assert volume.header.stamp_ns == frames[-1].stamp_ns
+    assert volume.header.frame_id.startswith('base_link/view_')
+    number = int(volume.header.frame_id[-1])
+    np.testing.assert_allclose(volume.camera.camera_to_reference, frames[number].pose, atol=1e-6)
     assert answer.success, answer.message
     assert 'mm now' in answer.message
     _, camera = pose_from(nexts[0])

@@ -83,7 +83,7 @@ def test_presets_are_of_topics():
     for topics in PRESETS.values():
         assert set(topics) <= {*names}
     # what each stage's node takes is in the preset before it
-    for presets, name in ((('raw',), 'subaperture_node'), (('views',), 'dlv_node'),
+    for presets, name in ((('raw',), 'subaperture_node'), (('views', 'posed_views'), 'dlv_node'),
                           (('dlv', 'posed_views'), 'pmcl_node')):
         recorded = {topic for preset in presets for topic in PRESETS[preset]}
         assert {each.name for each in TOPICS if name in each.subscribers} <= recorded

@@ -191,7 +191,8 @@ def test_in_step_a_capture_is_held_back_until_the_one_before_is_answered(
 def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, small_light_field):
     with Process(tmp_path, REPLAY, bag, '--in-step', status=1) as player:
         user.wait(lambda: not player.alive(), 'the end')
-    assert 'in step needs captures, on one of the topics image_raw, views, dlv' in player.log
+    assert ('in step needs captures, on one of the topics image_raw, views, posed_views, dlv'
+            in player.log)
     bags.record(tmp_path / 'views', light_field_messages(small_light_field))
     user.node.create_subscription(Image, 'views', lambda _: None, ALL)
     arguments = (tmp_path / 'views', '--topic', '/views', '--in-step', '--timeout')

@@ -219,7 +219,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         user.wait(lambda: values('views') == '1 of 9', 'one view')
         refused = robot.ask('finish')
         assert not refused.success
-        assert 'no light field of this sweep yet: of 1 frames 1 are good' in refused.message
+        assert 'nothing to publish of this sweep yet: of 1 frames 1 are good' in refused.message
         for each in frames[1:]:
             robot.shoot(each)
         user.wait(lambda: len(views) == 3, 'the sweep to finish as it is complete')

@@ -1,0 +1,81 @@
+"""What pmcl_node says of posed views beside the pose: where to look next, and pictures."""
+
+from collections.abc import Callable
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from matplotlib.figure import Figure
+from rclpy.lifecycle import LifecyclePublisher
+from sensor_msgs.msg import Image
+
+from pmcl_ros.drawing import charts
+from pmcl_ros.drawing.views_picture import next_views_figure, sigmas_figure
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.pose import pose_to_message
+from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_view.next_view import cap, next_views, position_sigma
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import LocalizationError
+
+
+class PosedViewsOutputs:
+    """How sure the pose is with each further view, and `~/next_view`: what one more would bring.
+
+    For `set_up` of a node. model: None: there are no posed views, and the service says so.
+    """
+
+    def __init__(self, node: StageNode, model: ObjectModel | None, settings: PmclNodeSettings
+                 ) -> None:
+        self._node, self._model, self._settings = node, model, settings
+        self._next = node.publisher(PoseStamped, 'next_view', SMALL)
+        self._candidates = node.publisher(Image, 'next_view/candidates', SMALL)
+        self._sigmas = node.publisher(Image, 'pose/sigma_by_views', SMALL)
+        self.forget()
+
+    def start(self) -> None:
+        """Serve, while the node is active."""
+        self._node.serve('~/next_view', self._answer)
+
+    def forget(self) -> None:
+        """Drop what has been found."""
+        self._last: tuple[ViewsEvidence, PoseEstimate] | None = None
+        self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
+
+    def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
+        """Take what was found in some views; from any thread."""
+        number = len(evidence.views)
+        if number <= max(self._told, default=0):  # another collection has begun
+            self._told = {}
+        self._last = None if estimate.lost else (evidence, estimate)
+        if not estimate.lost:
+            self._told = self._told | {number: position_sigma(estimate.covariance)}
+            sigmas = [self._told.get(each + 1, np.nan) for each in range(number)]
+            self._draw(self._sigmas, estimate.header, lambda: sigmas_figure(sigmas))
+
+    def _answer(self) -> str:
+        if self._model is None:
+            raise LocalizationError('a next view needs posed views: set source to posed_views')
+        if self._last is None:
+            raise LocalizationError('no pose has been found since the node was activated or '
+                                    'reset, or the object was lost in the last views: take '
+                                    'pictures of the region of interest first')
+        evidence, estimate = self._last
+        there = [each.camera_to_reference for each in evidence.views]
+        found = next_views(evidence, self._model, self._settings, estimate.pose,
+                           cap(estimate.pose, there, self._settings.next_view_cap,
+                               self._settings.next_view_candidates), evidence.pinhole)
+        self._next.publish(PoseStamped(header=header_to_message(estimate.header),
+                                       pose=pose_to_message(found[0].camera)))
+        self._draw(self._candidates, estimate.header,
+                   lambda: next_views_figure(found, estimate.pose, there))
+        return f'{1e3 * found[0].now:.2f} mm now, {found[0].describe()}'
+
+    def _draw(self, publisher: LifecyclePublisher, header: Header,
+              make: Callable[[], Figure]) -> None:
+        if publisher.get_subscription_count():
+            publisher.publish(picture_to_message(header, charts.picture(make())))
