@@ -32,8 +32,10 @@ Trials = Sequence[Trial]
 _NOTE = ('Errors: of the origin; of the axis of symmetry, or of the whole rotation where there is '
          'none; signed along the line of sight, + is too far. Medians are over all trials with '
          'something to find. In recalls a lost object counts as not found, and a flipped one as '
-         'wrong. `told`: the median of the error that covariances let expect. `of 90 %`: how many '
-         'of the 90 % credible regions of claimed poses hold the truth; `of 50 %` likewise. '
+         'wrong. `told`: the median of the error that covariances let expect, `bound`: of '
+         'its Cramér-Rao bound by the evidence and the stated errors of camera poses. `of 90 %`: '
+         'how many of the 90 % credible regions of claimed poses hold the truth; `of 50 %` '
+         'likewise. '
          '`evaluations`: poses drawn and scored, the median.')
 _SCENES = ((False, 'no film'), (True, 'behind a film'))
 _CLEARLY = 15.0  # nat
@@ -86,12 +88,15 @@ def captures_table(trials: Trials) -> str:
 
 def recall_table(trials: Trials) -> str:
     """A line for each row."""
+    bounded = bool(np.isfinite(values(present(trials), 'bound_mm')).any())  # of several views
+
     def cells(rows: Trials) -> list[str]:
         there = present(rows)
         mssd, mspd = average_recall(rows)
         return [
             str(len(there)), *(percent(within(rows, *bound)) for bound in BOUNDS),
             f'{median(there, "translation_mm"):.1f} mm', f'{median(there, "told_mm"):.1f} mm',
+            *([f'{median(there, "bound_mm"):.1f} mm'] if bounded else []),
             f'{median(there, "axis_deg"):.1f}°',
             percent(share([e.flipped for e in there])), percent(add_s_recall(rows)),
             percent(mssd), percent(mspd), percent(coverage(rows, 0.9)),
@@ -102,9 +107,9 @@ def recall_table(trials: Trials) -> str:
 
     return _row_table(trials, [
         'trials', *(f'{mm / 10:g} cm, {degrees:g}°' for mm, degrees in BOUNDS), 'median error',
-        'told', 'median axis error', 'flipped', 'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'of 90 %',
-        'of 50 %', 'lost', 'lost, nothing there', 'lost, another object', 'evaluations',
-        'median time'], cells)
+        'told', *(['bound'] if bounded else []), 'median axis error', 'flipped',
+        'ADD-S < 0.1 d', 'AR MSSD', 'AR MSPD', 'of 90 %', 'of 50 %', 'lost',
+        'lost, nothing there', 'lost, another object', 'evaluations', 'median time'], cells)
 
 
 def scenes_table(trials: Trials) -> str:

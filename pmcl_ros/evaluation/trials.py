@@ -41,9 +41,9 @@ class Trial:
     capture: the picture or scene. mode: the row's name. sought: the capture whose object was
     looked for.
     empty: no object is there. wrong: it is another one, so that all errors are NaN, as with empty.
-    translation_mm; told_mm: root mean square of it by the covariance; ray_mm: signed along the
-    line of sight, positive: too far. axis_deg: of the symmetry axis where there is one, else of
-    the whole rotation; dot: its cosine (paper).
+    translation_mm; told_mm: root mean square of it by the covariance; bound_mm: by the Cramér-Rao
+    bound, of several views; ray_mm: signed along the line of sight, positive: too far. axis_deg:
+    of the symmetry axis where there is one, else of the whole rotation; dot: its cosine (paper).
     symmetric: whether there is an axis, so that a flip may be forgiven.
     mssd_mm, mspd_px, add_s_mm: as of BOP; diameter_mm: of the object, width_px: of the view.
     credible_level: of the smallest credible region that holds the truth, 0 to 1.
@@ -63,6 +63,7 @@ class Trial:
     wrong: bool = False
     translation_mm: float = math.nan
     told_mm: float = math.nan
+    bound_mm: float = math.nan
     ray_mm: float = math.nan
     axis_deg: float = math.nan
     dot: float = math.nan
@@ -199,7 +200,9 @@ class Worker:
                 of_poses = {'evidence_found': found, 'evidence_truth': truth}
             if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
                 found, truth = localizer.evidence(evidence, poses).tolist()
-                of_poses = {'evidence_found': found, 'evidence_truth': truth}
+                bound = localizer.bound(evidence, capture.truth.pose)[:3, :3]
+                of_poses = {'evidence_found': found, 'evidence_truth': truth,
+                            'bound_mm': 1e3 * math.sqrt(np.trace(bound))}
         truth_pose = capture.truth.pose
         if isinstance(source, PosedViews):  # errors are told in the frame of the first camera
             into = np.asarray(np.linalg.inv(source.views[0].camera_to_reference), float)

@@ -129,6 +129,19 @@ class MultiViewLocalizer:
             values = np.array([posterior.evidence_at(each) for each in seen])
             return posterior.local_model_at(seen[values.argmax()], True).scale * values
 
+    def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.
+
+        By the noise of the evidence about this pose and the errors of the cameras' poses, without
+        a model error.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
+        with contextlib.ExitStack() as stack:
+            contours, still = joint.open(stack), np.zeros(joint.errors.number)
+            scale = contours.local_model(into @ pose, True, still, None).scale
+            return contours.local_model(into @ pose, True, still, scale).covariance
+
     def _learned(self, joint: JointEvidence) -> tuple[LearnedViews | None, Thresholds]:
         """The numbers of several views, if there are several, and the thresholds."""
         edges, profile = joint.views[0].edges, joint.views[0].profile

@@ -200,6 +200,24 @@ def contours(context):
     return pose, made
 
 
+def test_the_bound_is_what_the_views_cannot_tell_of_the_cameras(context):
+    """Parallel cameras that are off by one motion agree; turned ones only along their axis."""
+    truth, off = truth_of(BRACKET), 0.003
+
+    def bound(cameras, sigma):
+        evidence = maps_seen(context, BRACKET, truth, cameras)
+        views = tuple(replace(each, sigma=(sigma, 0.0), group='arm') for each in evidence.views)
+        with MultiViewLocalizer(BRACKET, settings()) as localizer:
+            return np.trace(localizer.bound(replace(evidence, views=views), truth)[:3, :3])
+
+    parallel, turned = np.tile(np.eye(4), (3, 1, 1)), around([-30, 0, 30])
+    parallel[:, 0, 3] = -0.06, 0, 0.06
+    for cameras, hidden in ((parallel, 3), (turned, 1)):
+        exact = bound(cameras, 0.0)
+        assert np.sqrt(exact) < 1e-3
+        assert bound(cameras, off) - exact == pytest.approx(hidden * off ** 2, rel=0.05)
+
+
 def test_views_add_up_in_the_frame_of_the_pose(contours):
     pose, views = contours
     both, one, other = (LocalModel.from_views(pose, BRACKET.symmetry, each, None)
