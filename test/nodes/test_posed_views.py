@@ -1,5 +1,9 @@
 """A camera that goes around an object gives poses in the base frame, better ones as views come."""
 
+import re
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +11,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
-from harness import ACTIVATE, CONFIGURE, Process
+from harness import ACTIVATE, CONFIGURE, ROOT, Process
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
@@ -29,7 +33,7 @@ from pmcl_ros.messages.image import picture_from
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
 from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
 from pmcl_ros.messages.volume import volume_from
-from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -87,6 +91,18 @@ def sent_by(frames, views):
     return posed_views_to_messages(collection.assemble().source)
 
 
+def look_until_sure(*options):
+    script = [sys.executable, str(ROOT / 'examples' / 'look_until_sure.py'), '--settle', '0']
+    return subprocess.Popen([*script, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+                            text=True)
+
+
+def nearest(frames, goal):
+    """The frame whose camera is nearest to where it was sent."""
+    place = pose_from(goal)[1][:3, 3]
+    return min(frames, key=lambda each: np.linalg.norm(each.position - place))
+
+
 def test_each_picture_that_is_asked_for_makes_the_pose_surer(
         tmp_path, user, frames, truth, search):
     parameters = tmp_path / 'parameters.yaml'
@@ -116,8 +132,30 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
         user.wait(lambda: len(pictures) == len(sigmas) == len(volumes) == 3, 'pictures, volumes')
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         user.wait(lambda: nexts and candidates, 'the next view')
+        assert robot.ask('start').success
+        again = [replace(each, stamp_ns=each.stamp_ns + 60 * SECOND) for each in frames]
+        for each in again[:2]:
+            assert robot.ask('take').success
+            robot.shoot(each)
+        user.wait(lambda: len(poses) == 4, 'a pose by the first two')
+        with look_until_sure('--looks', '1', '--sigma', '1e-6') as unsure:
+            goals = []
+            user.node.create_subscription(PoseStamped, 'camera_goal', goals.append, LATCHED)
+            user.wait(lambda: goals, 'where to look')
+            while unsure.poll() is None:  # until it has asked for the picture
+                robot.shoot(nearest(again[2:], goals[0]))
+                until = time.monotonic() + 1
+                user.wait(lambda until=until: unsure.poll() is not None
+                          or time.monotonic() > until, 'its end')
+            assert 'not sure to 0.001 mm after 1 looks' in unsure.stderr.read()
+        with look_until_sure('--sigma', '0.1') as sure:
+            user.wait(lambda: sure.poll() is not None, 'its end')
+            said = sure.stdout.read()
+    assert (unsure.returncode, sure.returncode) == (1, 0)
+    x, y, z = map(float, re.findall(r'-?\d+\.\d{4}', said))
+    assert np.linalg.norm(truth[:3, 3] - [x, y, z]) < 0.02
     assert 'sweep: 4 posed views in base_link' in chain.log
-    found = [pose_with_covariance_from(each) for each in poses]
+    found = [pose_with_covariance_from(each) for each in poses[:3]]
     assert [header for header, *_ in found] == [
         Header(each.stamp_ns, 'base_link') for each in frames[1:]]
     told = [position_sigma(covariance) for *_, covariance in found]
@@ -126,13 +164,13 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
     assert error.translation < 4 * told[-1] < 0.02
     assert np.degrees(error.rotation) < 3
     # four views of 320x240 px in two rows, three times enlarged
-    assert picture_from(pictures[-1]).shape == (1440, 1920, 3)
+    assert picture_from(pictures[2]).shape == (1440, 1920, 3)
     assert picture_from(pictures[0]).shape == (720, 1920, 3)
-    drawn = [picture_from(each) for each in (*sigmas, candidates[0])]
+    drawn = [picture_from(each) for each in (*sigmas[:3], candidates[0])]
     assert all(each.std() > 10 for each in drawn)
     assert (drawn[2] != drawn[0]).any()
     # The volume is of one of the views, and says where that is.
-    volume = volume_from(volumes[-1])
+    volume = volume_from(volumes[2])
     assert volume.header.stamp_ns == frames[-1].stamp_ns
     assert volume.header.frame_id.startswith('base_link/view_')
     number = int(volume.header.frame_id[-1])
