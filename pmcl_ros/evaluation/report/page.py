@@ -17,7 +17,13 @@ from pmcl_ros.drawing.charts import picture
 from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.drawing.views_picture import next_views_figure, sigmas_figure
 from pmcl_ros.evaluation.records import libraries
-from pmcl_ros.evaluation.report import drawings
+from pmcl_ros.evaluation.report import (
+    evidence_drawings,
+    posterior_drawings,
+    search_drawings,
+    view_drawings,
+    volume_drawings,
+)
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.geometry.pose_error import pose_error
@@ -34,6 +40,10 @@ _STAGES = {
     'approximate': 'posterior, approximated', 'posterior': 'posterior',
     'filter': 'particle filter'}
 _MAPPED: tuple[Stage, ...] = ('proposals', 'coarse', 'posterior', 'filter')
+# that the template calls
+_DRAWINGS = {'view_drawings': view_drawings, 'posterior_drawings': posterior_drawings,
+             'evidence_drawings': evidence_drawings, 'volume_drawings': volume_drawings,
+             'search_drawings': search_drawings}
 
 
 class Fact(NamedTuple):
@@ -51,17 +61,17 @@ def page(run: Localization) -> str:
         loader=jinja2.PackageLoader('pmcl_ros.evaluation.report', ''), autoescape=True,
         trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     found = coordinates(run)
-    outside = (np.abs(found.particles) > drawings.REACH * found.sigma).any(axis=1)
+    outside = (np.abs(found.particles) > posterior_drawings.REACH * found.sigma).any(axis=1)
     return environment.get_template('page.html').render(
-        run=run, drawings=drawings, stages=_STAGES, image=image, **_charts(run),
+        run=run, **_DRAWINGS, stages=_STAGES, image=image, **_charts(run),
         known=run.truth is not None and not run.truth.empty, about=about(run),
         facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
-        overlays=drawings.all_views(run),
-        posterior=drawings.posterior_figures(run, found), outside=int(outside.sum()),
+        overlays=view_drawings.all_views(run),
+        posterior=posterior_drawings.posterior_figures(run, found), outside=int(outside.sum()),
         light_field=run.source if isinstance(run.source, LightField) else None,
         layers=_layers(run),
         maps=[each for stage in _MAPPED
-              if (each := drawings.stage_map(run, stage, _STAGES[stage])) is not None],
+              if (each := search_drawings.stage_map(run, stage, _STAGES[stage])) is not None],
         modes=_modes(run), search=_search(run),
         settings={'Search': _rows(run.settings), 'Volume': _rows(run.volume_settings)},
         versions={'pmcl_ros': __version__, 'Python': platform.python_version(), **libraries()})

@@ -12,7 +12,7 @@ from pmcl_scenes import bracket, model_of
 from runs import MODEL, field, run, settings, truth_of
 
 from pmcl_ros.dlv.volume import CameraPose
-from pmcl_ros.evaluation.report.drawings import evidence_classes
+from pmcl_ros.evaluation.report.evidence_drawings import evidence_classes
 from pmcl_ros.evaluation.report.page import page
 from pmcl_ros.evaluation.report.posterior import coordinates, spread, tilts
 from pmcl_ros.evaluation.report.slices import outlines

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pmcl_ros.evaluation.report.drawings import ellipse
+from pmcl_ros.evaluation.report.posterior_drawings import ellipse
 from pmcl_ros.evaluation.report.svg import axes, dots, lines, outline, over, svg
 
 LEFT, TOP, WIDTH, HEIGHT = 46.0, 8.0, 284.0, 196.0  # px of the axes in a drawing of 340 x 240
