@@ -5,6 +5,8 @@ pixels, in place of the light field's displacement; what is compared there, and 
 likelihoods, is the same.
 """
 
+import logging
+
 import numpy as np
 from numba import get_num_threads, prange
 from numpy.typing import NDArray
@@ -23,6 +25,7 @@ from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
+_LOG = logging.getLogger(__name__)
 _CHANNELS, _NEXT = 5, np.uint64(5)  # of `matching_planes`, side by side
 _TWICE, _THRICE = np.uint64(10), np.uint64(15)
 _FRACTIONS = 256  # of a pixel that have weights of their own: a place is rounded by 1/512 px
@@ -39,9 +42,9 @@ def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: i
     at some labels, since it is behind the camera or out of the picture, says nothing there: it
     adds the mean cost of those at which it sees it. The header's frame is named after the view;
     `camera` says where it is.
-    Raises VolumeError when there is one view only, no other sees what the reference view does, the
-    volume would be too large, or the settings ask for what only light fields have: interpolation
-    phase, layers joint, back_end gl.
+    Raises VolumeError when there is one view only, the volume would be too large, or the settings
+    ask for what only light fields have: interpolation phase, layers joint, back_end gl. Logs a
+    warning where no other view sees what the reference view does: all likelihoods are then 0.
     """
     _check(settings)
     pairs = PosedPairs.from_views(views, settings.crop, settings.stride, reference)
@@ -49,9 +52,9 @@ def build_volume_of_views(views: PosedViews, settings: DlvSettings, reference: i
     depths = checked_labels(pairs, settings, pinhole, 'labels')
     likelihood = _likelihood(pairs, depths, settings)
     if not likelihood.any():
-        raise VolumeError(f'no other view sees what view {pairs.number} does between '
-                          f'{settings.near:g} and {settings.far:g} m, or none sees it change; '
-                          'check poses and depths, or choose another reference view')
+        _LOG.warning('no other view sees what view %d does between %g and %g m: the volume says '
+                     'nothing; are poses and depths right?', pairs.number, settings.near,
+                     settings.far)
     if settings.truncate:
         likelihood = truncate(likelihood, settings.maxima, settings.neighbours)
     frame = views.header.frame_id

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.runtime.errors import VolumeError
 
 
@@ -26,11 +27,13 @@ class PosedEvidence:
 class ViewsEvidence:
     """The evidence of several views of one scene.
 
-    header: stamp of the estimate, and the reference frame. Raises VolumeError without a view.
+    header: stamp of the estimate, and the reference frame. pictures: of the same views, where
+    surfaces are to be compared in them too. Raises VolumeError without a view.
     """
 
     header: Header
     views: tuple[PosedEvidence, ...]
+    pictures: PosedViews | None = None
 
     def __post_init__(self) -> None:
         if not self.views:

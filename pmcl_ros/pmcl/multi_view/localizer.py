@@ -15,6 +15,7 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
+from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.proposals import Proposals
@@ -85,9 +86,11 @@ class MultiViewLocalizer:
             fits = posterior.fits_at(estimate.pose)
         estimate = replace(
             estimate, evaluations=sum(each.evaluations for each in optimizers))
-        if self._numbers is None:
-            _tell(fits, least.evidence)
-        return in_frame(estimate, first)
+        estimate = in_frame(estimate, first)
+        if self._numbers is not None:
+            return estimate
+        _tell(fits, least.evidence)
+        return with_surface(estimate, evidence, self._model, self._settings)
 
     def follow(self, evidence: ViewsEvidence, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:

@@ -20,13 +20,14 @@ _MOST_VALUES = 2 ** 26  # a quarter of a GiB
 
 def region_volume(views: PosedViews, evidence: ViewsEvidence, model: ObjectModel,
                   settings: PmclSettings, changes: Mapping[str, Any] | None = None,
-                  origin: str = 'region of interest'
+                  origin: str = 'region of interest', beyond: float = 0.0
                   ) -> tuple[DepthLikelihoodVolume, DlvSettings] | None:
     """The volume in the central one of the views that see the region of interest; its settings.
 
     It has as many labels as by default, or more where the views move farther, up to a quarter of a
     GiB. None where one view alone sees the region. evidence: of the views. changes: values that
-    are wanted otherwise. origin: of them, for errors (SettingsError).
+    are wanted otherwise. origin: of them, for errors (SettingsError). beyond: by how much the
+    labels reach farther than the region [m].
     Raises VolumeError, and LocalizationError where no view sees the region.
     """
     seen = regions_seen(evidence, model, settings)
@@ -36,7 +37,7 @@ def region_volume(views: PosedViews, evidence: ViewsEvidence, model: ObjectModel
     number = list(seen)[central(PosedViews(tuple(views.views[each] for each in seen)))]
     near, far = seen[number].grown(model.radius)
     window = seen[number].window(views.views[number].pinhole, model.radius)
-    values: dict[str, Any] = {'near': near, 'far': far,
+    values: dict[str, Any] = {'near': max(near - beyond, near / 2), 'far': far + beyond,
                               'crop': (window.left, window.top, *window.size)}
     made = DlvSettings.make(values | dict(changes or {}), origin)
     if 'labels' not in (changes or {}):
