@@ -245,9 +245,8 @@ class Pipeline(Generic[Estimate]):
             volume = build_volume(source, settings)
             finished('volume')
         elif with_volume and isinstance(evidence, ViewsEvidence) and self._model is not None:
-            assert isinstance(source, PosedViews)
             progress('volume', 0.0)
-            made = region_volume(source, evidence, self._model, self._settings, self._changes,
+            made = region_volume(evidence, self._model, self._settings, self._changes,
                                  self._origin)
             volume, settings = made or (None, settings)
             finished('volume')

@@ -127,7 +127,7 @@ def test_posed_views_have_a_volume_of_the_region_where_one_is_asked_for():
         (np.array([volume.pinhole.width, volume.pinhole.height]) - 1) / 2, abs=2)
     alone = posed_views((0, 9))
     seen = build_evidence(alone, found.settings, 'default', 'map')
-    assert region_volume(alone, seen, CUP, SETTINGS) is None  # one view alone sees the region
+    assert region_volume(seen, CUP, SETTINGS) is None  # one view alone sees the region
 
 
 @pytest.mark.parametrize(('chosen', 'kind'), [('edges', EdgeVolume), ('map', ContourMap)])

@@ -28,7 +28,7 @@ class ViewsEvidenceBuilder:
                       for key, view in zip(keys, views.views, strict=True)}
         return ViewsEvidence(views.header, tuple(
             PosedEvidence(self._kept[key], each.camera_to_reference, each.sigma, each.group,
-                          each.common) for key, each in zip(keys, views.views, strict=True)))
+                          each.common, each) for key, each in zip(keys, views.views, strict=True)))
 
 
 def _key(view: PosedView) -> bytes:

@@ -1,4 +1,4 @@
-"""PosedViews -> DepthLikelihoodVolume of the part of a view that can show the object."""
+"""ViewsEvidence -> DepthLikelihoodVolume of the part of a view that can show the object."""
 
 import logging
 from collections.abc import Mapping
@@ -18,18 +18,20 @@ _LOG = logging.getLogger(__name__)
 _MOST_VALUES = 2 ** 26  # a quarter of a GiB
 
 
-def region_volume(views: PosedViews, evidence: ViewsEvidence, model: ObjectModel,
-                  settings: PmclSettings, changes: Mapping[str, Any] | None = None,
-                  origin: str = 'region of interest', beyond: float = 0.0
-                  ) -> tuple[DepthLikelihoodVolume, DlvSettings] | None:
+def region_volume(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings,
+                  changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
+                  beyond: float = 0.0) -> tuple[DepthLikelihoodVolume, DlvSettings] | None:
     """The volume in the central one of the views that see the region of interest; its settings.
 
     It has as many labels as by default, or more where the views move farther, up to a quarter of a
-    GiB. None where one view alone sees the region. evidence: of the views. changes: values that
-    are wanted otherwise. origin: of them, for errors (SettingsError). beyond: by how much the
-    labels reach farther than the region [m].
+    GiB. None where one view alone sees the region, or the evidence is without its pictures.
+    changes: values that are wanted otherwise. origin: of them, for errors (SettingsError). beyond:
+    by how much the labels reach farther than the region [m].
     Raises VolumeError, and LocalizationError where no view sees the region.
     """
+    views = evidence.pictures
+    if views is None:
+        return None
     seen = regions_seen(evidence, model, settings)
     if len(seen) < 2:
         _LOG.info('one view alone sees the region of interest: it has no depth likelihood volume')

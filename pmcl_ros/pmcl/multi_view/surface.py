@@ -27,7 +27,7 @@ _LOG = logging.getLogger(__name__)
 _SETTINGS = {'window': 11, 'stride': 2}  # surfaces are smooth
 # In labels: how far off a depth may be to be of the surface, how far off such depths are in the
 # median where they agree (0.75 by chance), and the standard deviation of their median.
-_REACH, _AGREEING, _SIGMA = 1.5, 0.3, 0.1
+_REACH, _AGREEING, _SIGMA = 1.5, 0.28, 0.1
 _LEAST_SHARE, _LEAST_RAYS = 0.65, 100  # of the surface that is seen: that has such depths
 _LEAST_IN_VIEW = 0.5
 _CONTRADICTS = 3.0  # standard deviations from where the contours are
@@ -85,12 +85,11 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
     poses are uncertain: their pictures then do not fit each other that well. Raises VolumeError.
     """
     uncertain = any(sigma > 0 for view in evidence.views for sigma in view.sigma)
-    if evidence.pictures is None or uncertain or estimate.in_view < _LEAST_IN_VIEW:
+    if uncertain or estimate.in_view < _LEAST_IN_VIEW:
         return estimate
     about = settings.model_copy(update={'roi_center': tuple(estimate.pose[:3, 3].tolist()),
                                         'roi_size': (_BOX, _BOX, _BOX)})
-    made = region_volume(evidence.pictures, evidence, model, about, _SETTINGS,
-                         beyond=_BEYOND)
+    made = region_volume(evidence, model, about, _SETTINGS, beyond=_BEYOND)
     if made is None:
         return estimate
     volume, _ = made

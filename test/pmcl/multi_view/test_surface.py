@@ -62,7 +62,7 @@ def pictures(model, truth, textured=True):
 
 def evidence_of(views):
     return ViewsEvidence(views.header, tuple(
-        PosedEvidence(NO_EDGES, each.camera_to_reference) for each in views.views), views)
+        PosedEvidence(NO_EDGES, each.camera_to_reference, view=each) for each in views.views))
 
 
 def estimate_at(pose, model, covariance=None):
@@ -110,8 +110,9 @@ def test_what_says_nothing_changes_nothing(seen, caplog):
     plain = evidence_of(pictures(model, truth_before_cameras(), textured=False))
     uncertain = replace(evidence, views=tuple(replace(each, sigma=(1e-3, 0))
                                               for each in evidence.views))
-    single = PosedViews(evidence.pictures.views[:1])
-    for other in (plain, uncertain, replace(evidence, pictures=None), evidence_of(single)):
+    unknown = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    single = replace(evidence, views=evidence.views[:1])
+    for other in (plain, uncertain, unknown, single):
         assert with_surface(estimate, other, model, SETTINGS) is estimate
     away = retract(truth, np.concatenate([0.02 * BASE[:3, 2], np.zeros(3)])[None])[0]
     wrong = estimate_at(away, model)  # its surface is nowhere near
