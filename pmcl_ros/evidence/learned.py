@@ -118,7 +118,11 @@ class LearnedViews(Settings):
 
     least_evidence: float = Field(
         description='mean evidence of all contours below which the object is lost [nat / px]')
-    least_support: float = Field(description='support below which it is [nat / px]')
+    least_support: float = Field(
+        description='support below which it is, where views agree perfectly [nat / px]')
+    support_slope: float = Field(
+        ge=0, description='by how much more support is needed for each unit of '
+        'log(1 + disagreement) [nat / px]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '
         'before views are compared [1]')
@@ -135,10 +139,25 @@ class LearnedViews(Settings):
         chi-squared distribution with that prior, but for a constant; of views of about one place,
         which cannot disagree, it is 1.
         """
-        alike = math.exp(-(views - 1) / _ALIKE)
+        alike = _alike(views)
         found = views * disagreement / self.disagreement
         return alike + (1 - alike) * (self.error_views * self.error_share + found) / (
             self.error_views + views - 1)
+
+    def needed(self, views: float, disagreement: float, alone: float) -> float:
+        """The support below which an object is lost [nat / px].
+
+        views, disagreement: as of `share`. alone: that in one view; it is that of views of about
+        one place. Views of a wrong pose disagree, as each sees something else there.
+        """
+        alike = _alike(views)
+        together = self.least_support + self.support_slope * math.log1p(disagreement)
+        return alike * alone + (1 - alike) * together
+
+
+def _alike(views: float) -> float:
+    """From 1 for independent views that are worth one view to 0 for more."""
+    return math.exp(-(views - 1) / _ALIKE)
 
 
 @cache

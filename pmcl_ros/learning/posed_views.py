@@ -1,6 +1,7 @@
 """Learns from searches in several views: thresholds, and how sure poses are by how views agree."""
 
 import contextlib
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +15,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.learning.contour_errors import LEVEL
 from pmcl_ros.learning.searches import Supports
-from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, disagreement
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -23,9 +24,12 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
 # While these are learned: nothing is lost, and the model error is that of one view.
-_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, error_share=1, error_views=1000,
-                     disagreement=1)
-_FIRST = 0.3, 3.0, 0.3  # where the search for share, views and disagreement begins
+_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, error_share=1,
+                     error_views=1000, disagreement=1)
+# Share, views and disagreement are within a factor of e of these, as far as is known before (one
+# standard deviation): few scenes hardly tell the first two apart.
+_FIRST = 0.3, 3.0, 0.3
+_RIDGE = 0.01  # of the logistic regression: few wrong poses have much support
 _LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
 
 
@@ -69,12 +73,13 @@ class ViewsDeviation:
 
 @dataclass(frozen=True)
 class ViewsSearch:
-    """One search, as `searches.Search`."""
+    """One search, as `searches.Search`. disagreement: of the views (`PoseEstimate`)."""
 
     there: bool
     support: float
     evidence: float
     weight: float
+    disagreement: float
     deviation: ViewsDeviation | None = None
 
 
@@ -92,10 +97,10 @@ def searches(examples: Iterable[ViewsExample], seed: int) -> Iterator[ViewsSearc
 
 
 def _subsets(count: int) -> list[Sequence[int]]:
-    """Two views a half of the whole apart, three over all of it, all."""
+    """Two views a half of the whole apart, and all."""
     if count < 5:
         return [range(count)]
-    return [(count // 4, count - 1 - count // 4), (0, count // 2, count - 1), range(count)]
+    return [(count // 4, count - 1 - count // 4), range(count)]
 
 
 def _search(example: ViewsExample, seed: int) -> ViewsSearch:
@@ -105,7 +110,7 @@ def _search(example: ViewsExample, seed: int) -> ViewsSearch:
     if example.there and pose_error(estimate.pose, example.pose, example.model.symmetry).right:
         deviation = _deviation(example, estimate.pose)
     return ViewsSearch(example.there, estimate.support, estimate.evidence,
-                       estimate.modes[0].weight, deviation)
+                       estimate.modes[0].weight, estimate.disagreement, deviation)
 
 
 def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviation:
@@ -119,7 +124,7 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
         contours = joint.open(stack)
         posterior = JointPosterior(example.model, example.settings, contours, None)
         mode = posterior.refine(into @ pose)
-        apart = disagreement(posterior.fits_near(mode.pose))
+        apart = posterior.disagreement_near(mode.pose)
     truth = symmetry.nearest_equivalents((into @ example.pose)[None], mode.pose)
     local = mode.local
     return ViewsDeviation(local.basis.T @ symmetry.local(truth, mode.pose)[0],
@@ -128,31 +133,41 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
 
 
 def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms: float,
-                 report: Callable[[str], object]) -> LearnedViews:
+                 missed: float, report: Callable[[str], object]) -> LearnedViews:
     """Thresholds and model error. Raises LocalizationError for too few searches.
 
-    The support is one that the share `false_alarms` of objects elsewhere exceeds, the evidence one
-    that as many right poses do not reach.
+    The least support is one that the share `false_alarms` of objects elsewhere exceeds, the least
+    evidence one that the share `missed` of right poses does not reach.
     """
     there = np.array([each.there for each in found], bool)
-    support = np.array([each.support if each.weight >= least_weight else -np.inf
-                        for each in found])
     right = [each for each in found if each.deviation is not None]
     if there.all() or not right:
         raise LocalizationError(f'{len(found)} searches, {len(right)} of them with a right pose, '
                                 f'{int((~there).sum())} for another object: learn from more '
                                 'scenes')
-    supports = Supports(support[there], support[~there],
+    clear = [each for each in found
+             if each.weight >= least_weight and math.isfinite(each.support)]
+    slope = support_slope([each for each in clear if each.deviation is not None],
+                          [each for each in clear if not each.there])
+
+    def margin(each: ViewsSearch) -> float:
+        if each.weight < least_weight:
+            return -math.inf
+        return each.support - slope * math.log1p(each.disagreement)
+
+    margins = np.array([margin(each) for each in found])
+    supports = Supports(margins[there], margins[~there],
                         np.array([each.evidence for each in right]))
-    least, evidence = supports.threshold(false_alarms), supports.least_evidence(false_alarms)
-    report(f'least support {least:.2f}, at {100 * false_alarms:.0f} % false alarms; '
-           f'{100 * supports.missed(least):.0f} % of what is there has less')
-    report(f'least evidence {evidence:.2f}: {100 * false_alarms:.0f} % of right poses have less')
+    least, evidence = supports.threshold(false_alarms), supports.least_evidence(missed)
+    report(f'least support {least:.2f} + {slope:.2f} log(1 + disagreement), at '
+           f'{100 * false_alarms:g} % false alarms; {100 * supports.missed(least):.0f} % of '
+           'what is there has less')
+    report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
-                  and each.support >= least and each.evidence >= evidence
-                  and each.weight >= least_weight]
+                  and margin(each) >= least and each.evidence >= evidence]
     learned = fitted(deviations).model_copy(update={
-        'least_evidence': round(evidence, 2), 'least_support': round(least, 2)})
+        'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
+        'support_slope': round(slope, 2)})
     levels = np.array([each.level(learned) for each in deviations])
     report(f'model error: {learned.error_share:.2f} of its variance, worth '
            f'{learned.error_views:.1f} views; disagreement {learned.disagreement:.3f}')
@@ -162,8 +177,27 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     return learned
 
 
+def support_slope(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch]) -> float:
+    """By how much more support balances a unit of log(1 + disagreement), at least 0.
+
+    Of the odds that a pose is right, by logistic regression, both kinds weighted alike.
+    """
+    given = np.array([[each.support, -math.log1p(each.disagreement), 1.0]
+                      for each in (*right, *elsewhere)])
+    sign = np.repeat([1.0, -1.0], [len(right), len(elsewhere)])
+    weight = np.repeat([0.5 / max(len(right), 1), 0.5 / max(len(elsewhere), 1)],
+                       [len(right), len(elsewhere)])
+
+    def unlikely(odds: NDArray[np.float64]) -> float:
+        return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)
+
+    support, agreement, _ = minimize(unlikely, [1.0, 0.0, 0.0],
+                                     bounds=[(_RIDGE, None), (0, None), (None, None)]).x
+    return float(agreement / support)
+
+
 def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:
-    """The numbers of the model error, most likely, then scaled to the nominal coverage.
+    """The numbers of the model error, most probable, then scaled to the nominal coverage.
 
     The thresholds are those of `_NONE`. Raises LocalizationError where no factor gives that
     coverage.
@@ -175,7 +209,7 @@ def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:
             'disagreement': float(f'{apart / scale:.3g}')})
 
     def unlikely(logarithms: NDArray[np.float64]) -> float:
-        total, tried = 0.0, numbers(logarithms)
+        total, tried = np.square(logarithms - np.log(_FIRST)).sum() / 2, numbers(logarithms)
         for each in given:
             spread = each.spread(tried)
             total += 0.5 * (each.deviation @ np.linalg.solve(spread, each.deviation)

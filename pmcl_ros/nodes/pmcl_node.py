@@ -223,6 +223,9 @@ class PmclNode(StageNode):
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
             self.health.extra |= {'support': estimate.support, 'evidence': estimate.evidence,
                                   'weight': first, 'weight of the runner-up': second}
+        if np.isfinite(estimate.disagreement):
+            self.health.extra |= {'disagreement': estimate.disagreement,
+                                  'least support': estimate.least_support}
         if self._settings.tracking != 'none' or self._posed:
             shift = np.sqrt(np.trace(estimate.covariance[:3, :3]))
             self.health.extra['standard deviation [mm]'] = f'{1e3 * shift:.1f}'

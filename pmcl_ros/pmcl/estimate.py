@@ -45,6 +45,8 @@ class PoseEstimate:
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
     least_support, least_evidence: the thresholds that support and evidence were compared with.
+    disagreement: of several views: mean square by which each alone would move the contour,
+        relative to what the model error of one view lets expect; NaN of one view.
     """
 
     header: Header
@@ -63,6 +65,7 @@ class PoseEstimate:
     in_view: float = 1.0
     least_support: float = math.nan
     least_evidence: float = math.nan
+    disagreement: float = math.nan
 
     @property
     def quaternion(self) -> NDArray[np.float64]:

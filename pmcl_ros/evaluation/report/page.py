@@ -156,6 +156,10 @@ def _sureness(run: Localization) -> list[Fact]:
                       f'lost below {estimate.least_evidence:+.2f}'))
     facts.append(Fact('support', 'weakest fifth', f'{estimate.support:+.2f} nat/px',
                       f'lost below {estimate.least_support:+.2f}'))
+    if np.isfinite(estimate.disagreement):
+        facts.append(Fact('disagreement', 'the views disagree by', f'{estimate.disagreement:.2f}',
+                          'of what is expected (mean squares); the weakest fifth has to reach '
+                          'more where it is larger'))
     return facts
 
 

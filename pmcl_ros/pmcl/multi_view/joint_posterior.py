@@ -77,9 +77,9 @@ class JointPosterior:
         """Factor of the model error's variance at the mode near a pose (4, 4)."""
         return self._known_at(pose).error_share
 
-    def fits_near(self, pose: NDArray[np.float64]) -> list[ViewFit]:
-        """How each view agrees with a pose (4, 4), its camera as at the mode nearby."""
-        return self.contours.fits(pose, self._known_at(pose).motions)
+    def disagreement_near(self, pose: NDArray[np.float64]) -> float:
+        """Of the views about a pose (4, 4), their cameras as at the mode nearby."""
+        return disagreement(self.contours.fits(pose, self._known_at(pose).motions))
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is told to be."""

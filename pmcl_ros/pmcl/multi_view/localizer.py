@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -73,16 +74,16 @@ class MultiViewLocalizer:
         begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
         if watch is not None:
             watch(Generation('proposals', begin, np.zeros(len(begin))))
-        numbers, least = self._learned(joint)
         optimizers = joint.optimizers()
         with contextlib.ExitStack() as stack:
             contours = joint.open(stack)
-            posterior = JointPosterior(self._model, self._settings, contours, numbers)
+            posterior = JointPosterior(self._model, self._settings, contours,
+                                       numbers_of(joint, self._numbers))
             sample = ContourSearch(
                 joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
                 joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior
             ).run(begin, rng, progress or (lambda _: True), watch)
-            estimate = self._estimate(evidence, joint, posterior, sample, least, rng)
+            estimate, least = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
         estimate = replace(
             estimate, evaluations=sum(each.evaluations for each in optimizers))
@@ -101,17 +102,17 @@ class MultiViewLocalizer:
         joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         near = prior.seen_from(first)
-        numbers, least = self._learned(joint)
         optimizers = joint.optimizers()[1:]
         with contextlib.ExitStack() as stack:
             contours = joint.open(stack)
-            posterior = JointPosterior(self._model, self._settings, contours, numbers)
+            posterior = JointPosterior(self._model, self._settings, contours,
+                                       numbers_of(joint, self._numbers))
             modes = NearPrior(self._model, contours.rigid_score, joint.refinement(optimizers[0]),
                               joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
                               candidates).modes(near, rng)
             if modes:
                 sample = posterior.sample_near(near, modes, particles, rng)
-                estimate = self._estimate(evidence, joint, posterior, sample, least, rng)
+                estimate, _ = self._estimate(evidence, joint, posterior, sample, rng)
             else:
                 estimate = Estimator(self._model, joint.region, self._settings).from_prior(
                     evidence.header, near, particles, rng)
@@ -145,25 +146,32 @@ class MultiViewLocalizer:
             scale = contours.local_model(into @ pose, True, still, None).scale
             return contours.local_model(into @ pose, True, still, scale).covariance
 
-    def _learned(self, joint: JointEvidence) -> tuple[LearnedViews | None, Thresholds]:
-        """The numbers of several views, if there are several, and the thresholds."""
-        edges, profile = joint.views[0].edges, joint.views[0].profile
-        numbers = numbers_of(joint, self._numbers)
-        least = Thresholds.from_evidence(edges, profile, self._settings)
-        if numbers is not None:
-            chosen = 'least_support' in self._settings.model_fields_set
-            least = Thresholds(least.support if chosen else numbers.least_support,
-                               numbers.least_evidence, least.weight)
-        return numbers, least
-
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
-                  sample: Posterior, least: Thresholds, rng: np.random.Generator
-                  ) -> PoseEstimate:
-        """In the frame of the first view that sees the region."""
-        return Estimator(self._model, joint.region, self._settings).from_posterior(
+                  sample: Posterior, rng: np.random.Generator
+                  ) -> tuple[PoseEstimate, Thresholds]:
+        """In the frame of the first view that sees the region; and what it was compared with."""
+        apart = math.nan
+        if posterior.numbers is not None:
+            likeliest = sample.modes[np.bincount(sample.own).argmax()]
+            apart = posterior.disagreement_near(likeliest.pose)
+        least = self._least(joint, posterior.numbers, apart)
+        estimate = Estimator(self._model, joint.region, self._settings).from_posterior(
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng)
+        return replace(estimate, disagreement=apart), least
+
+    def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float
+               ) -> Thresholds:
+        """numbers: None for those of one view. apart: by how much the views disagree."""
+        first = joint.views[0]
+        alone = Thresholds.from_evidence(first.edges, first.profile, self._settings)
+        if numbers is None:
+            return alone
+        chosen = 'least_support' in self._settings.model_fields_set
+        support = (alone.support if chosen
+                   else numbers.needed(joint.independent, apart, alone.support))
+        return Thresholds(support, numbers.least_evidence, alone.weight)
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
                  ) -> NDArray[np.float64]:
@@ -215,7 +223,7 @@ def _tell(fits: Sequence[ViewFit], least: float) -> None:
     if not seen:
         return
     worst = max(seen, key=lambda fit: fit.apart / fit.allowed)
-    there = np.median([each.evidence for each in seen]) >= least / 2
+    there = np.median([each.evidence for each in seen]) >= least
     if there and worst.apart > _CLEARLY * worst.allowed:
         _LOG.warning('views disagree: view %d by %.1f px, where %.1f is expected; check the '
                      'hand-eye transform, the clock, and whether the object moved', worst.number,
