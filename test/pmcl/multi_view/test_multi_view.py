@@ -5,17 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contour_maps import map_seen
+from contour_maps import NUMBERS, map_seen
 from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.learned import learned_views
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -143,11 +145,11 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     told = cameras[1] @ retract(np.eye(4)[None], off)[0]
     wrong = (evidence.views[0], replace(evidence.views[1], camera_to_reference=told),
              evidence.views[2])
-    found(CUP, replace(evidence, views=wrong))
+    untold = found(CUP, replace(evidence, views=wrong))
     assert 'views disagree: view 1 by' in caplog.text
     caplog.clear()
     allowed = found(CUP, replace(evidence, views=tuple(
-        replace(each, sigma=(0.003, 0.003)) for each in wrong)))
+        replace(each, sigma=(0.003, 0.003)) for each in wrong)), least_support=-2.0)
     assert 'disagree' not in caplog.text
     assert error(CUP, allowed.pose, truth)[0] < 4
     exact = found(CUP, evidence)
@@ -155,6 +157,13 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     assert allowed.evidence > 0.9 * exact.evidence  # the cameras were moved until all fits
     for axis in range(3):
         assert allowed.covariance[axis, axis] > 2 * exact.covariance[axis, axis]
+    # The more views disagree, the more support a pose needs, unless the user says how much.
+    joint = JointEvidence.from_views(evidence, NumbaRenderer(), CUP, settings())
+    for each in (exact, untold):
+        assert each.least_support == learned_views().needed(
+            joint.independent, each.disagreement, NUMBERS.least_support)
+    assert untold.disagreement > 3 * max(exact.disagreement, allowed.disagreement)
+    assert allowed.least_support == -2.0
     assert CUP.symmetry.credible_level(truth, allowed.pose, allowed.covariance) < 0.99
 
 
