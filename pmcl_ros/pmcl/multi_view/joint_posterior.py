@@ -89,6 +89,13 @@ class JointPosterior:
         """Of a pose (4, 4), with the uncertain cameras where they fit it best [nat]."""
         return self._refined(pose, True)[2].evidence
 
+    def log_likelihoods(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n,) [nat] of poses (n, 4, 4): `evidence_at` each, scaled as about the best of them."""
+        found = [self._refined(each, True) for each in poses]
+        values = np.array([local.evidence for _, _, local, _ in found])
+        pose, motions, _, scale = found[int(values.argmax())]
+        return self.contours.local_model(pose, True, motions, scale).scale * values
+
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""
         pose, motions, _, scale = self._refined(pose, False)

@@ -129,9 +129,8 @@ class MultiViewLocalizer:
         first = evidence.views[joint.numbers[0]].camera_to_reference
         seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
-            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
-            values = np.array([posterior.evidence_at(each) for each in seen])
-            return posterior.local_model_at(seen[values.argmax()], True).scale * values
+            return JointPosterior(self._model, self._settings, joint.open(stack),
+                                  None).log_likelihoods(seen)
 
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.

@@ -86,6 +86,25 @@ def test_what_is_followed_is_the_product_of_prior_and_evidence(captures, of):
     assert scores[0] > scores[1] + 10
 
 
+def test_uncertain_cameras_make_likelihoods_no_surer(captures, of):
+    """Overconfident evidence is scaled, whether or not the cameras are known exactly."""
+    evidence, truth = captures[0]
+    aside = truth.copy()
+    aside[:3, 3] += 0.004 * FRAME[:3, 0]
+
+    def ratio(localizer, sigma):
+        views = tuple(replace(each, sigma=(sigma, sigma), evidence=replace(
+            each.evidence, tensor=8 * each.evidence.tensor)) for each in evidence.views)
+        here, there = localizer.log_likelihoods(replace(evidence, views=views),
+                                                np.stack([truth, aside]))
+        return here - there
+
+    with MultiViewLocalizer(CUP, of) as localizer:
+        exact, almost, uncertain = (ratio(localizer, sigma) for sigma in (0.0, 1e-7, 2e-3))
+    assert almost == pytest.approx(exact, rel=0.01)
+    assert 0 < uncertain < 0.9 * exact
+
+
 def test_nothing_in_view_near_the_prior_gives_the_prior(captures, of):
     evidence, truth = captures[0]
     behind = truth.copy()
