@@ -45,12 +45,16 @@ class PosedViewsOutputs:
         """Drop what has been found."""
         self._last: tuple[ViewsEvidence, PoseEstimate] | None = None
         self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
+        self._number = 0  # of the last views
 
     def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
         """Take what was found in some views; from any thread."""
         number = len(evidence.views)
-        if number <= max(self._told, default=0):  # another collection has begun
-            self._told = {}
+        # Fewer: another collection has begun. As many: a view of it has been replaced, or the same
+        # ones are searched again; what was told of the first ones stays.
+        kept = self._told if number >= self._number else {}
+        self._told = {each: sigma for each, sigma in kept.items() if each < number}
+        self._number = number
         self._last = None if estimate.lost else (evidence, estimate)
         if not estimate.lost:
             self._told = self._told | {number: position_sigma(estimate.covariance)}
