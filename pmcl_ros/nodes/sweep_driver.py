@@ -12,7 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.collection import Collection
-from pmcl_ros.lightfield.sweep.frame import LeftOut, Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
@@ -145,10 +145,9 @@ class SweepDriver(StageNode):
         if not self._collecting:
             self.health.count('frames outside of sweeps')
             return
-        if self._settings.collect == 'service':
-            if not self._wanted:
-                return
-            self._wanted -= 1
+        asked = self._settings.collect == 'service'
+        if asked and not self._wanted:
+            return
         self._number += 1
         name = f'frame {self._number}'
         header = header_from(message.header)
@@ -156,6 +155,7 @@ class SweepDriver(StageNode):
         if header.frame_id != self._frame_id:
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '
                                   f'{self._frame_id!r}: a sweep is of one camera')
+        self._wanted -= asked
         self._waiting.append(_Waiting(name, header, message, time.monotonic()))
         self._take_waiting()
         if len(self._waiting) > _WAITING:
@@ -164,51 +164,67 @@ class SweepDriver(StageNode):
     def _take_waiting(self) -> None:
         """Collect the images whose poses are known by now, in their order."""
         taken = False
-        while self._waiting:
-            first = self._waiting[0]
-            lens = self._lens
-            try:
-                moving = self._poses.interpolated(
-                    first.header.stamp_ns, self._settings.camera_frame or first.header.frame_id,
-                    self._settings.gap)
-            except PoseUnavailableError as error:
-                self._give_up(self._waiting.popleft(), str(error))
-                continue
-            if lens is None or moving is None:
-                if time.monotonic() - first.came < self._settings.patience:
-                    break
-                self._give_up(self._waiting.popleft(), 'no camera_info has come' if lens is None
-                              else self._poses.missing)
-                continue
-            self._waiting.popleft()
-            try:
-                frame = SweepFrame(first.name, first.header.stamp_ns, colours_from(first.image),
-                                   lens, moving.pose, moving.speed, moving.angular_speed)
-            except PmclError as error:
-                self._collection.leave_out(first.name, str(error))
-                raise LightFieldError(f'{first.name} is left out: {error}') from None
-            kept = self._collection.add(frame)
-            if not kept:
-                self._want_another(self._collection.left_out[-1])
-            taken = kept or taken
-        if taken:
-            self._report_progress()
-            if self._auto and self._collection.complete:
-                self._auto = False  # what fails now is the user's to finish, or to start again
-                self._finish()
-            elif self._collection.due:
-                self._publish()
+        try:
+            while self._waiting and (kept := self._take_first()) is not None:
+                taken = kept or taken
+        finally:  # an image that cannot be used takes nothing from those before it
+            if taken:
+                self._on_taken()
 
-    def _want_another(self, instead_of: LeftOut) -> None:
-        """What ~/take asked for is still to come, unless it is there already."""
-        if self._settings.collect == 'service' and not instead_of.spare:
+    def _take_first(self) -> bool | None:
+        """Whether the first image that waits is collected; None: it goes on waiting."""
+        first, lens = self._waiting[0], self._lens
+        try:
+            moving = self._poses.interpolated(
+                first.header.stamp_ns, self._settings.camera_frame or first.header.frame_id,
+                self._settings.gap)
+        except PoseUnavailableError as error:
+            self._give_up(self._waiting.popleft(), str(error))
+            return False
+        if lens is None or moving is None:
+            if time.monotonic() - first.came < self._settings.patience:
+                return None
+            self._give_up(self._waiting.popleft(), 'no camera_info has come' if lens is None
+                          else self._poses.missing)
+            return False
+        self._waiting.popleft()
+        try:
+            frame = SweepFrame(first.name, first.header.stamp_ns, colours_from(first.image),
+                               lens, moving.pose, moving.speed, moving.angular_speed)
+        except PmclError as error:
+            self._leave_out(first.name, str(error))
+            raise LightFieldError(f'{first.name} is left out: {error}') from None
+        kept = self._collection.add(frame)
+        if not kept:
+            self._want_another()
+        return kept
+
+    def _on_taken(self) -> None:
+        self._report_progress()
+        if self._auto and self._collection.complete:
+            self._auto = False  # what fails now is the user's to finish, or to start again
+            self._finish()
+        elif self._collection.due:
+            self._publish()
+
+    def _leave_out(self, name: str, reason: str) -> None:
+        self._collection.leave_out(name, reason)
+        self._want_another()
+
+    def _want_another(self) -> None:
+        """What ~/take asked for is still to come, unless it is there, or there are enough."""
+        if self._settings.collect != 'service':
+            return
+        left_out = self._collection.left_out[-1]
+        if left_out.spare or self._collection.complete:
+            self.get_logger().warning(f'~/take: no further view, as {left_out}')
+        else:
             self._wanted += 1
-            self.get_logger().info(f'~/take: another picture, as {instead_of}',
+            self.get_logger().info(f'~/take: another picture, as {left_out}',
                                    throttle_duration_sec=1.0)
 
     def _give_up(self, waiting: _Waiting, reason: str) -> None:
-        self._collection.leave_out(waiting.name, reason)
-        self._want_another(self._collection.left_out[-1])
+        self._leave_out(waiting.name, reason)
         self.dropped(f'{waiting.name}, {waiting.header.stamp_ns}: {reason}')
 
     # out

@@ -16,7 +16,7 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
-from test_sweep_driver import BASE, SECOND, START, Robot, info_of, record
+from test_sweep_driver import BASE, SECOND, START, Robot, info_of, pose_of, record
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.header import Header
@@ -203,6 +203,67 @@ def test_a_bag_of_a_moving_arm_gives_the_views_where_it_rested(tmp_path, user, f
         np.testing.assert_allclose([each.camera_to_reference for each in found.views],
                                    [each.camera_to_reference for each in wanted.views],
                                    atol=1e-12)
+
+
+def test_a_picture_that_was_asked_for_comes_or_the_log_says_why_not(tmp_path, user, frames):
+    settings = {'poses': 'topic', 'collect': 'service', 'gap': 2.0, 'movement': 5.0,
+                'least_views': 1, 'most_views': 2, 'auto_finish': False}
+    small = replace(frames[0], image=frames[0].image[::2, ::2],
+                    lens=Lens(frames[0].lens.pinhole.resized(160, 120)))
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        views = user.listen(Image, 'posed_views', BIG)
+        robot = Robot(user)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        at = iter(range(START, START + 100 * SECOND, SECOND))
+
+        def shoot(frame, frame_id='wrist_camera'):
+            robot.shoot(replace(frame, stamp_ns=next(at)), frame_id)
+
+        assert robot.ask('take').success
+        shoot(small)  # its camera_info is still on its way
+        user.wait(lambda: 'frame 1 is left out: ' in node.log, 'its refusal')
+        shoot(frames[0])
+        user.wait(lambda: len(views) == 1, 'the first view')
+        assert robot.ask('take').success
+        shoot(frames[0])
+        user.wait(lambda: '~/take: no further view, as frame 3: frame 2 is there' in node.log,
+                  'the reason')
+        assert robot.ask('take').success
+        shoot(frames[1], 'other_camera')
+        user.wait(lambda: "frame 4 is of 'other_camera'" in node.log, 'its refusal')
+        shoot(frames[1])
+        user.wait(lambda: len(views) == 2, 'the second view')
+        assert robot.ask('take').success
+        shoot(frames[2])
+        user.wait(lambda: 'no further view, as frame 6: 2 views are there already' in node.log,
+                  'the reason')
+        shoot(frames[3])  # nobody asked any more
+        assert robot.ask('finish').message.startswith('2 posed views')
+        assert 'frame 7' not in node.log
+    assert 'Traceback' not in node.log
+
+
+def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user, frames):
+    settings = {'poses': 'topic', 'collect': 'rest', 'gap': 20.0, 'movement': 5.0,
+                'least_views': 1, 'patience': 20.0}
+    broken = replace(frames[0], stamp_ns=START + SECOND, image=frames[0].image[::2, ::2],
+                     lens=Lens(frames[0].lens.pinhole.resized(160, 120)))
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        views = user.listen(Image, 'posed_views', BIG)
+        robot = Robot(user)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        robot.pose.publish(pose_of(START - SECOND, frames[0].pose))
+        user.delivered(robot.pose)
+        for each in (frames[0], broken):
+            robot.shoot(each, posed=False)
+        # the poses of both images are known at once
+        robot.pose.publish(pose_of(START + 2 * SECOND, frames[0].pose))
+        user.wait(lambda: 'frame 2 is left out: ' in node.log, 'its refusal')
+        user.wait(lambda: len(views) == 1, 'the view')
 
 
 def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames, truth, search):

@@ -1,5 +1,6 @@
 """Collects posed views of a moving camera: one of each place where it came to rest."""
 
+from collections import deque
 from dataclasses import dataclass
 
 from pmcl_ros.geometry.header import Header
@@ -14,11 +15,12 @@ from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError
 
 _GROUP = 'hand-eye'
+_REMEMBERED = 1000  # frames that were left out: a camera at rest gives them day and night
 
 
 @dataclass(frozen=True)
 class CollectedViews:
-    """Posed views, and the frames that are none of them."""
+    """Posed views, and the last frames that are none of them."""
 
     source: PosedViews
     left_out: tuple[LeftOut, ...]
@@ -40,7 +42,7 @@ class ViewCollection:
     def __init__(self, settings: ViewSettings, frame: str) -> None:
         self._settings, self._frame = settings, frame
         self.frames: list[SweepFrame] = []
-        self.left_out: list[LeftOut] = []
+        self.left_out: deque[LeftOut] = deque(maxlen=_REMEMBERED)
         self._views: list[PosedView] = []
         self._pinhole: Pinhole | None = None
 

@@ -92,3 +92,13 @@ def test_nothing_collected_is_told_with_the_reasons():
     made.add(frame('moving', speed=1.0))
     with pytest.raises(LightFieldError, match='moving: moved by'):
         made.assemble()
+
+
+def test_a_camera_that_rests_for_long_does_not_fill_the_memory():
+    made = collection()
+    made.add(frame('first'))
+    for number in range(3000):
+        made.leave_out(f'{number}', 'no pose')
+    assert len(made.left_out) <= 1000
+    assert made.left_out[-1].name == '2999'
+    assert made.assemble().describe().startswith('1 posed views in base; left out: ')
