@@ -69,11 +69,13 @@ def start(context):
     if sweep and views:
         raise RuntimeError('sweep is for a light field, views for posed views: give one of them')
     without += SWEPT if sweep or views else ()
-    own = {'pmcl_node': [{'source': 'posed_views'}]} if views else {}
+    own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}]
+           } if sweep or views else {}
     nodes = [node_of(entry, respawn, *own.get(entry.name, ())) for entry in reversed(NODES)
              if entry.name not in without]
     if sweep or views:
-        nodes.append(node_of(SWEEP, respawn, {'plan': sweep} if sweep else {'collect': views}))
+        nodes.append(node_of(SWEEP, respawn, {'plan': sweep, 'collect': 'grid'} if sweep
+                             else {'collect': views}))
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, node_of(GRASPS, respawn, {'grasps': grasps}))  # consumers first

@@ -127,7 +127,9 @@ def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
     assert first == [('pmcl_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
                                'sweep': 'plan.yaml', 'views': '', 'respawn': 'false'})
-    assert actions[-1].parameters[1] == {'plan': 'plan.yaml'}
+    assert actions[-1].parameters[1] == {'plan': 'plan.yaml', 'collect': 'grid'}
+    assert actions[0].name == 'pmcl_node'
+    assert actions[0].parameters[1] == {'source': 'light_field'}
 
 
 def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):

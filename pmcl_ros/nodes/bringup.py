@@ -136,9 +136,12 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     if options.sweep and options.views:
         parser.error('--sweep is for a light field, --views for posed views: give one of them')
+    collect, source = options.views, 'posed_views' if options.views else None
+    if options.sweep:  # whatever a parameter file says
+        collect, source = 'grid', 'light_field'
     own_values = {GRASPS.name: {'grasps': options.grasps},
-                  SWEEP.name: {'plan': options.sweep, 'collect': options.views},
-                  'pmcl_node': {'source': 'posed_views' if options.views else None}}
+                  SWEEP.name: {'plan': options.sweep, 'collect': collect},
+                  'pmcl_node': {'source': source}}
     try:
         others = [(file, node) for file in parameter_files(ros_args)
                   for node in check_parameter_file(file)]

@@ -108,8 +108,8 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(yaml.safe_dump({
         'sweep_driver': {'ros__parameters': {'poses': 'topic', 'gap': 2.0, 'most_views': 4,
-                                             'movement': 5.0}},
-        'pmcl_node': {'ros__parameters': search}}))
+                                             'movement': 5.0, 'collect': 'grid'}},
+        'pmcl_node': {'ros__parameters': search | {'source': 'light_field'}}}))
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters,
                  '--views', 'service') as chain:
         poses = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)

@@ -105,12 +105,13 @@ def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
     parameters = tmp_path / 'parameters.yaml'
     parameters.write_text(yaml.safe_dump({
         'sweep_driver': {'ros__parameters': {'near': NEAR, 'far': FAR, 'poses': 'topic',
-                                             'exposure': 0.1, 'movement': 1.0}},
+                                             'exposure': 0.1, 'movement': 1.0,
+                                             'collect': 'rest'}},  # --sweep says grid
         'dlv_node': {'ros__parameters': {'near': NEAR, 'far': FAR, 'labels': 50,
                                          'edge_labels': 40}},
         'pmcl_node': {'ros__parameters': {
             'object': str(tmp_path / 'model.obj'), 'roi_center': list(target.roi_center),
-            'roi_size': list(target.roi_size)}}}))
+            'roi_size': list(target.roi_size), 'source': 'posed_views'}}}))
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--processes', '--params-file', parameters,
                  '--sweep', tmp_path / 'plan.yaml', checked=False) as chain:
         poses = user.listen(PoseStamped, 'pose', SMALL)
