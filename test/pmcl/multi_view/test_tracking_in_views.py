@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_multi_view import CUP, MIDDLE, ROI, around, error, maps_seen, truth_of
 
-from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
@@ -23,6 +22,12 @@ FRAME[:3, :3] = Rotation.from_euler('xyz', [170, 20, -40], degrees=True).as_matr
 FRAME[:3, 3] = 0.5, -0.2, 0.9
 
 
+def of_strength(evidence, factor):
+    return replace(evidence, views=tuple(replace(each, evidence=replace(
+        each.evidence, tensor=factor * each.evidence.tensor,
+        inside=factor * each.evidence.inside)) for each in evidence.views))
+
+
 @pytest.fixture(scope='module')
 def captures(_session_context):
     """The evidence of both cameras at each time, and the pose in the base frame."""
@@ -30,10 +35,8 @@ def captures(_session_context):
     truth, made = truth_of(CUP), []
     for number in range(4):
         evidence = maps_seen(_session_context, CUP, FRAME @ truth, FRAME @ around([-20, 20]))
-        strength = 0.0 if number == HIDDEN else 1.5
-        views = tuple(replace(each, evidence=replace(
-            each.evidence, tensor=strength * each.evidence.tensor)) for each in evidence.views)
-        made.append((ViewsEvidence(Header(number * PERIOD, 'base'), views), FRAME @ truth))
+        evidence = of_strength(evidence, 0.0 if number == HIDDEN else 1.5)
+        made.append((replace(evidence, header=Header(number * PERIOD, 'base')), FRAME @ truth))
         truth = retract(truth, STEP)[0]
     return made
 
@@ -63,6 +66,7 @@ def test_it_is_followed_lost_predicted_and_found_again(captures, of):
 def test_what_is_followed_is_the_product_of_prior_and_evidence(captures, of):
     """The surer the prior, the nearer the pose is to it, and the surer."""
     evidence, truth = captures[0]
+    evidence = of_strength(evidence, 0.05)  # else it leaves less than a mode is found to
     with MultiViewLocalizer(CUP, of) as localizer:
         def follow(pose, sigma):
             wide = np.diag(np.repeat(np.square(sigma), 3))
@@ -83,7 +87,7 @@ def test_what_is_followed_is_the_product_of_prior_and_evidence(captures, of):
     assert 0.05 < moved[0] < 0.95 * moved[1] < 1
     left = [axis @ each.covariance[:3, :3] @ axis / sigma ** 2 for each in bound]
     assert 1 > left[0] > left[1]
-    assert scores[0] > scores[1] + 10
+    assert scores[0] > scores[1] + 1
 
 
 def test_uncertain_cameras_make_likelihoods_no_surer(captures, of):
