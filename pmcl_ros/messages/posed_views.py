@@ -114,9 +114,11 @@ def sigmas_from(message: Image) -> NDArray[np.float32]:
     if rows.shape[1] != 1:
         raise MessageError(f'posed_views/sigma has {rows.shape[1]} columns; expected one, and a '
                            'row for each view')
-    if not (np.isfinite(rows).all() and (rows >= 0).all() and (rows[..., 2] <= 1).all()):
-        raise MessageError('posed_views/sigma holds NaN, infinity, a negative number or a share '
-                           'above 1; expected sigmas [m, rad], a share and the number of a group')
+    if not (np.isfinite(rows).all() and (rows >= 0).all() and (rows[..., 2] <= 1).all()
+            and (rows[..., 3] % 1 == 0).all()):
+        raise MessageError('posed_views/sigma holds NaN, infinity, a negative number, a share '
+                           'above 1 or half a group; expected sigmas [m, rad], a share and the '
+                           'whole number of a group')
     return np.asarray(rows[:, 0])
 
 

@@ -73,10 +73,12 @@ def test_what_does_not_fit_together_is_refused_in_one_line(change, message):
     assert '\n' not in str(caught.value)
 
 
-def test_impossible_sigmas_are_refused():
+@pytest.mark.parametrize(('column', 'value', 'message'), [
+    (2, 1.5, 'a share above 1'), (3, 1.4, 'half a group'), (0, np.nan, 'NaN')])
+def test_impossible_sigmas_are_refused(column, value, message):
     messages = posed_views_to_messages(views())
     rows = np.frombuffer(messages.sigma.data, '<f4').reshape(3, 4).copy()
-    rows[1, 2] = 1.5
+    rows[1, column] = value
     messages.sigma.data[:] = type(messages.sigma.data)('B', rows.tobytes())
-    with pytest.raises(MessageError, match='a share above 1'):
+    with pytest.raises(MessageError, match=message):
         posed_views_from(*messages)
