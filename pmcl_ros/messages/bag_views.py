@@ -92,9 +92,14 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
         if moving is None:
             collection.leave_out(name, 'no pose of its time, or later, is there')
             continue
-        pixels = (colours_from if each.type == _IMAGE else decompressed_from)(message)
-        collection.add(SweepFrame(name, header.stamp_ns, pixels, lens, moving.pose, moving.speed,
-                                  moving.angular_speed))
+        try:
+            pixels = (colours_from if each.type == _IMAGE else decompressed_from)(message)
+            frame = SweepFrame(name, header.stamp_ns, pixels, lens, moving.pose, moving.speed,
+                               moving.angular_speed)
+        except PmclError as error:
+            collection.leave_out(name, str(error))
+            continue
+        collection.add(frame)
 
 
 def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Poses]:

@@ -163,6 +163,17 @@ def test_frames_that_are_left_out_are_told_in_one_line(tmp_path, caplog):
     assert '\n' not in line
 
 
+def test_an_image_that_cannot_be_read_is_left_out_and_the_others_are_not(tmp_path, caplog):
+    images = list(ROBOT.images(compressed=True))
+    header = ROBOT.header(0.15, 'eye')
+    images[1] = recorded(images[1].topic, CompressedImage(
+        header=header_to_message(header), format='png', data=array('B', [1, 2, 3])), header)
+    assert_rests(read_bag(bag_of(tmp_path, ROBOT.info(), images, ROBOT.poses())))
+    line, = caplog.messages
+    assert 'left out: frame 2: compressed image: 3 bytes of format' in line
+    assert '\n' not in line
+
+
 def test_bags_of_the_older_storage_are_read_too(tmp_path):
     writer = Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
