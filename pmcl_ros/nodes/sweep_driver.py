@@ -196,7 +196,7 @@ class SweepDriver(StageNode):
             raise LightFieldError(f'{first.name} is left out: {error}') from None
         kept = self._collection.add(frame)
         if not kept:
-            self._want_another()
+            self._on_left_out()
         return kept
 
     def _on_taken(self) -> None:
@@ -209,13 +209,15 @@ class SweepDriver(StageNode):
 
     def _leave_out(self, name: str, reason: str) -> None:
         self._collection.leave_out(name, reason)
-        self._want_another()
+        self._on_left_out()
 
-    def _want_another(self) -> None:
-        """What ~/take asked for is still to come, unless it is there, or there are enough."""
+    def _on_left_out(self) -> None:
+        """Say why; what ~/take asked for is still to come, unless it is there, or enough are."""
+        left_out = self._collection.left_out[-1]
+        self.health.extra |= {'frames left out': len(self._collection.left_out),
+                              'left out last': str(left_out)}
         if self._settings.collect != 'service':
             return
-        left_out = self._collection.left_out[-1]
         if left_out.spare or self._collection.complete:
             self.get_logger().warning(f'~/take: no further view, as {left_out}')
         else:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, ROOT, Process
 from rclpy.serialization import serialize_message
@@ -253,6 +254,7 @@ def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user
     with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
         assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
         views = user.listen(Image, 'posed_views', BIG)
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
         robot = Robot(user)
         robot.info.publish(info_of(frames[0]))
         user.delivered(robot.info)
@@ -264,6 +266,11 @@ def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user
         robot.pose.publish(pose_of(START + 2 * SECOND, frames[0].pose))
         user.wait(lambda: 'frame 2 is left out: ' in node.log, 'its refusal')
         user.wait(lambda: len(views) == 1, 'the view')
+        # Nothing more may ever be published: /diagnostics says why.
+        robot.shoot(replace(frames[0], stamp_ns=START + 3 * SECOND))
+        user.wait(lambda: states and any(
+            each.key == 'left out last' and each.value.startswith('frame 3: frame 1 is there')
+            for each in states[-1].status[0].values), 'the reason')
 
 
 def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames, truth, search):
