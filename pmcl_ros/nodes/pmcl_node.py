@@ -208,6 +208,7 @@ class PmclNode(StageNode):
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, found)
                 self._publish(found, given, latency)
+                self._of_views.publish_chart()  # after the pose, which does not wait for it
             elif self._several is not None:
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)
 

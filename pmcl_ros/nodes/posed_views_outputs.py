@@ -48,7 +48,7 @@ class PosedViewsOutputs:
         self._number = 0  # of the last views
 
     def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
-        """Take what was found in some views; from any thread."""
+        """Take what was found in some views, for `~/next_view` and the chart; from any thread."""
         number = len(evidence.views)
         # Fewer: another collection has begun. As many: a view of it has been replaced, or the same
         # ones are searched again; what was told of the first ones stays.
@@ -58,8 +58,12 @@ class PosedViewsOutputs:
         self._last = None if estimate.lost else (evidence, estimate)
         if not estimate.lost:
             self._told = self._told | {number: position_sigma(estimate.covariance)}
-            sigmas = [self._told.get(each + 1, np.nan) for each in range(number)]
-            self._draw(self._sigmas, estimate.header, lambda: sigmas_figure(sigmas))
+
+    def publish_chart(self) -> None:
+        """Of how sure the poses of this collection were, unless the object was lost just now."""
+        if self._last is not None:
+            sigmas = [self._told.get(each + 1, np.nan) for each in range(self._number)]
+            self._draw(self._sigmas, self._last[1].header, lambda: sigmas_figure(sigmas))
 
     def _answer(self) -> str:
         if self._model is None:

@@ -58,6 +58,7 @@ def test_the_chart_keeps_what_was_told_of_the_first_views_of_a_collection(
         teller.outputs.on_estimate(evidence, PoseEstimate(
             Header(1, 'base'), np.eye(4), np.eye(6) * (1e-3 * millimetres) ** 2, np.eye(4)[None],
             np.zeros(1), 1.0, lost, 'default'))
+        teller.outputs.publish_chart()
 
     nan = np.nan
     steps = [((2, 4), [nan, 4]), ((3, 2), [nan, 4, 2]), ((4, 1), [nan, 4, 2, 1]),
