@@ -37,6 +37,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
@@ -228,8 +229,8 @@ class PmclNode(StageNode):
             self.health.extra |= {'disagreement': estimate.disagreement,
                                   'least support': estimate.least_support}
         if self._settings.tracking != 'none' or self._posed:
-            shift = np.sqrt(np.trace(estimate.covariance[:3, :3]))
-            self.health.extra['standard deviation [mm]'] = f'{1e3 * shift:.1f}'
+            sigma = position_sigma(estimate.covariance)
+            self.health.extra['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'
         if estimate.lost:
             self.health.count('lost')
             x, y, z = estimate.pose[:3, 3]

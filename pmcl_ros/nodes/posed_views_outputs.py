@@ -77,11 +77,17 @@ class PosedViewsOutputs:
         found = next_views(evidence, self._model, self._settings, estimate.pose,
                            cap(estimate.pose, there, self._settings.next_view_cap,
                                self._settings.next_view_candidates), evidence.pinhole)
+        best = found[0]
+        if best.sigma >= best.now:
+            raise LocalizationError(
+                f'{1e3 * best.now:.2f} mm now; none of {len(found)} views is expected to help: '
+                'the pose is as sure as they make it, or they do not see the object '
+                '(next_view_cap)')
         self._next.publish(PoseStamped(header=header_to_message(estimate.header),
-                                       pose=pose_to_message(found[0].camera)))
+                                       pose=pose_to_message(best.camera)))
         self._draw(self._candidates, estimate.header,
                    lambda: next_views_figure(found, estimate.pose, there))
-        return f'{1e3 * found[0].now:.2f} mm now, {found[0].describe()}'
+        return f'{1e3 * best.now:.2f} mm now, {best.describe()}'
 
     def _draw(self, publisher: LifecyclePublisher, header: Header,
               make: Callable[[], Figure]) -> None:
