@@ -89,12 +89,15 @@ class JointPosterior:
         """Of a pose (4, 4), with the uncertain cameras where they fit it best [nat]."""
         return self._refined(pose, True)[2].evidence
 
+    def fitted_at(self, pose: NDArray[np.float64]) -> LocalModel:
+        """At a pose (4, 4), with the uncertain cameras where they fit it best."""
+        _, motions, _, scale = self._refined(pose, True)
+        return self.contours.local_model(pose, True, motions, scale)
+
     def log_likelihoods(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) [nat] of poses (n, 4, 4): `evidence_at` each, scaled as about the best of them."""
-        found = [self._refined(each, True) for each in poses]
-        values = np.array([local.evidence for _, _, local, _ in found])
-        pose, motions, _, scale = found[int(values.argmax())]
-        return self.contours.local_model(pose, True, motions, scale).scale * values
+        values = np.array([self.evidence_at(each) for each in poses])
+        return self.fitted_at(poses[int(values.argmax())]).scale * values
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""

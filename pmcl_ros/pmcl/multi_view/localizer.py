@@ -135,15 +135,14 @@ class MultiViewLocalizer:
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.
 
-        By the noise of the evidence about this pose and the errors of the cameras' poses, without
-        a model error.
+        By the noise of the evidence about this pose, with the cameras where they fit it best, and
+        by the errors of their poses, without a model error.
         """
         joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
-            contours, still = joint.open(stack), np.zeros(joint.errors.number)
-            scale = contours.local_model(into @ pose, True, still, None).scale
-            return contours.local_model(into @ pose, True, still, scale).covariance
+            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
+            return posterior.fitted_at(into @ pose).covariance
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
                   sample: Posterior, rng: np.random.Generator
