@@ -55,7 +55,7 @@ def localize(capture, *more, roi=None, status=0, call=pmcl):
                 '--roi', *numbers, *more, status=status)
 
 
-@pytest.mark.parametrize(('name', 'call'), zip(NAMES, (pmcl_process, pmcl), strict=True))
+@pytest.mark.parametrize(('name', 'call'), [*zip(NAMES, (pmcl_process, pmcl), strict=True)])
 def test_localize_prints_one_json_object_with_the_pose(captures, name, call, tmp_path):
     capture = captures / name
     done = localize(capture, '--seed', 3, '--json', '--out', tmp_path, call=call)
