@@ -2,6 +2,8 @@
 
 import hashlib
 
+import numpy as np
+
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import view_edges
@@ -32,4 +34,6 @@ class ViewsEvidenceBuilder:
 
 
 def _key(view: PosedView) -> bytes:
-    return hashlib.blake2b(view.picture.tobytes() + repr(view.pinhole).encode()).digest()
+    found = hashlib.blake2b(np.ascontiguousarray(view.picture).data)
+    found.update(repr(view.pinhole).encode())
+    return found.digest()

@@ -1,15 +1,12 @@
 """What pmcl_node says of posed views beside the pose: where to look next, and pictures."""
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
-from matplotlib.figure import Figure
 from rclpy.lifecycle import LifecyclePublisher
 from sensor_msgs.msg import Image
 
-from pmcl_ros.drawing import charts
-from pmcl_ros.drawing.views_picture import next_views_figure, sigmas_figure
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.header import header_to_message
@@ -21,6 +18,9 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.next_view import cap, next_views, position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import LocalizationError
+
+if TYPE_CHECKING:  # matplotlib is imported for the first subscriber of a chart
+    from matplotlib.figure import Figure
 
 
 class PosedViewsOutputs:
@@ -61,9 +61,10 @@ class PosedViewsOutputs:
 
     def publish_chart(self) -> None:
         """Of how sure the poses of this collection were, unless the object was lost just now."""
-        if self._last is not None:
+        if self._last is not None and self._sigmas.get_subscription_count():
+            from pmcl_ros.drawing.views_picture import sigmas_figure
             sigmas = [self._told.get(each + 1, np.nan) for each in range(self._number)]
-            self._draw(self._sigmas, self._last[1].header, lambda: sigmas_figure(sigmas))
+            _draw(self._sigmas, self._last[1].header, sigmas_figure(sigmas))
 
     def _answer(self) -> str:
         if self._model is None:
@@ -85,11 +86,13 @@ class PosedViewsOutputs:
                 '(next_view_cap)')
         self._next.publish(PoseStamped(header=header_to_message(estimate.header),
                                        pose=pose_to_message(best.camera)))
-        self._draw(self._candidates, estimate.header,
-                   lambda: next_views_figure(found, estimate.pose, there))
+        if self._candidates.get_subscription_count():
+            from pmcl_ros.drawing.views_picture import next_views_figure
+            _draw(self._candidates, estimate.header,
+                  next_views_figure(found, estimate.pose, there))
         return f'{1e3 * best.now:.2f} mm now, {best.describe()}'
 
-    def _draw(self, publisher: LifecyclePublisher, header: Header,
-              make: Callable[[], Figure]) -> None:
-        if publisher.get_subscription_count():
-            publisher.publish(picture_to_message(header, charts.picture(make())))
+
+def _draw(publisher: LifecyclePublisher, header: Header, figure: 'Figure') -> None:
+    from pmcl_ros.drawing import charts
+    publisher.publish(picture_to_message(header, charts.picture(figure)))

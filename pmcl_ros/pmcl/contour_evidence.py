@@ -15,7 +15,6 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.estimator import Contour
-from pmcl_ros.pmcl.level_of_detail import simplified
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
@@ -23,6 +22,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
+from pmcl_ros.pmcl.render.level_of_detail import simplified
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
