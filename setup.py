@@ -38,7 +38,8 @@ setup(
     # The ROS wheels are an extra: they must not be pulled into a machine that has /opt/ros.
     install_requires=requirements('requirements.txt'),
     extras_require={'ros': requirements('requirements-ros.txt'),
-                    'learn': requirements('requirements-learn.txt')},
+                    'learn': requirements('requirements-learn.txt'),
+                    'simulate': requirements('requirements-simulate.txt')},
     zip_safe=True,
     entry_points={'console_scripts': [
         'lytro_driver = pmcl_ros.nodes.lytro_driver:main',

@@ -44,6 +44,10 @@ class ObjectModelError(PmclError):
     """A mesh or an object description cannot be used."""
 
 
+class SimulationError(PmclError):
+    """A scene cannot be described, or not be rendered."""
+
+
 class RenderError(PmclError):
     """No OpenGL context, or the renderer refused its work."""
 

@@ -12,10 +12,9 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera
 from pmcl_ros.runtime.errors import LightFieldError
-from pmcl_ros.simulation.scenes.render import light_of_view
+from pmcl_ros.simulation.scenes.render import Renderer, fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
-from pmcl_ros.simulation.scenes.world import World
 
 _APERTURE = 0.0003  # m: a quarter of its width
 _PUPIL = 4.0  # of these: none of the aperture is cut off
@@ -96,23 +95,23 @@ def _distorted(camera: OrdinaryCamera, pixels: NDArray[np.float64]) -> NDArray[n
 
 
 def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator,
-                samples: int = 16) -> NDArray[np.uint8]:
+                samples: int = 16, renderer: Renderer = fast) -> NDArray[np.uint8]:
     """(height, width, 3) RGB, 8 bits, encoded by the camera's gamma: the scene seen by a camera.
 
     scene: its sensor is the camera's (`OrdinaryCamera.sensor`). samples: rays per pixel. The same
     scene and generator state give the same picture.
     """
-    sensor, world = scene.sensor, World.from_scene(scene)
+    sensor, seen = scene.sensor, renderer(scene)
     margin = math.ceil(3 * sensor.blur)
     seed = int(rng.integers(2 ** 62))
     if camera.distortion:
         distortion = _Distortion.from_camera(camera, margin)
         wide = replace(sensor, grid=replace(sensor.grid, pinhole=distortion.pinhole))
-        light = light_of_view(world, wide, 0, 0, 0, samples, seed)
+        light = seen(wide, 0, 0, 0, samples, seed)
         light = np.maximum(np.asarray(cv2.remap(light, distortion.x, distortion.y,
                                                 cv2.INTER_CUBIC), np.float32), np.float32(0))
     else:
-        light = light_of_view(world, sensor, 0, 0, margin, samples, seed)
+        light = seen(sensor, 0, 0, margin, samples, seed)
     linear = sensed(light, exposure(light, sensor.level), sensor.blur, margin)
     linear = np.clip(noisy(linear, 1.0, sensor, rng), 0, 1)
     return np.rint(255 * linear ** np.float32(1 / camera.gamma)).astype(np.uint8)

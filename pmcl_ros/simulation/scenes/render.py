@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numba import prange
@@ -28,6 +29,14 @@ from pmcl_ros.simulation.scenes.world import World
 _DEPTH = 64  # of a hierarchy of boxes
 _APERTURE = 0.0003  # m: a quarter of its width
 _PERIOD_NS = 1_000_000_000  # between two pictures
+# (sensor, row, column, margin, samples, seed) to the radiance of a view, as `light_of_view`.
+LightOfView = Callable[[Sensor, int, int, int, int, int], NDArray[np.float32]]
+Renderer = Callable[[Scene], LightOfView]
+
+
+def fast(scene: Scene) -> LightOfView:
+    """The package's own renderer: reflections and refractions, shadows where there are lamps."""
+    return partial(light_of_view, World.from_scene(scene))
 
 
 def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: int, samples: int,
@@ -132,21 +141,22 @@ class SyntheticCapture:
 
 
 def render(scene: Scene, rng: np.random.Generator, samples: int = 2,
-           progress: Callable[[float], None] | None = None) -> SyntheticCapture:
+           progress: Callable[[float], None] | None = None, renderer: Renderer = fast
+           ) -> SyntheticCapture:
     """Render all views of a scene.
 
     samples: rays per pixel and view; the blur averages those of about ten pixels. progress: called
     with the share done, 0 to 1. Views of weight 0 are black. The same scene and generator state
     give the same picture.
     """
-    sensor, world = scene.sensor, World.from_scene(scene)
+    sensor, seen = scene.sensor, renderer(scene)
     grid = sensor.grid
     margin = math.ceil(3 * sensor.blur)
     lit = [at for at in np.ndindex(grid.shape) if grid.weights[at] > 0]
     light = {}
     for number, (row, column) in enumerate(lit):
-        light[row, column] = light_of_view(world, sensor, row, column, margin, samples,
-                                           int(rng.integers(2 ** 62)))
+        light[row, column] = seen(sensor, row, column, margin, samples,
+                                  int(rng.integers(2 ** 62)))
         if progress is not None:
             progress((number + 1) / len(lit))
     gain = exposure(light[grid.centre], sensor.level)
@@ -154,7 +164,8 @@ def render(scene: Scene, rng: np.random.Generator, samples: int = 2,
     for at in lit:
         view = sensed(light.pop(at), gain, sensor.blur, margin)
         views[at] = noisy(view, float(grid.weights[at]), sensor, rng)
-    labels, depth = first_surfaces(world, grid.pinhole, np.array(scene.owners, np.int64))
+    labels, depth = first_surfaces(World.from_scene(scene), grid.pinhole,
+                                   np.array(scene.owners, np.int64))
     red, green, blue = (1 / each for each in sensor.gains)
     light_field = LightField(Header(), views, grid, colour=Colour((red, green, blue)))
     return SyntheticCapture(light_field, labels, depth, scene.targets)

@@ -15,7 +15,7 @@ _SOLID, _SHEET = 1, 2
 BRANCHES = 24  # rays waiting at most: more reflections than that are left out
 _SURFACES = 24  # on one path at most
 _FAINT = 1e-3  # a path of less weight ends
-_AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorted
+AROUND = 0.03  # m: radius at which a texture wound about a solid is undistorted
 _ALIVE = 0.05  # weight from which every reflection is followed; fainter ones at random
 
 
@@ -200,7 +200,7 @@ def place(world, number, hit, nx, ny, nz):  # type: ignore[no-untyped-def]
     up = turn[2, 0] * nx + turn[2, 1] * ny + turn[2, 2] * nz
     if abs(up) > 0.8:
         return hit[6], hit[7]
-    return np.arctan2(hit[7], hit[6]) * _AROUND, -hit[8]
+    return np.arctan2(hit[7], hit[6]) * AROUND, -hit[8]
 
 
 @compiled(inner=True, exact=True)

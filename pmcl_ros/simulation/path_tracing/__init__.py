@@ -1,0 +1,1 @@
+"""Physically based pictures of scenes, by Mitsuba 3 (extra `simulate`)."""

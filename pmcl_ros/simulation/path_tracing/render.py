@@ -1,0 +1,97 @@
+"""Radiance of a view's pixels by path tracing."""
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.simulation.path_tracing.integrator import radiance
+from pmcl_ros.simulation.path_tracing.translate import to_mitsuba
+from pmcl_ros.simulation.path_tracing.variant import is_compiled, mitsuba
+from pmcl_ros.simulation.scenes.render import LightOfView
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
+
+_PASSES = 8
+_MOST = 2.0  # that a pass counts, in medians of all passes
+_LEAST = 4  # paths of a pixel in a pass
+_TENT = 2.0  # view steps: how far from its position a view gathers light
+
+
+def physical(scene: Scene) -> LightOfView:
+    """Path tracing by Mitsuba: shadows, interreflections, rough glass, some caustics.
+
+    Raises SimulationError where Mitsuba is missing, and as `to_mitsuba`.
+    """
+    return partial(light_of_view, to_mitsuba(scene))
+
+
+
+def light_of_view(loaded: Any, sensor: Sensor, row: int, column: int,
+                  margin: int, samples: int, seed: int) -> NDArray[np.float32]:
+    """(height + 2 margin, width + 2 margin, 3) mean radiance of a view's pixels, noise-free.
+
+    loaded: of `to_mitsuba`. The rest is as of `scenes.render.light_of_view`. samples: paths per
+    pixel, in up to eight passes. A pixel is the mean of its passes, none of which counts as more
+    than twice their median: light that a few paths find by chance, as most of what glass focuses
+    on a table, is left out instead of shining as dots.
+    Where Mitsuba is not compiled (`is_compiled`), views are sharp at all depths.
+    """
+    of = sensor.grid.pinhole
+    pinhole = of.crop(-margin, -margin, of.width + 2 * margin, of.height + 2 * margin)
+    passes = int(np.clip(samples // _LEAST, 1, _PASSES))
+    each = -(-samples // passes)
+    seeds = np.random.default_rng(seed).integers(2 ** 32, size=passes).tolist()
+    place = sensor.grid.baseline * sensor.grid.positions[row, column]
+    if is_compiled():
+        pictures = [_pass(loaded, sensor, pinhole, place, each, number) for number in seeds]
+    else:
+        camera = mitsuba().load_dict(_perspective(pinhole, place))
+        pictures = [np.array(mitsuba().render(loaded, sensor=camera, spp=each, seed=number))
+                    for number in seeds]
+    most = _MOST * np.median(pictures, axis=0)
+    return np.minimum(pictures, most).mean(axis=0).astype(np.float32)
+
+
+def _pass(loaded: Any, sensor: Sensor, pinhole: Pinhole,
+          place: NDArray[np.float64], samples: int, seed: int) -> NDArray[np.float32]:
+    """(height, width, 3) mean of `samples` paths, from points of a view's part of the pupil.
+
+    place: (2,) of the view [m]. All rays of a pixel meet in the plane of focus.
+    """
+    import drjit as dr  # only where Mitsuba is
+    mi = mitsuba()
+    pixels = pinhole.height * pinhole.width
+    sampler = mi.load_dict({'type': 'multijitter', 'sample_count': samples})
+    samples = sampler.sample_count()  # it may need some more
+    sampler.set_samples_per_wavefront(samples)
+    sampler.seed(seed, pixels * samples)
+    number = dr.arange(mi.UInt32, pixels * samples) // samples
+    within, first, second = sampler.next_2d(), sampler.next_2d(), sampler.next_2d()
+    reach = _TENT * sensor.grid.baseline
+    aside = [place[k] + reach * (first[k] + second[k] - 1) for k in range(2)]
+    focus = sensor.focus
+    at = [place[0] + focus * (number % pinhole.width + within[0] - 0.5 - pinhole.cx) / pinhole.fx,
+          place[1] + focus * (number // pinhole.width + within[1] - 0.5 - pinhole.cy) / pinhole.fy]
+    way = dr.normalize(mi.Vector3f(at[0] - aside[0], at[1] - aside[1], focus))
+    ray = mi.Ray3f(mi.Point3f(aside[0], aside[1], 0), way)
+    mean = np.array(radiance(loaded, sampler, ray)).reshape(3, pixels, samples).mean(axis=2)
+    return np.asarray(mean.T.reshape(pinhole.height, pinhole.width, 3), np.float32)
+
+
+def _perspective(pinhole: Pinhole, place: NDArray[np.float64]) -> dict[str, object]:
+    """A pinhole in Mitsuba's terms; its pixels are square, with the focal length of x."""
+    width, height = pinhole.width, pinhole.height
+    turn = np.diag([-1.0, -1, 1, 1])  # Mitsuba's x to the left and y up become right and down
+    turn[:2, 3] = place
+    return {'type': 'perspective', 'near_clip': 1e-3, 'far_clip': 100.0,
+            'fov_axis': 'x', 'fov': float(2 * np.rad2deg(np.arctan(width / (2 * pinhole.fx)))),
+            'to_world': mitsuba().ScalarTransform4f(turn),
+            'principal_point_offset_x': (pinhole.cx - (width - 1) / 2) / width,
+            'principal_point_offset_y': (pinhole.cy - (height - 1) / 2) / height,
+            'film': {'type': 'hdrfilm', 'width': width, 'height': height,
+                     'rfilter': {'type': 'box'}, 'pixel_format': 'rgb',
+                     'component_format': 'float32'},
+            'sampler': {'type': 'independent'}}

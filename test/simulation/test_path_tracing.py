@@ -1,0 +1,178 @@
+"""Pictures by path tracing: against the package's own renderer, and against physics."""
+
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.scenes.environment import (
+    Environment,
+    look_up,
+    random_environment,
+    random_lit_environment,
+)
+from pmcl_ros.simulation.scenes.materials import Clear, Opaque, fresnel
+from pmcl_ros.simulation.scenes.poses import pose_of
+from pmcl_ros.simulation.scenes.render import fast
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
+from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.scenes.textures import SIZE, random_texture
+from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.vessels import random_vessel
+
+WHITE = Environment(np.ones((64, 128, 3), np.float32))
+BLACK = np.zeros((SIZE, SIZE, 3), np.float32)
+LEVEL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # the camera looks along the world's y
+
+
+def sensor(width: int = 96, height: int = 72, focal: float = 120.0) -> Sensor:
+    pinhole = Pinhole(width, height, focal, focal * 1.1, width / 2 + 3, height / 2 - 5)
+    grid = ViewGrid(pinhole, 1e-5, nominal_positions(1, 1), np.ones((1, 1), np.float32))
+    return Sensor(grid, 0.5, 4.0, 0.5, 0.3, 0.0, 0.0, (1.0, 1.0, 1.0))
+
+
+def scene(solids: tuple[Solid, ...] = (), sheets: tuple[Sheet, ...] = (),
+          room: Environment = WHITE, turn: NDArray[np.float64] = LEVEL) -> Scene:
+    return Scene('test', solids, sheets, room, turn, sensor(), (), (0,) * len(solids))
+
+
+def both(of: Scene, samples: int = 64, its: Sensor | None = None
+         ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """By the package's renderer and by path tracing."""
+    its = its or of.sensor
+    return fast(of)(its, 0, 0, 0, samples, 1), physical(of)(its, 0, 0, 0, samples, 1)
+
+
+def standing(rng: np.random.Generator, depth: float = 0.4) -> NDArray[np.float64]:
+    """The pose of an object before the camera, tilted."""
+    return pose_of(Rotation.from_euler('x', 100, degrees=True)
+                   * Rotation.from_rotvec(rng.normal(0, 0.3, 3)), np.array([0, 0, depth]))
+
+
+def box(depth: float, thick: float, medium: Clear) -> Solid:
+    """A wide slab across the optical axis."""
+    mesh = trimesh.creation.box((1.0, 1.0, thick))
+    return Solid(Triangles(np.asarray(mesh.triangles, float), 0, 1), (medium,),
+                 pose_of(Rotation.identity(), np.array([0, 0, depth])))
+
+
+def test_every_direction_of_the_room_is_where_it_belongs() -> None:
+    rng = np.random.default_rng(0)
+    panorama = cv2.GaussianBlur(random_environment(rng).panorama, (0, 0), 6)
+    turn = Rotation.random(rng=rng).as_matrix()
+    of = scene(room=Environment(panorama), turn=turn)
+    pinhole = of.sensor.grid.pinhole
+    seen = physical(of)(of.sensor, 0, 0, 0, 32, 0)
+    for i, j in ((5, 7), (40, 60), (70, 90), (20, 80)):
+        way = turn @ np.array([(j - pinhole.cx) / pinhole.fx, (i - pinhole.cy) / pinhole.fy, 1])
+        np.testing.assert_allclose(seen[i, j], look_up(panorama, *way / np.linalg.norm(way)),
+                                   rtol=0.02)
+
+
+def test_textures_lie_where_the_own_renderer_lays_them() -> None:
+    rng = np.random.default_rng(1)
+    printed = Opaque(random_texture(rng, ('checks',)), 0.1)
+    body = Solid(Frusta.from_profile(random_vessel(rng, ('bottle',)).closed, 0, 1), (printed,),
+                 standing(rng))
+    wall = Sheet(pose_of(Rotation.from_rotvec([0.2, 0.4, 0.3]), np.array([0, 0, 0.7])),
+                 (0.3, 0.4), random_texture(rng, ('checks',)), 0.13)
+    own, traced = both(scene((body,), (wall,)), 128)
+    # Interreflections and occlusion make the mean differ by some per cent, nothing moves.
+    assert np.corrcoef(own.ravel(), traced.ravel())[0, 1] > 0.985
+    smooth = [cv2.cvtColor(each, cv2.COLOR_RGB2GRAY) for each in (own, traced)]
+    shift, response = cv2.phaseCorrelate(*smooth)
+    assert np.hypot(*shift) < 0.05
+    assert response > 0.8
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_outlines_agree_to_a_tenth_of_a_pixel(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    body = Solid(Frusta.from_profile(random_vessel(rng).closed, 0, 1),
+                 (Opaque(BLACK),), standing(rng))
+    own, traced = (1 - each[..., 0] for each in both(scene((body,)), 256))
+    columns = np.arange(own.shape[1])
+    for across in (own, traced):
+        assert across.max() == pytest.approx(1, abs=1e-3)
+    rows = own.sum(axis=1) > 5
+    width = [each.sum(axis=1)[rows] for each in (own, traced)]
+    middle = [(each * columns).sum(axis=1)[rows] / across
+              for each, across in zip((own, traced), width, strict=True)]
+    assert np.abs(middle[0] - middle[1]).max() < 0.1
+    assert np.abs(width[0] - width[1]).max() < 0.2  # two outlines, a tenth of a pixel each
+
+
+def test_a_vessel_bends_light_as_in_the_own_renderer() -> None:
+    rng = np.random.default_rng(4)
+    vessel = random_vessel(rng, ('tumbler',), walls=(0.004, 0.005))
+    profile = np.concatenate([vessel.outer, vessel.inner[1:]])
+    glass = Solid(Frusta.from_profile(profile, 0, 1), (Clear(1.5, (3.0, 8.0, 20.0)),),
+                  standing(rng, 0.3))
+    wall = Sheet(pose_of(Rotation.identity(), np.array([0, 0, 0.5])), (1.0, 1.0),
+                 random_texture(rng, ('clouds',)), 0.2)
+    own, traced = both(scene((glass,), (wall,)), 256)
+    plain = fast(scene((), (wall,)))(sensor(), 0, 0, 0, 64, 1)
+    bent = np.abs(own - plain).mean(axis=2) > 0.02
+    assert bent.sum() > 300
+    # Glass throws a faint shadow, which the own renderer casts in rooms with lamps only.
+    assert np.corrcoef(own[bent].ravel(), traced[bent].ravel())[0, 1] > 0.98
+    shift, response = cv2.phaseCorrelate(*(cv2.cvtColor(each * bent[..., None], cv2.COLOR_RGB2GRAY)
+                                           for each in (own, traced)))
+    assert np.hypot(*shift) < 0.1
+    assert response > 0.8
+
+
+def test_clear_things_in_a_white_room_are_white() -> None:
+    rng = np.random.default_rng(5)
+    vessel = random_vessel(rng, ('stemmed',))
+    glass = Solid(Frusta.from_profile(vessel.closed, 0, 1), (Clear(1.52),), standing(rng))
+    seen = physical(scene((glass,)))(sensor(), 0, 0, 0, 64, 1)
+    assert np.abs(np.median(seen) - 1) < 1e-4
+    assert (seen > 0.98).mean() > 0.98  # but what is trapped for more bounces than are followed
+
+
+def test_a_slab_absorbs_and_reflects_as_fresnel_and_beer_say() -> None:
+    absorption = (5.0, 20.0, 60.0)
+    seen = physical(scene((box(0.4, 0.02, Clear(1.5, absorption)),)))(sensor(), 0, 0, 0, 256, 1)
+    pinhole = sensor().grid.pinhole
+    across, down = round(pinhole.cx), round(pinhole.cy)
+    middle = seen[down - 4:down + 5, across - 4:across + 5].mean(axis=(0, 1))
+    share = fresnel(1.0, 1.0, 1.5)[0]
+    through = np.exp(-np.array(absorption) * 0.02)
+    passed = (1 - share) ** 2 * through / (1 - (share * through) ** 2)
+    bounced = share + share * (1 - share) ** 2 * through ** 2 / (1 - (share * through) ** 2)
+    np.testing.assert_allclose(middle, passed + bounced, rtol=0.01)
+
+
+def test_a_label_hides_a_glass_on_its_side_only() -> None:
+    profile = np.array([[0, -0.04], [0.03, -0.04], [0.03, 0.04], [0, 0.04]])
+    label = Decal((-0.02, 0.02), (-np.pi / 4, np.pi / 4), BLACK, 0.1)
+    glass = Solid(Frusta.from_profile(profile, 0, 1), (Clear(1.0001),),
+                  pose_of(Rotation.from_euler('xz', [90, 90], degrees=True).inv(),
+                          np.array([0, 0, 0.4])), label)
+    room = random_lit_environment(np.random.default_rng(6))
+    own, traced = (each.mean(axis=2) < 0.01 * room.panorama.mean()
+                   for each in both(scene((glass,), room=room), 64))
+    assert own.sum() > 50
+    assert np.mean(own != traced) < 0.005
+
+
+def test_without_llvm_it_runs_ray_by_ray() -> None:
+    made = subprocess.run(
+        [sys.executable, '-c', 'from test_path_tracing import *; from pmcl_ros.simulation.'
+         'path_tracing.variant import is_compiled; assert not is_compiled(); '
+         'own, traced = both(scene((box(0.4, 0.01, Clear(1.5)),)), 16); '
+         'assert abs(own - traced).max() < 0.05; print("same")'],
+        env=os.environ | {'DRJIT_LIBLLVM_PATH': os.devnull, 'PYTHONPATH': os.pathsep.join(
+            [os.path.dirname(__file__), *sys.path])}, capture_output=True, text=True)
+    assert made.stdout == 'same\n', made.stderr[-2000:]
