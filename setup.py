@@ -32,7 +32,8 @@ setup(
     maintainer='pmcl_ros maintainers',
     maintainer_email='maintainers@pmcl-ros.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.evaluation.report': ['page.html', 'page.css']},
+    package_data={f'{NAME}.evaluation.report': ['page.html', 'page.css'],
+                  f'{NAME}.evaluation.feasibility': ['feasibility.html']},
     data_files=data_files(),
     python_requires='>=3.10',
     # The ROS wheels are an extra: they must not be pulled into a machine that has /opt/ros.

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from importlib import import_module
+from functools import partial
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,6 +18,7 @@ from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import contour_labels
 from pmcl_ros.simulation.photograph import MARGIN, photograph
+from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.render import light_of_view
@@ -183,29 +183,5 @@ def write_many(folder: Path, seeds: range, settings: PictureSettings, jobs: int 
     """
     folder.mkdir(parents=True, exist_ok=True)
     missing = [seed for seed in seeds if not path_of(folder, seed).exists()]
-    if backend == 'loky' and jobs == 1:
-        yield from (write_labelled(folder, seed, settings) for seed in missing)
-        return
-    joblib = _library('joblib')
-    options: dict[str, Any] = {'n_jobs': jobs, 'inner_max_num_threads': 1}
-    if backend == 'dask':
-        if not scheduler:
-            raise PmclError('the backend dask needs the address of a scheduler, as '
-                            '--scheduler tcp://HOST:8786')
-        distributed = _library('distributed')
-        try:
-            distributed.Client(scheduler, timeout='10s')
-        except OSError as error:
-            raise PmclError(f'no Dask scheduler answers at {scheduler}: {error}') from error
-        options = {}
-    with joblib.parallel_config(backend=backend, **options):
-        yield from joblib.Parallel(return_as='generator_unordered')(
-            joblib.delayed(write_labelled)(folder.resolve(), seed, settings) for seed in missing)
-
-
-def _library(name: str) -> Any:
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise PmclError(f'{name} is not installed: pip install joblib "dask[distributed]", or '
-                        'use one process and no cluster') from error
+    yield from run_all(partial(write_labelled, folder.resolve(), settings=settings), missing,
+                       jobs, backend, scheduler)

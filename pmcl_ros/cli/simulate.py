@@ -1,0 +1,44 @@
+"""`pmcl simulate`: captures of a described object in simulated scenes."""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.simulation_options import Simulated, simulation_options
+from pmcl_ros.simulation.processes import run_all
+from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
+
+
+@click.command()
+@simulation_options
+@click.option('--cameras', 'plan', metavar='PLAN', help='Pictures of each scene from several poses: '
+              'arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a YAML file with '
+              'these or poses, and errors of the poses that are told; default: one picture.')
+@click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
+@click.option('--jobs', type=click.IntRange(1), default=1, show_default=True, help='Processes; '
+              'one uses all cores already.')
+@click.option('--backend', type=click.Choice(['loky', 'dask']), default='loky', show_default=True,
+              help='Of joblib: processes of this machine, or a Dask cluster.')
+@click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. Its '
+              'workers write to the same folder.')
+@click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
+              'Scenes that it has are kept.')
+def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Path, seed: int,
+             **options: Any) -> None:
+    """Simulate scenes with OBJECT (YAML, or a mesh) into --out, with the true poses.
+
+    `pmcl evaluate` and `pmcl localize` read them; `pmcl bag record` makes bags of them.
+    """
+    simulation = Simulated.from_options(seed=seed, **options).simulation
+    out.mkdir(parents=True, exist_ok=True)
+    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
+                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
+        task = bar.add_task('scenes', total=count)
+        one = partial(simulate_one, folder=out.resolve(), of=simulation)
+        for place in run_all(one, range(seed, seed + count), jobs, backend, scheduler):
+            bar.advance(task)
+            click.echo(place)

@@ -1,0 +1,155 @@
+"""What `pmcl simulate` and `pmcl feasibility` have in common: object, camera, scenes, renderer."""
+
+import re
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from pmcl_ros.cli.base import FILE
+from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.described.surroundings import (
+    SURROUNDINGS,
+    DescribedSettings,
+    Surroundings,
+    described_scene,
+)
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.scenes.objects import SceneObject
+from pmcl_ros.simulation.scenes.random_scene import random_sensor
+from pmcl_ros.simulation.scenes.render import Renderer, fast
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.simulated_captures import Simulation
+
+RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 128)}
+_F01 = 'f01'
+_REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
+_PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
+
+_OPTIONS = (
+    click.argument('thing', metavar='OBJECT', type=FILE),
+    click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as of '
+                 f'`pmcl scenes render`; or {_F01}: light fields of a camera like it.'),
+    click.option('--region', default='0.35:0.7', show_default=True, metavar='NEAR:FAR[:SIDE]',
+                 help='Distances of the object from the camera, and the side of the box that the '
+                 'search is told holds its origin (default 0.16) [m].'),
+    click.option('--surroundings', multiple=True, type=click.Choice(SURROUNDINGS),
+                 default=('table', 'clutter'), show_default=True, help='Where the object is; may '
+                 'be repeated: scenes take turns.'),
+    click.option('--attitude', type=click.Choice(['any', 'upright', 'lying']), default='any',
+                 show_default=True, help=DescribedSettings.model_fields['attitude'].description),
+    click.option('--renderer', type=click.Choice(list(RENDERERS)), default='physical',
+                 show_default=True, help="physical: path tracing, extra 'simulate'; fast: the "
+                 "package's own renderer."),
+    click.option('--samples', type=click.IntRange(1), show_default=', '.join(
+        f'{name} {samples}' for name, (_, samples) in RENDERERS.items()),
+        help='Rays or paths of a pixel: four times as many halve the noise.'),
+    click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+                 help='Scene k is that of seed + k.'))
+
+
+def simulation_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options; `Simulated.from_options` takes their values."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class Draw:
+    """Draws the scene of a seed (`Simulation.draw`)."""
+
+    thing: SceneObject
+    surroundings: tuple[Surroundings, ...]
+    settings: DescribedSettings
+
+    def __call__(self, seed: int, rng: np.random.Generator, sensor: Sensor | None) -> Scene:
+        return described_scene(rng, self.thing, self.surroundings[seed % len(self.surroundings)],
+                               sensor or random_sensor(rng, self.settings), self.settings)
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The chosen simulation. about: names and values for people."""
+
+    simulation: Simulation
+    about: dict[str, str]
+
+    @classmethod
+    def from_options(cls, plan: str | None, thing: Path, camera: str, region: str,
+                     surroundings: tuple[Surroundings, ...], attitude: str, renderer: str,
+                     samples: int | None, seed: int) -> 'Simulated':
+        """Raises SettingsError, ObjectModelError and SimulationError for what is impossible."""
+        limits = _REGION.fullmatch(region)
+        if not limits:
+            raise SettingsError(f'--region {region}: expected NEAR:FAR or NEAR:FAR:SIDE in metres, '
+                                'as 0.35:0.7:0.16')
+        near, far, side = limits.groups()
+        values: dict[str, Any] = {'near': near, 'far': far, 'attitude': attitude, 'empty': 0}
+        if side:
+            values['roi'] = side
+        if camera == _F01:
+            ordinary = None
+            values |= {'views': 9}
+            if plan is not None:
+                raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
+        else:
+            if not Path(camera).is_file():
+                raise SettingsError(f'--camera {camera}: there is no such file; a YAML with width, '
+                                    f'height, fx, cx, cy, or {_F01}')
+            ordinary = OrdinaryCamera.load(Path(camera))
+            values |= {'field': min(ordinary.field, 1.5)}
+        settings = DescribedSettings.make(values, '--region')
+        draws, usual = RENDERERS[renderer]
+        draw = Draw(load_object(thing), surroundings, settings)
+        simulation = Simulation(draw, ordinary, None if plan is None else CameraPlan.parse(plan),
+                                draws, samples or usual)
+        pictures = 'light fields' if ordinary is None else (
+            f'{ordinary.width} x {ordinary.height} px, {plan or "one picture"}')
+        return cls(simulation, {
+            'object': thing.name, 'camera': f'{Path(camera).name}: {pictures}',
+            'distance': f'{near} to {far} m', 'surroundings': ', '.join(surroundings),
+            'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
+            'seeds': f'from {seed}'})
+
+    def seconds_a_scene(self, seed: int) -> float:
+        """Time to render a scene, estimated from small pictures of the first one [s]."""
+        of = self.simulation
+        if of.camera is None:
+            raise SettingsError('times of light fields are not estimated')
+        scene = of.draw(seed, rng := np.random.default_rng(seed), of.camera.sensor(rng))
+        pictures = 1 if of.plan is None else len(of.plan.cameras(scene))
+        taken: dict[float, float] = {}
+        for factor in (_PROBED[0], *_PROBED):  # the first one compiles
+            small = of.camera.model_copy(update={
+                'width': of.camera.width // factor, 'height': of.camera.height // factor,
+                'fx': of.camera.fx / factor, 'cx': of.camera.cx / factor,
+                'cy': of.camera.cy / factor, 'distortion': (),
+                'fy': None if of.camera.fy is None else of.camera.fy / factor})
+            begun = time.perf_counter()
+            take_picture(_with(scene, small.sensor(np.random.default_rng(seed))), small,
+                         np.random.default_rng(seed), of.samples, of.renderer)
+            taken[factor ** -2] = time.perf_counter() - begun
+        (few, short), (many, long) = taken.items()
+        rate = max(long - short, 0) / (many - few)
+        return pictures * (short + rate * (1 - few))
+
+
+def _with(scene: Scene, sensor: Sensor) -> Scene:
+    return Scene(scene.name, scene.solids, scene.sheets, scene.environment,
+                 scene.world_from_camera, sensor, scene.targets, scene.owners)
+
+
+def minutes(seconds: float) -> str:
+    """A time in words."""
+    return f'{seconds:.0f} s' if seconds < 90 else f'{seconds / 60:.0f} min'
+
+

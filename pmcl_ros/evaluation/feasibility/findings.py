@@ -1,0 +1,211 @@
+"""What the trials of simulated scenes say: shares with intervals, causes, a recommendation."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
+from pmcl_ros.evaluation.recall import coverage, interval, median, present, share
+from pmcl_ros.evaluation.trials import Trial
+
+LEAST = 10  # trials of a cell; fewer say nothing
+_DISTANCES = 3  # ranges of the distance, with as many scenes each
+_CLOSE_CALL = 5.0  # nat: poses whose evidence differs by less look alike
+
+
+@dataclass(frozen=True)
+class Aim:
+    """What is good enough: errors [mm], [degrees], and the share of scenes that must reach it."""
+
+    mm: float = 3.0
+    degrees: float = 5.0
+    share: float = 0.9
+
+    def reached(self, trial: Trial) -> bool:
+        """Whether a pose is told, and right within both bounds."""
+        return (not trial.lost and trial.translation_mm <= self.mm
+                and trial.axis_deg <= self.degrees)
+
+    def __str__(self) -> str:
+        return f'{self.mm:g} mm and {self.degrees:g} degrees'
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A share of trials. Prints as percentage, count and interval."""
+
+    flags: tuple[bool, ...]
+
+    @property
+    def counts(self) -> bool:
+        """Whether there are trials enough to say something."""
+        return len(self.flags) >= LEAST
+
+    def __str__(self) -> str:
+        if not self.counts:
+            return ''
+        low, high = interval(self.flags)
+        return (f'{100 * share(self.flags):.0f} % ({sum(self.flags)} of {len(self.flags)}; '
+                f'{100 * low:.0f} to {100 * high:.0f} %)')
+
+
+def cell(trials: Sequence[Trial], aim: Aim) -> Cell:
+    """The share that reaches the aim, of trials with something to find."""
+    return Cell(tuple(aim.reached(each) for each in present(trials)))
+
+
+HEAD = ('views', 'good enough', 'told, right within 2 cm, 10°', 'lost', 'wrong', 'error [mm]',
+        'across, along the ray [mm]', 'angle [°]', 'told [mm]', '90 % regions hold')
+
+
+def row(name: str, trials: Sequence[Trial], aim: Aim) -> list[str]:
+    """Cells of `HEAD`: medians are of the poses that are told and right."""
+    there = present(trials)
+    found = [each for each in there if each.found]
+    return [name, str(cell(there, aim)), str(Cell(tuple(each.found for each in there))),
+            str(sum(each.lost for each in there)),
+            str(sum(not each.near and not each.lost for each in there)),
+            f'{median(found, "translation_mm"):.1f}',
+            f'{_median(found, "across_mm"):.1f}, '
+            f'{float(np.median([abs(each.ray_mm) for each in found])) if found else np.nan:.1f}',
+            f'{median(found, "axis_deg"):.1f}', f'{median(found, "told_mm"):.1f}',
+            str(Cell(tuple(each.inside_90 for each in found)))
+            or f'{100 * coverage(found, 0.9):.0f} % of {len(found)}']
+
+
+def _median(trials: Sequence[Trial], name: str) -> float:
+    return float(np.median([each.extra[name] for each in trials])) if trials else np.nan
+
+
+Group = tuple[str, Callable[[Trial], bool]]
+
+
+def distances(trials: Sequence[Trial]) -> list[Group]:
+    """Ranges of the distance of the object, with as many trials each."""
+    values = np.array([each.extra['distance'] for each in trials])
+    edges = np.quantile(values, np.linspace(0, 1, _DISTANCES + 1))
+    return [(f'{low:.2f} to {high:.2f} m', _between(low, high, number == _DISTANCES - 1))
+            for number, (low, high) in enumerate(pairwise(edges))]
+
+
+def _between(low: float, high: float, last: bool) -> Callable[[Trial], bool]:
+    return lambda each: (low <= each.extra['distance'] < high
+                         or (last and each.extra['distance'] == high))
+
+
+def surroundings(trials: Sequence[Trial]) -> list[Group]:
+    """What the object stands in or before: what scenes' names say before the colon.
+
+    Those with fewer than `LEAST` scenes are one group.
+    """
+    scenes = {(each.seed, _where(each)) for each in trials}
+    counts = Counter(where for _, where in scenes)
+    enough = sorted(where for where, count in counts.items() if count >= LEAST)
+    groups: list[Group] = [(where, lambda each, where=where: _where(each) == where)  # type: ignore[misc]
+                           for where in enough]
+    if len(enough) < len(counts):
+        groups.append(('others' if enough else 'all',
+                       lambda each: _where(each) not in enough))
+    return groups
+
+
+def _where(trial: Trial) -> str:
+    return trial.capture.partition(':')[0]
+
+
+def worst(trials: Sequence[Trial], count: int) -> list[Trial]:
+    """Wrong poses first, then lost ones, then the largest errors."""
+    def badness(each: Trial) -> tuple[int, float]:
+        wrong = not each.near and not each.lost
+        return (2 if wrong else 1 if each.lost else 0), each.translation_mm
+    return sorted(present(trials), key=badness, reverse=True)[:count]
+
+
+def causes(trials: Sequence[Trial]) -> list[str]:
+    """Why poses are not told, or wrong, with how many scenes; most frequent first."""
+    counts: Counter[str] = Counter()
+    gaps: dict[str, list[float]] = {}
+    for each in present(trials):
+        if each.found:
+            continue
+        cause = _cause(each)
+        counts[cause] += 1
+        gaps.setdefault(cause, []).append(abs(float(each.extra['gap'])))
+    said = []
+    for cause, count in counts.most_common():
+        gap = float(np.nanmedian(gaps[cause])) if np.isfinite(gaps[cause]).any() else np.nan
+        alike = f', within {gap:.0f} nat' if cause in _ALIKE and np.isfinite(gap) else ''
+        said.append(f'{cause}{alike} ({count})')
+    return said
+
+
+_FLIPPED = 'upright and upside down look alike'
+_ELSEWHERE = 'another pose looks as likely'
+_ALIKE = _FLIPPED, _ELSEWHERE
+
+
+def _cause(trial: Trial) -> str:
+    if trial.near:
+        return 'the pose is right, but its contours are too faint to be sure'
+    if trial.flipped and trial.symmetric:
+        return _FLIPPED
+    if trial.extra['gap'] > _CLOSE_CALL:
+        return 'something else looks more like the object'
+    if trial.extra['gap'] < -_CLOSE_CALL:
+        return 'the search missed the true pose'
+    return _ELSEWHERE
+
+
+def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim: Aim) -> str:
+    """What to mount, in plain words.
+
+    The fewest views whose share reaches the aim; said with its interval. What fewer views lack is
+    said too.
+    """
+    cells = {each.name: cell(trials[each.name], aim) for each in sets}
+    scenes = max(len(each.flags) for each in cells.values())
+    if scenes < LEAST:
+        return f'{scenes} scenes are too few to say anything: {LEAST} at least.'
+    good = [each for each in sets if share(cells[each.name].flags) >= aim.share]
+    chosen = min(good, key=lambda each: len(each.pictures)) if good else max(
+        sets, key=lambda each: share(cells[each.name].flags))
+    name, low = chosen.name, interval(cells[chosen.name].flags)[0]
+    text = f'{_capital(name)}: {cells[name]} within {aim}.'
+    if not good:
+        text = (f'Not yet: the best is {name}, {cells[name]} within {aim}, where '
+                f'{100 * aim.share:.0f} % are asked.')
+    elif low < aim.share - 0.1:
+        text += ' More scenes would make this surer.'
+    why = causes(trials[name])
+    if why and not good:
+        text += f' What fails: {"; ".join(why)}.'
+    if not chosen.is_one and sets[0].is_one:
+        one = trials[sets[0].name]
+        why = causes(one)
+        text += (f' One view is not enough: {cells[sets[0].name]}'
+                 + (f'; {"; ".join(why[:2])}' if why else
+                    f', {_median([each for each in one if each.found], "across_mm"):.1f} mm '
+                    'across the line of sight but '
+                    f'{_along(one):.1f} mm along it') + '.')
+    return text
+
+
+def _along(trials: Sequence[Trial]) -> float:
+    found = [abs(each.ray_mm) for each in trials if each.found]
+    return float(np.median(found)) if found else float('nan')
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def success(trials: Sequence[Trial], bounds: NDArray[np.float64], aim: Aim) -> NDArray[np.float64]:
+    """(n,) share of the trials told within each bound [mm] and the aim's angle, in percent."""
+    there = present(trials)
+    errors = np.array([each.translation_mm if not each.lost and each.axis_deg <= aim.degrees
+                       else np.inf for each in there])
+    return np.asarray(100 * (errors[:, None] <= bounds).mean(axis=0))

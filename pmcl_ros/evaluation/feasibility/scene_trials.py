@@ -1,0 +1,103 @@
+"""Localises the object in each set of views of a simulated scene."""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.lightfield.readers.read import Source, read_source
+from pmcl_ros.pipeline import Pipeline, Run
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+
+NAME = 'trials.json'
+
+
+def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> list[Trial]:
+    """The trials of a scene, one for each set, as last time where folder/trials.json has them.
+
+    folder: of a capture with truth. The search has the seed of the scene. Extra of a trial:
+    `distance`, of the object from the first camera [m]; `across_mm`, the error across the line of
+    sight; `gap`, evidence of the pose found less that of the true one [nat]; `truth`, (12,) the
+    true pose in the frame of `pose`; `picture`, the number of the picture whose frame that is.
+    """
+    kept = _read(folder / NAME)
+    source, truth = read_source(folder), Truth.load(folder / 'truth.json')
+    seed = int(folder.name)
+    for each in sets:
+        if each.name not in kept:
+            kept[each.name] = asdict(_trial(source, truth, model, each, seed))
+            (folder / NAME).write_text(json.dumps(kept, indent=1) + '\n')
+    return [Trial(**kept[each.name] | {'pose': tuple(kept[each.name]['pose'])}) for each in sets]
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    try:
+        found = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, seed: int
+           ) -> Trial:
+    target, center = truth.pose, np.asarray(truth.roi_center, float)
+    into = np.eye(4)
+    if isinstance(source, PosedViews):
+        views = [source.views[number] for number in chosen.pictures]
+        into = np.asarray(np.linalg.inv(views[0].camera_to_reference), float)
+        if chosen.is_one:
+            center = into[:3, :3] @ center + into[:3, 3]
+            source = _alone(views[0])
+        else:
+            source = PosedViews(tuple(views))
+    settings = PmclSettings(roi_center=tuple(center.tolist()), roi_size=truth.roi_size)
+    posed = isinstance(source, PosedViews)
+    started = time.perf_counter()
+    with Pipeline.for_object(model, settings, posed=posed) as pipeline:
+        run = pipeline.run(lambda: source, np.random.default_rng(seed))
+        seconds = time.perf_counter() - started
+        true_pose = np.asarray(target if posed else into @ target)
+        gap = _gap(pipeline, run, true_pose)
+    estimate = in_frame(run.estimate, into) if posed else run.estimate
+    seen = np.asarray(into @ target)
+    trial = Trial.judge(estimate, seen, model, capture=truth.name, mode=chosen.name, seed=seed,
+                        seconds=seconds)
+    extra: Mapping[str, Any] = {
+        'distance': float(np.linalg.norm(seen[:3, 3])), 'gap': gap,
+        'across_mm': float(np.sqrt(max(trial.translation_mm ** 2 - trial.ray_mm ** 2, 0))),
+        'truth': seen[:3].ravel().tolist(), 'picture': chosen.pictures[0]}
+    return Trial(**{**asdict(trial), 'extra': dict(extra)})
+
+
+def _alone(view: PosedView) -> PosedView:
+    """The picture in the frame of its own camera."""
+    return PosedView(view.header, view.picture, view.pinhole, np.eye(4))
+
+
+def _gap(pipeline: Pipeline[PoseEstimate], run: Run[PoseEstimate], truth: NDArray[np.float64]
+         ) -> float:
+    poses = np.stack([run.estimate.pose, truth])
+    localizer, evidence = pipeline.localizer, run.evidence
+    if isinstance(localizer, MultiViewLocalizer):
+        assert isinstance(evidence, ViewsEvidence)
+        found, true = localizer.evidence(evidence, poses)
+        return float(found - true)
+    assert isinstance(localizer, Localizer)
+    assert isinstance(evidence, EvidenceVolume)
+    found, true = localizer.evidence(evidence, poses)
+    return float(found - true)

@@ -1,0 +1,63 @@
+"""Which of the pictures of a scene are used together."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.simulation.camera_plan import CameraPlan
+
+Reach = Callable[[tuple[int, ...]], str]  # how far pictures are apart, in words
+_WORDS = ('no', 'one', 'two', 'three', 'four', 'five', 'six', 'seven', 'eight', 'nine')
+
+
+@dataclass(frozen=True)
+class ViewSet:
+    """Some of the pictures of a scene, by number. name: what they are, in words."""
+
+    name: str
+    pictures: tuple[int, ...]
+
+    @property
+    def is_one(self) -> bool:
+        """Whether it is one picture, or one light field."""
+        return len(self.pictures) == 1
+
+
+def view_sets(plan: CameraPlan | None) -> tuple[ViewSet, ...]:
+    """One picture; of a plan: the middle one, two beside each other, the outer two, these and the
+    middle one, all of them.
+    """
+    if plan is None:
+        return (ViewSet('one view', (0,)),)
+    if plan.arc is not None:
+        count, degrees = plan.arc
+        step = degrees / max(count - 1, 1)
+        return _distinct(count, lambda numbers: f'{step * (numbers[-1] - numbers[0]):.3g} degrees')
+    if plan.grid is not None:
+        rows, columns, width = plan.grid
+        count, step = rows * columns, width / max(rows - 1, columns - 1)
+        places = step * np.stack(np.divmod(np.arange(count), columns), axis=1)
+    else:
+        poses = np.array(plan.poses, float).reshape(-1, 4, 4)
+        count, places = len(poses), poses[:, :3, 3]
+    return _distinct(count, lambda numbers: f'{1e3 * _reach(places, numbers):.3g} mm')
+
+
+def _distinct(count: int, reach: Reach) -> tuple[ViewSet, ...]:
+    middle, last = count // 2, count - 1
+    wanted = ((middle,), (middle, middle + 1), (0, last), (0, middle, last), tuple(range(count)))
+    sets = dict.fromkeys(numbers for numbers in wanted
+                         if numbers[-1] <= last and len(set(numbers)) == len(numbers))
+    return tuple(ViewSet(_name(numbers, reach), numbers) for numbers in sets)
+
+
+def _name(numbers: tuple[int, ...], reach: Reach) -> str:
+    count = _WORDS[len(numbers)] if len(numbers) < len(_WORDS) else str(len(numbers))
+    return 'one view' if len(numbers) == 1 else f'{count} views over {reach(numbers)}'
+
+
+def _reach(places: NDArray[np.float64], numbers: tuple[int, ...]) -> float:
+    chosen = places[list(numbers)]
+    return float(np.linalg.norm(chosen[:, None] - chosen, axis=2).max())

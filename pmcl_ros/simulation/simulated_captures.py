@@ -1,0 +1,68 @@
+"""Simulated captures: scenes that are drawn, seen by a camera, written with their truth."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.files import write_capture, write_view, write_views
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.scenes.render import Renderer, fast, render, seen_from
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What is simulated.
+
+    draw: a scene from its seed, random numbers and the camera; None: one like an F01 is drawn.
+    camera: an ordinary one; None: a light-field camera. plan: where an ordinary camera takes its pictures;
+    None: one picture. renderer: `scenes.render.fast` or `path_tracing.render.physical`. samples:
+    rays, or paths, of a pixel.
+    """
+
+    draw: Callable[[int, np.random.Generator, Sensor | None], Scene]
+    camera: OrdinaryCamera | None
+    plan: CameraPlan | None = None
+    renderer: Renderer = fast
+    samples: int = 8
+
+
+def is_there(folder: Path) -> bool:
+    """Whether a capture was written completely: its truth is written last."""
+    try:
+        json.loads((folder / 'truth.json').read_text())
+    except (OSError, ValueError):
+        return False
+    return True
+
+
+def simulate(seed: int, folder: Path, of: Simulation,
+             progress: Callable[[float], None] = lambda _: None) -> Path:
+    """Write the capture of a seed into folder/SEED, unless it is there; returns that folder.
+
+    It has the files of `pmcl scenes render`. progress: called with the share done. The same seed
+    gives the same capture. Raises SimulationError as the renderer does.
+    """
+    place = folder / f'{seed:06d}'
+    if is_there(place):
+        return place
+    rng = np.random.default_rng(seed)
+    scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
+    if of.camera is None:
+        write_capture(place, scene, render(scene, rng, of.samples, progress, of.renderer), seed)
+    elif of.plan is None:
+        picture = take_picture(scene, of.camera, rng, of.samples, of.renderer)
+        write_view(place, scene, picture, of.camera, seed)
+    else:
+        pictures = []
+        for pose in (poses := of.plan.cameras(scene)):
+            pictures.append(take_picture(seen_from(scene, pose), of.camera, rng, of.samples,
+                                         of.renderer))
+            progress(len(pictures) / len(poses))
+        write_views(place, scene, pictures, of.camera, of.plan, seed)
+    return place
