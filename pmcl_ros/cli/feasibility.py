@@ -53,7 +53,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
         click.echo(f'{count} scenes: about {minutes(count * (drawn + searches))}, '
                    f'{minutes(count * drawn)} of it for pictures', err=True)
     scenes = out / 'scenes'
-    scenes.mkdir(parents=True, exist_ok=True)
+    simulated.claim(scenes)
     trials: dict[str, list[Trial]] = {each.name: [] for each in sets}
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:

@@ -33,8 +33,9 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
 
     `pmcl evaluate` and `pmcl localize` read them; `pmcl bag record` makes bags of them.
     """
-    simulation = Simulated.from_options(seed=seed, **options).simulation
-    out.mkdir(parents=True, exist_ok=True)
+    simulated = Simulated.from_options(seed=seed, **options)
+    simulation = simulated.simulation
+    simulated.claim(out)
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('scenes', total=count)

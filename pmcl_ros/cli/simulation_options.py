@@ -1,5 +1,6 @@
 """What `pmcl simulate` and `pmcl feasibility` have in common: object, camera, scenes, renderer."""
 
+import json
 import re
 import time
 from collections.abc import Callable
@@ -119,6 +120,23 @@ class Simulated:
             'distance': f'{near} to {far} m', 'surroundings': ', '.join(surroundings),
             'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
             'seeds': f'from {seed}'})
+
+    def claim(self, folder: Path) -> None:
+        """Make a folder for scenes, and note what they are of.
+
+        Raises SettingsError where it holds scenes of something else.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        note, mine = folder / 'simulation.json', {
+            name: value for name, value in self.about.items() if name != 'seeds'}
+        if not note.exists():
+            note.write_text(json.dumps(mine, indent=1) + '\n')
+            return
+        others = json.loads(note.read_text())
+        for name, value in mine.items():
+            if others.get(name) != value:
+                raise SettingsError(f'{folder} has scenes of another simulation: {name} '
+                                    f'{others.get(name)}, not {value}; choose another --out')
 
     def seconds_a_scene(self, seed: int) -> float:
         """Time to render a scene, estimated from small pictures of the first one [s]."""

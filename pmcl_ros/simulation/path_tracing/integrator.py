@@ -39,7 +39,8 @@ def radiance(scene: Any, sampler: Any, ray: Any) -> Any:
             weight *= dr.select(hit.is_valid(), dr.exp(-absorbed * hit.t), 1)
             source = mi.DirectionSample3f(scene, hit, before)
             other = scene.pdf_emitter_direction(before, source, ~is_sharp & active)
-            share = dr.select(is_sharp, 1, density * density / (density * density + other * other))
+            both = density * density + other * other
+            share = dr.select(is_sharp, 1, dr.select(both > 0, density * density / both, 0))
             light += weight * share * dr.select(active, source.emitter.eval(hit, active), 0)
             active &= hit.is_valid() & (depth < BOUNCES)
             material = hit.bsdf()
@@ -52,7 +53,7 @@ def radiance(scene: Any, sampler: Any, ray: Any) -> Any:
             light += dr.select(takes_light, weight * share * value * brought, 0)
             out, value = material.sample(context, hit, sampler.next_1d(), sampler.next_2d(),
                                          active)
-            weight *= dr.select(active, value, 1)
+            weight *= dr.select(active & (out.pdf > 0), value, 0)
             before, density = mi.Interaction3f(hit), out.pdf
             is_sharp = mi.has_flag(out.sampled_type, mi.BSDFFlags.Delta) | mi.has_flag(
                 out.sampled_type, mi.BSDFFlags.Null)
@@ -63,6 +64,6 @@ def radiance(scene: Any, sampler: Any, ray: Any) -> Any:
             kept = dr.select(depth > SURE, dr.minimum(brightest, 0.95), 1)
             active &= sampler.next_1d() < kept
             weight /= kept
-        return light
+        return dr.select(dr.isfinite(light), light, 0)  # of a mesh's flattest triangles it is not
 
     return follow(mi, dr, scene, sampler, ray)

@@ -1,6 +1,8 @@
 """Radiance of a view's pixels by path tracing."""
 
+from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,12 @@ from pmcl_ros.simulation.path_tracing.integrator import radiance
 from pmcl_ros.simulation.path_tracing.translate import to_mitsuba
 from pmcl_ros.simulation.path_tracing.variant import is_compiled, mitsuba
 from pmcl_ros.simulation.scenes.render import LightOfView
-from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
 _PASSES = 8
 _MOST = 2.0  # that a pass counts, in medians of all passes
+_LESS = 4  # times fewer samples get pixels beside the regions
 _LEAST = 4  # paths of a pixel in a pass
 _TENT = 2.0  # view steps: how far from its position a view gathers light
 
@@ -23,13 +26,13 @@ _TENT = 2.0  # view steps: how far from its position a view gathers light
 def physical(scene: Scene) -> LightOfView:
     """Path tracing by Mitsuba: shadows, interreflections, rough glass, some caustics.
 
-    Raises SimulationError where Mitsuba is missing, and as `to_mitsuba`.
+    Pixels that show no part of the targets' regions get a quarter of the samples. Raises
+    SimulationError where Mitsuba is missing, and as `to_mitsuba`.
     """
-    return partial(light_of_view, to_mitsuba(scene))
+    return partial(light_of_view, to_mitsuba(scene), scene.targets)
 
 
-
-def light_of_view(loaded: Any, sensor: Sensor, row: int, column: int,
+def light_of_view(loaded: Any, targets: Sequence[Target], sensor: Sensor, row: int, column: int,
                   margin: int, samples: int, seed: int) -> NDArray[np.float32]:
     """(height + 2 margin, width + 2 margin, 3) mean radiance of a view's pixels, noise-free.
 
@@ -41,10 +44,42 @@ def light_of_view(loaded: Any, sensor: Sensor, row: int, column: int,
     """
     of = sensor.grid.pinhole
     pinhole = of.crop(-margin, -margin, of.width + 2 * margin, of.height + 2 * margin)
+    place = sensor.grid.baseline * sensor.grid.positions[row, column]
+    rng = np.random.default_rng(seed)
+    left, top, right, bottom = _shown(targets, pinhole)
+    inside = pinhole.crop(left, top, right - left, bottom - top)
+    picture = _light(loaded, sensor, pinhole, place, -(-samples // _LESS), rng)
+    picture[top:bottom, left:right] = _light(loaded, sensor, inside, place, samples, rng)
+    return picture
+
+
+def _shown(targets: Sequence[Target], pinhole: Pinhole) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the pixels that can show a target in its region [px].
+
+    The whole picture where there is no target, or none in view.
+    """
+    everything = 0, 0, pinhole.width, pinhole.height
+    seen = []
+    for each in targets:
+        reach = np.array(each.roi_size) / 2 + np.linalg.norm(each.vertices, axis=1).max()
+        corners = np.array(each.roi_center) + reach * np.array(list(product((-1, 1), repeat=3)))
+        if corners[:, 2].min() <= 0:
+            return everything
+        seen.append(pinhole.project(corners))
+    if not seen:
+        return everything
+    size = [pinhole.width, pinhole.height]
+    low = np.floor(np.concatenate(seen).min(axis=0)).clip(0, size).astype(int)
+    high = np.ceil(np.concatenate(seen).max(axis=0) + 1).clip(0, size).astype(int)
+    return (*low.tolist(), *high.tolist()) if (high > low).all() else everything
+
+
+def _light(loaded: Any, sensor: Sensor, pinhole: Pinhole, place: NDArray[np.float64],
+           samples: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Of a pinhole's pixels, seen from a place (2,) in the plane of the pupil [m]."""
     passes = int(np.clip(samples // _LEAST, 1, _PASSES))
     each = -(-samples // passes)
-    seeds = np.random.default_rng(seed).integers(2 ** 32, size=passes).tolist()
-    place = sensor.grid.baseline * sensor.grid.positions[row, column]
+    seeds = rng.integers(2 ** 32, size=passes).tolist()
     if is_compiled():
         pictures = [_pass(loaded, sensor, pinhole, place, each, number) for number in seeds]
     else:
