@@ -30,7 +30,7 @@ from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.simulated_captures import Simulation
 
-RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 128)}
+RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
 _F01 = 'f01'
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
@@ -73,6 +73,7 @@ class Draw:
     settings: DescribedSettings
 
     def __call__(self, seed: int, rng: np.random.Generator, sensor: Sensor | None) -> Scene:
+        """As `Simulation.draw`."""
         return described_scene(rng, self.thing, self.surroundings[seed % len(self.surroundings)],
                                sensor or random_sensor(rng, self.settings), self.settings)
 
@@ -91,8 +92,8 @@ class Simulated:
         """Raises SettingsError, ObjectModelError and SimulationError for what is impossible."""
         limits = _REGION.fullmatch(region)
         if not limits:
-            raise SettingsError(f'--region {region}: expected NEAR:FAR or NEAR:FAR:SIDE in metres, '
-                                'as 0.35:0.7:0.16')
+            raise SettingsError(f'--region {region}: expected NEAR:FAR or NEAR:FAR:SIDE in '
+                                'metres, as 0.35:0.7:0.16')
         near, far, side = limits.groups()
         values: dict[str, Any] = {'near': near, 'far': far, 'attitude': attitude, 'empty': 0}
         if side:
@@ -104,8 +105,8 @@ class Simulated:
                 raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
         else:
             if not Path(camera).is_file():
-                raise SettingsError(f'--camera {camera}: there is no such file; a YAML with width, '
-                                    f'height, fx, cx, cy, or {_F01}')
+                raise SettingsError(f'--camera {camera}: there is no such file; a YAML with '
+                                    f'width, height, fx, cx, cy, or {_F01}')
             ordinary = OrdinaryCamera.load(Path(camera))
             values |= {'field': min(ordinary.field, 1.5)}
         settings = DescribedSettings.make(values, '--region')

@@ -20,9 +20,9 @@ class Simulation:
     """What is simulated.
 
     draw: a scene from its seed, random numbers and the camera; None: one like an F01 is drawn.
-    camera: an ordinary one; None: a light-field camera. plan: where an ordinary camera takes its pictures;
-    None: one picture. renderer: `scenes.render.fast` or `path_tracing.render.physical`. samples:
-    rays, or paths, of a pixel.
+    camera: an ordinary one; None: a light-field camera. plan: where an ordinary camera takes its
+    pictures; None: one picture. renderer: `scenes.render.fast` or `path_tracing.render.physical`.
+    samples: rays, or paths, of a pixel.
     """
 
     draw: Callable[[int, np.random.Generator, Sensor | None], Scene]
