@@ -36,6 +36,20 @@ def gateway_of(folder, *faults, token=None, limit=1 << 29, settings=QUICK, cache
         yield server
 
 
+def said(gateway, data):
+    """All that is answered to these bytes."""
+    with socket.create_connection(gateway.server_address[:2], timeout=30) as connection:
+        try:
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
+            answer = b''
+            while block := connection.recv(65536):
+                answer += block
+        except ConnectionError:
+            return b''
+    return answer
+
+
 class CuttingProxy:
     """A TCP proxy that cuts its connections: the nth after cuts[n] bytes to the client.
 

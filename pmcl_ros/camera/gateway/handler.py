@@ -2,6 +2,7 @@
 
 import base64
 import hmac
+import io
 import ipaddress
 import json
 import logging
@@ -13,6 +14,7 @@ from http.server import BaseHTTPRequestHandler
 from typing import TYPE_CHECKING, Any, BinaryIO
 from urllib.parse import unquote, urlsplit
 
+from pmcl_ros.camera.gateway.head import HeadError, read_head
 from pmcl_ros.camera.gateway.service import BusyError, CachedFile, CapturedPicture
 from pmcl_ros.camera.gateway.settings import TIME_HEADER
 from pmcl_ros.runtime.errors import CameraError, LinkError
@@ -25,6 +27,10 @@ _LONGEST_BODY = 4096  # bytes; no request needs any
 _SILENCE = 30.0  # seconds without a byte, either way
 _BLOCK = 1 << 18
 _KEY = re.compile(r'[\x21-\x7e]{1,128}')
+# Nothing is read after these: who is not admitted waits no more, and where the next request of
+# what was not understood begins is unknown.
+_LAST = (HTTPStatus.BAD_REQUEST, HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN,
+         HTTPStatus.LENGTH_REQUIRED, HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
 _TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
 
 _LOG = logging.getLogger(__name__)
@@ -73,17 +79,32 @@ class Handler(BaseHTTPRequestHandler):
 
     def handle_one_request(self) -> None:
         """Read a request and answer it."""
-        self.server.reading(self.connection, True)
+        self.server.connections.reads(self.connection)
         super().handle_one_request()
+
+    def parse_request(self) -> bool:
+        """Read the header lines within their limits, then parse them."""
+        self.command, self.request_version, self.requestline = '', '', ''
+        stream = self.rfile
+        try:
+            self.rfile = io.BytesIO(read_head(stream))
+            return super().parse_request()
+        except HeadError as error:
+            self.close_connection = True
+            self._send_problem(error.status, str(error))
+            return False
+        finally:
+            self.rfile = stream
 
     def do_GET(self) -> None:
         """Handle all methods: the path decides which are allowed."""
         try:
             self._read_body()
-            self.server.reading(self.connection, False)
             self._admit()
+            self.server.connections.answers(self.connection)
             self._answer()
         except _RefusedError as error:
+            self.close_connection |= error.status in _LAST
             self._send_problem(error.status, str(error), error.headers)
         except BusyError as error:
             self._send_problem(HTTPStatus.CONFLICT, str(error), {'Retry-After': '1'})
@@ -106,15 +127,15 @@ class Handler(BaseHTTPRequestHandler):
 
     def _read_body(self) -> None:
         """Take an unused body off the connection: the next request follows it."""
+        hosts = len(self.headers.get_all('Host', []))
+        if hosts > 1 or (hosts == 0 and self.request_version > 'HTTP/1.0'):
+            raise _RefusedError(HTTPStatus.BAD_REQUEST, 'a request names one Host')
         if 'Transfer-Encoding' in self.headers:
-            self.close_connection = True
             raise _RefusedError(HTTPStatus.LENGTH_REQUIRED, 'a request has no chunks here')
         lengths = self.headers.get_all('Content-Length', ['0'])
         if len(lengths) != 1 or not re.fullmatch('[0-9]{1,15}', lengths[0].strip()):
-            self.close_connection = True
             raise _RefusedError(HTTPStatus.BAD_REQUEST, 'impossible Content-Length')
         if int(lengths[0]) > _LONGEST_BODY:
-            self.close_connection = True
             raise _RefusedError(HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
                                 f'a request has at most {_LONGEST_BODY} bytes here')
         self.rfile.read(int(lengths[0]))
@@ -195,7 +216,8 @@ class Handler(BaseHTTPRequestHandler):
             self._send_head(HTTPStatus.NOT_MODIFIED, headers)
             return
         wanted = None
-        if self.headers.get('If-Range', etag).strip() == etag:
+        # A Range is of GET alone (RFC 9110, 14.2).
+        if self.command == 'GET' and self.headers.get('If-Range', etag).strip() == etag:
             try:
                 wanted = selected(self.headers.get('Range'), file.size)
             except UnsatisfiableError:

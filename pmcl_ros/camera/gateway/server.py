@@ -1,22 +1,18 @@
-"""The gateway's HTTP server: its address, the number of connections, their time limits."""
+"""The gateway's HTTP server: its address, and a thread for each connection."""
 
-import contextlib
 import ipaddress
 import logging
-import math
 import socket
 import sys
-import threading
 import time
 from http.server import ThreadingHTTPServer
 from socketserver import TCPServer
 from typing import Any
 
+from pmcl_ros.camera.gateway.connections import MAX_CONNECTIONS, Connections
 from pmcl_ros.camera.gateway.handler import Handler
 from pmcl_ros.camera.gateway.service import Service
 from pmcl_ros.runtime.errors import SettingsError
-
-MAX_CONNECTIONS = 32
 
 _LOG = logging.getLogger(__name__)
 
@@ -31,12 +27,10 @@ class GatewayServer(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
     request_queue_size = MAX_CONNECTIONS
-    request_timeout = 60.0  # s from an answer, or the connection, to the end of the next request
 
     def __init__(self, service: Service, host: str, port: int, token: str | None = None) -> None:
         self.service, self.token = service, token
-        self._slots = threading.BoundedSemaphore(MAX_CONNECTIONS)
-        self._deadlines: dict[socket.socket, float] = {}  # of the connections that are open
+        self.connections = Connections()
         try:
             if not host:
                 raise ValueError('say which of the addresses of this machine')
@@ -64,11 +58,10 @@ class GatewayServer(ThreadingHTTPServer):
         TCPServer.server_bind(self)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Start a thread for a connection, up to MAX_CONNECTIONS."""
-        if self._slots.acquire(blocking=False):
+        """Start a thread for a connection, where there is room."""
+        if self.connections.opened(request, str(client_address[0])):
             super().process_request(request, client_address)
         else:
-            _LOG.warning('%d connections are open, one more was refused', MAX_CONNECTIONS)
             self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
@@ -76,28 +69,16 @@ class GatewayServer(ThreadingHTTPServer):
         try:
             super().process_request_thread(request, client_address)
         finally:
-            self._deadlines.pop(request, None)
-            self._slots.release()
-
-    def reading(self, connection: socket.socket, begins: bool) -> None:
-        """Start or end the time limit for reading a request."""
-        deadline = time.monotonic() + self.request_timeout if begins else math.inf
-        self._deadlines[connection] = deadline
+            self.connections.closed(request)
 
     def service_actions(self) -> None:
-        """End connections that exceed the time limit; called several times a second."""
-        self._end(time.monotonic())
+        """End connections that exceed their time limit; called several times a second."""
+        self.connections.end(time.monotonic())
 
     def server_close(self) -> None:
         """End all connections."""
         super().server_close()
-        self._end(math.inf)
-
-    def _end(self, now: float) -> None:
-        for connection, deadline in list(self._deadlines.items()):
-            if now >= deadline:
-                with contextlib.suppress(OSError):  # it has ended by itself
-                    connection.shutdown(socket.SHUT_RDWR)
+        self.connections.end_all()
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
         """Log the end of a connection; only errors beside network errors get a traceback."""
