@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
-from pmcl_ros.runtime.errors import LinkError
+from pmcl_ros.runtime.errors import CameraError, LinkError
 
 _LOG = logging.getLogger(__name__)
 
@@ -84,6 +84,24 @@ def retry(attempt: Callable[[], _T], lost: type[LinkError], patience: float,
             if closed.wait(pause):
                 raise
             pause = min(2 * pause, _LONGEST_PAUSE)
+
+
+class Pace:
+    """The least pace of a download: it ends, however slowly it drips and however often it is lost.
+
+    what: its name. patience: seconds beside those for its bytes. slowest: bytes per second.
+    """
+
+    def __init__(self, what: str, patience: float, slowest: float) -> None:
+        self._what, self._patience, self._slowest = what, patience, slowest
+        self._began = time.monotonic()
+
+    def check(self, got: int, total: int) -> None:
+        """Raises CameraError, which is not tried again, when `total` bytes take too long."""
+        longest = self._patience + total / self._slowest
+        if got < total and time.monotonic() > self._began + longest:
+            raise CameraError(f'{self._what}: {got} of {total} bytes came within {longest:.0f} s, '
+                              'too slow to wait for; bring the camera nearer')
 
 
 class PictureQueue:

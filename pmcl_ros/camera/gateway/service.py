@@ -1,5 +1,6 @@
 """One camera for the requests of many robots, and a bounded cache of its pictures."""
 
+import errno
 import hashlib
 import itertools
 import logging
@@ -15,6 +16,7 @@ from typing import BinaryIO
 from pmcl_ros.camera.client import CameraClient, CameraStatus, Picture
 from pmcl_ros.runtime.errors import CameraError
 
+_FULL = errno.ENOSPC, errno.EDQUOT
 _REMEMBERED = 100  # captures whose keys are recognised when they are repeated
 
 _LOG = logging.getLogger(__name__)
@@ -69,19 +71,17 @@ class Cache:
     def put(self, picture: str, contents: Mapping[str, bytes]) -> Mapping[str, CachedFile]:
         """Keep the files of a picture, kind -> content.
 
-        Names on disk are numbers: paths never contain received text. Raises CameraError when
-        the disk is full.
+        Names on disk are numbers: paths never contain received text. On a full disk the oldest
+        pictures go; raises CameraError when not even this one alone has room.
         """
-        files = {}
-        try:
-            for kind, content in contents.items():
-                path = Path(self._folder.name) / str(next(self._numbers))
-                files[kind] = CachedFile(path, len(content), hashlib.sha256(content).hexdigest())
-                path.write_bytes(content)
-        except OSError as error:
-            _remove(files)
-            raise CameraError(f'cannot keep {picture} in {self._folder.name}: '
-                              f'{error.strerror or error}') from None
+        while True:
+            try:
+                files = self._written(contents)
+                break
+            except OSError as error:
+                if error.errno not in _FULL or not self._evict():
+                    raise CameraError(f'cannot keep {picture} in {self._folder.name}: '
+                                      f'{error.strerror or error}') from None
         with self._lock:
             if picture in self._pictures:
                 _remove(self._pictures.pop(picture))
@@ -95,6 +95,26 @@ class Cache:
         with self._lock:
             self._pictures.clear()
             self._folder.cleanup()
+
+    def _written(self, contents: Mapping[str, bytes]) -> dict[str, CachedFile]:
+        files = {}
+        try:
+            for kind, content in contents.items():
+                path = Path(self._folder.name) / str(next(self._numbers))
+                files[kind] = CachedFile(path, len(content), hashlib.sha256(content).hexdigest())
+                path.write_bytes(content)
+        except OSError:
+            _remove(files)
+            raise
+        return files
+
+    def _evict(self) -> bool:
+        """Forget the picture that was not asked for longest; False where there is none."""
+        with self._lock:
+            if self._pictures:
+                _remove(self._pictures.popitem(last=False)[1])
+                return True
+        return False
 
     def _size(self) -> int:
         return sum(file.size for files in self._pictures.values() for file in files.values())

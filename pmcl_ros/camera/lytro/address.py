@@ -53,6 +53,8 @@ class LinkSettings(Settings):
                            'reply or its next bytes [s]')
     patience: float = Field(20.0, gt=0, le=3600, description='retry after lost connections until '
                             'nothing was received for this time [s]')
+    slowest: float = Field(50_000.0, gt=0, description='slowest download on the whole: one that '
+                           'takes longer, and `patience` beside, has failed [bytes/s]')
     picture_timeout: float = Field(30.0, gt=0, le=3600, description='longest time from the '
                                    'capture command until the picture is available [s]')
     watchdog: float = Field(5.0, gt=0, le=600, description='longest silence of the callback '

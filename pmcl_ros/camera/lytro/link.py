@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from pmcl_ros.camera.client import retry
+from pmcl_ros.camera.client import Pace, retry
 from pmcl_ros.camera.lytro.address import Address, LinkSettings
 from pmcl_ros.camera.lytro.protocol import (
     CHUNK,
@@ -157,13 +157,15 @@ class Link:
              progress: BytesProgress | None = None, *, grows: bool = False) -> bytes:
         """Load `what` into the transfer buffer and download all of it.
 
-        After a lost connection it is loaded again and the download resumes where it stopped.
+        After a lost connection it is loaded again and the download resumes where it stopped, for
+        as long as it is not slower than `slowest` on the whole.
         expected: its length, if known. grows: its length may change between loads; then the
         download starts again. Raises CameraError when the camera does not have it, or when it is
-        too large or of another length than expected.
+        too large, of another length than expected, or too slow.
         """
         with self._buffer:
-            download = _Download(self, request, what, expected, progress, grows)
+            pace = Pace(what, self._settings.patience, self._settings.slowest)
+            download = _Download(self, request, what, expected, progress, grows, pace)
             self._retry(download.run, lambda: download.got)
             return bytes(download.data)
 
@@ -200,8 +202,8 @@ class _Download:
     """A download of the transfer buffer; `run` resumes where the last run was lost."""
 
     def __init__(self, link: Link, request: Request, what: str, expected: int | None,
-                 progress: BytesProgress | None, grows: bool) -> None:
-        self._link, self._request, self._what = link, request, what
+                 progress: BytesProgress | None, grows: bool, pace: Pace) -> None:
+        self._link, self._request, self._what, self._pace = link, request, what, pace
         self._expected, self._progress = expected, progress
         self._grows = grows
         self.data = bytearray()
@@ -259,5 +261,6 @@ class _Download:
 
     def _landed(self, count: int) -> None:
         self.got += count
+        self._pace.check(self.got, len(self.data))
         if self._progress is not None:
             self._progress(self.got, len(self.data))

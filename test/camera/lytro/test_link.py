@@ -122,6 +122,30 @@ def test_a_camera_that_sends_a_byte_now_and_then_is_given_up():
         Link(address, QUICK).ask_once(protocol.BATTERY)  # without a deadline it would succeed
 
 
+@pytest.mark.parametrize('bytes_a_connection', [1, 100_000])
+def test_a_download_that_drips_meets_a_limit_in_all(bytes_a_connection):
+    def answer(connected, request):
+        if request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', 100_000)))
+        elif request[12] == 0xC4:
+            body = reply(request, bytes(int.from_bytes(request[4:8], 'little')))
+            connected.sendall(body[:28])
+            for each in body[28:28 + bytes_a_connection]:  # never silent for long
+                connected.sendall(bytes([each]))
+                time.sleep(0.02)
+            connected.close()
+        else:
+            connected.sendall(reply(request, b''))
+
+    patient = LinkSettings(timeout=1, patience=0.5, slowest=1_000_000)
+    began = time.monotonic()
+    with camera(answer) as address, pytest.raises(
+            CameraError, match='of 100000 bytes came within 1 s, too slow') as error:
+        Link(address, patient).load(protocol.LOAD_CALIBRATION, 'the calibration')
+    assert not isinstance(error.value, LinkError)  # no other try
+    assert time.monotonic() - began < 5
+
+
 def test_nothing_of_the_buffer_is_told():
     def answer(connected, request):
         connected.sendall(reply(request, struct.pack('<I', 100) if request[12] == 0xC6 else b''))
