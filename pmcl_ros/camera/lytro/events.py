@@ -24,6 +24,7 @@ _FIRST_PAUSE, _LONGEST_PAUSE = 0.1, 5.0  # seconds before the next try, doubled 
 _EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=timezone.utc), timedelta(microseconds=1)
 _SAME_SHOT_NS = 5_000_000_000  # between command, callback and the camera's date of one picture
 _OLDEST_NS = 60_000_000_000  # a shot without a picture after this time gets none
+_END_NS = 2**31 * 10**9  # of ROS's stamps, in 2038; no picture is of later, nor before 1970
 _PATIENCE = 5.0  # seconds for an announced picture to be in the list
 
 _LOG = logging.getLogger(__name__)
@@ -247,10 +248,11 @@ class Arrivals:
         date = record.taken
         oldest = time.time_ns() - _OLDEST_NS
         self._shots = [each for each in self._shots if each.stamp_ns > oldest]
-        if date is None:
+        taken_ns = -1 if date is None else (
+            (date - _EPOCH) // _MICROSECOND * 1000 - self.clock_ahead_ns)
+        if not 0 <= taken_ns < _END_NS:
             taken_ns, shots = 0, self._shots
         else:
-            taken_ns = (date - _EPOCH) // _MICROSECOND * 1000 - self.clock_ahead_ns
             shots = [each for each in self._shots if record.id in self._announced
                      or abs(each.stamp_ns - taken_ns) < _SAME_SHOT_NS]
         if not shots:

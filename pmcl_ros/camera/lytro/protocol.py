@@ -22,6 +22,8 @@ _RECORD = struct.Struct('<8s8sii16xif48s28si')
 _KEY_LENGTH = 24
 _TIME = struct.Struct('<7H')
 _FILE_ENTRY = struct.Struct('<I32s')
+_LONGEST_RECORD = 4096  # bytes; a camera's have 128
+_MOST_PICTURES = 100_000  # 16 GB, the largest card, holds a thousand
 _MOST_FILES = 4096  # a camera has some hundreds; a longer table is damaged
 # Offsets of the fields of a record, which the header of the list repeats.
 _FIELD_OFFSETS = (0x00, 0x08, 0x10, 0x14, 0x18, 0x28, 0x2C, 0x30, 0x60, 0x7C)
@@ -198,13 +200,18 @@ class PictureRecord:
     prefix: str = 'IMG_'
 
     @property
+    def folder_name(self) -> str:
+        """As in 100PHOTO."""
+        return f'{self.folder:03d}{self.folder_postfix}'
+
+    @property
     def name(self) -> str:
-        """As in IMG_0001."""
+        """As in IMG_0001; another folder of the card may hold another one of this name."""
         return f'{self.prefix}{self.number:04d}'
 
     def path(self, extension: str) -> str:
         r"""Path of its file on the camera, as in I:\DCIM\100PHOTO\IMG_0001.RAW."""
-        return rf'I:\DCIM\{self.folder:03d}{self.folder_postfix}\{self.name}.{extension}'
+        return rf'I:\DCIM\{self.folder_name}\{self.name}.{extension}'
 
     @property
     def taken(self) -> datetime | None:
@@ -250,17 +257,20 @@ def encode_picture_list(pictures: list[PictureRecord]) -> bytes:
 def decode_picture_list(data: bytes) -> list[PictureRecord]:
     """Decode the data of C2 00 02; ProtocolError for impossible values.
 
-    The header contains its own length and the records'. Trailing bytes are ignored.
+    The header contains its own length and the records'. Fewer bytes than a record at the end are
+    ignored.
     """
     if len(data) < 12:
         raise ProtocolError(f'picture list has {len(data)} bytes, its header alone has 12')
     _, length, fields = struct.unpack_from('<III', data)
     start = 12 + 8 * fields
-    if length < RECORD_LENGTH or start > len(data):
+    if not RECORD_LENGTH <= length <= _LONGEST_RECORD or start > len(data):
         raise ProtocolError(f'picture list of {len(data)} bytes has an impossible header: '
                             f'{fields} fields, records of {length} bytes')
-    return [PictureRecord.decode(data[each:each + length])
-            for each in range(start, len(data) - length + 1, length)]
+    places = range(start, len(data) - length + 1, length)
+    if len(places) > _MOST_PICTURES:
+        raise ProtocolError(f'picture list of {len(places)} pictures, more than any card holds')
+    return [PictureRecord.decode(data[each:each + length]) for each in places]
 
 
 def encode_time(moment: datetime) -> bytes:

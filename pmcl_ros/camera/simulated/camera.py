@@ -117,7 +117,10 @@ class SimulatedCamera:
             queue.put_nowait(Event(name, (argument,)))
 
     def _now(self) -> datetime:
-        return datetime.now(timezone.utc) + self._clock_ahead
+        try:
+            return datetime.now(timezone.utc) + self._clock_ahead
+        except OverflowError:
+            return datetime.max.replace(tzinfo=timezone.utc)  # where the clock stands still
 
     # the transfer buffer
 

@@ -24,10 +24,11 @@ from waiting import eventually
 
 from pmcl_ros.camera.client import CameraClient, Picture
 from pmcl_ros.camera.files import read_picture
+from pmcl_ros.camera.lytro import protocol
 from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.lytro.link import Link
-from pmcl_ros.camera.lytro.protocol import Command, Request, encode_time
+from pmcl_ros.camera.lytro.protocol import Command, Request, decode_time, encode_time
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.server import CameraServer
@@ -97,6 +98,19 @@ def test_pictures_before_it_came_have_the_date_of_this_hosts_clock(captures):
             assert first.records()[0].date.startswith('2013-01-01')
         with LytroClient(address, QUICK) as second:
             assert abs(second.pictures()[-1].shutter_ns - picture.shutter_ns) < 60 * SECOND
+
+
+def test_a_clock_that_is_set_to_its_end_stands_still(captures):
+    end = datetime(9999, 12, 31, 23, 59, 59, tzinfo=timezone.utc)
+    with serving(captures[0]) as address:
+        link = Link(address, QUICK)
+        link.ask(Request(Command.SET_TIME, encode_time(end)))
+        assert decode_time(link.ask_once(protocol.CAMERA_TIME)) >= end
+        assert link.made == 1  # the connection was kept
+        link.close()
+        with LytroClient(address, QUICK) as client:
+            before = time.time_ns()
+            assert before < client.capture().shutter_ns < time.time_ns()
 
 
 def test_the_clock(client):

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pmcl_ros.camera.client import Picture
 from pmcl_ros.camera.lytro.address import Address, LinkSettings
 from pmcl_ros.camera.lytro.events import Arrivals, CallbackListener, Event, EventParser
 from pmcl_ros.camera.lytro.protocol import PictureRecord
@@ -148,6 +149,13 @@ def arrivals(now):
 def test_pictures_of_the_first_list_have_the_cameras_date(arrivals, now):
     (picture,) = arrivals.listed([record(1, 0)])
     assert picture.shutter_ns == pytest.approx(now - 100 * SECOND, rel=0, abs=2000)
+
+
+@pytest.mark.parametrize('date', ['9999-12-31T23:59:59.999Z', '0001-01-01T00:00:00.000Z',
+                                  '2038-01-20T00:00:00.000Z', 'yesterday'])
+def test_a_date_that_no_stamp_can_hold_is_none(arrivals, date):
+    assert arrivals.listed([PictureRecord(100, 9, 'sha1-9', date)], all_complete=True) == [
+        Picture('sha1-9', 0)]
 
 
 def test_a_picture_counts_when_it_is_announced(arrivals, now):

@@ -134,6 +134,19 @@ def test_longer_records_and_what_is_left_at_the_end():
     assert protocol.decode_picture_list(data) == [RECORD, RECORD]
 
 
+@pytest.mark.parametrize('length', [0, 127, 4097, 2**31, 2**32 - 1])
+def test_impossible_lengths_of_a_record_are_no_empty_card(length):
+    header, record = by_hand()
+    with pytest.raises(ProtocolError, match=f'records of {length} bytes'):
+        protocol.decode_picture_list(header[:4] + struct.pack('<I', length) + header[8:] + record)
+
+
+def test_a_list_of_more_pictures_than_a_card_holds_is_refused():
+    header, record = by_hand()
+    with pytest.raises(ProtocolError, match='100001 pictures'):
+        protocol.decode_picture_list(header + 100_001 * record)
+
+
 @given(st.lists(RECORDS, max_size=5))
 def test_picture_lists_round(records):
     assert protocol.decode_picture_list(protocol.encode_picture_list(records)) == records

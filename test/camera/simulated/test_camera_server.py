@@ -2,6 +2,7 @@
 
 import socket
 import struct
+from contextlib import closing
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -9,6 +10,8 @@ from hypothesis import strategies as st
 from simulated_cameras import QUICK, SIDE, in_thread, serving, write_captures
 
 from pmcl_ros.camera.lytro.client import LytroClient
+from pmcl_ros.camera.lytro.link import Link
+from pmcl_ros.camera.lytro.protocol import Command, Request, load_file
 from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.server import CameraServer
@@ -96,3 +99,11 @@ def test_pictures_that_vanish_from_this_disk_are_not_found(tmp_path, camera_text
         with pytest.raises(CameraError, match=r'the camera has no I:\\DCIM\\100PHOTO\\IMG_0001'):
             client.fetch(first)
         client.fetch(second)
+
+
+def test_a_client_that_names_no_offset_gets_the_first_bytes_each_time(tmp_path, camera_text):
+    raw, = write_captures(tmp_path, camera_text(SIDE, SIDE), 1)
+    with serving(tmp_path) as address, closing(Link(address, QUICK)) as link:
+        link.ask(load_file(r'I:\DCIM\100PHOTO\IMG_0001.RAW'))
+        part = Request(Command.DOWNLOAD, room=1000)
+        assert link.ask_once(part) == link.ask_once(part) == raw[:1000]
