@@ -18,6 +18,7 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _RAW, _LFP = ('.RAW', '.RAW.XZ'), ('.LFP', '.LFR')
 _MEMORY = 100 << 20  # most bytes for unpacking; files of `xz -9` need 65 MiB
@@ -61,23 +62,33 @@ def read_picture(path: Path | str) -> tuple[bytes, str]:
         return _read_xz(path) if path.suffix.lower() == '.xz' else _read(path, LARGEST_RAW), text
 
 
-def write_raw_frame(path: Path | str, frame: RawFrame) -> None:
+def write_raw_frame(path: Path | str, frame: RawFrame, force: bool = False) -> None:
     """Write NAME.RAW or NAME.RAW.xz with NAME.TXT, or NAME.LFP, as the end of `path` says.
 
-    Raises CameraError when it ends otherwise or cannot be written.
+    Raises CameraError when it ends otherwise or cannot be written, OutputError when one of the
+    files is there already with other contents, unless `force`.
     """
-    write_picture(path, pack12(frame.counts), frame.metadata.text)
+    write_picture(path, pack12(frame.counts), frame.metadata.text, force)
 
 
-def write_picture(path: Path | str, raw: bytes, text: str) -> None:
+def write_picture(path: Path | str, raw: bytes, text: str, force: bool = False) -> None:
     """Like `write_raw_frame`, from packed counts and JSON text."""
     path = Path(path)
     with _named(path, 'write'):
         if _is_lfp(path):
-            _write(path, picture_to_lfp(raw, text))
+            files = {path: picture_to_lfp(raw, text)}
         else:
-            _write(path.with_name(_text_name(path)), text.encode('utf-8', 'replace'))
-            _write(path, lzma.compress(raw, preset=1) if path.suffix.lower() == '.xz' else raw)
+            files = {path.with_name(_text_name(path)): text.encode('utf-8', 'replace'),
+                     path: lzma.compress(raw, preset=1) if path.suffix.lower() == '.xz' else raw}
+        new = {each: data for each, data in files.items() if not _holds(each, data)}
+        refuse_existing(new, force)
+        for each, data in new.items():
+            _write(each, data)
+
+
+def picture_files(path: Path) -> list[Path]:
+    """The files of a picture that `write_picture` writes."""
+    return [path] if _is_lfp(path) else [path, path.with_name(_text_name(path))]
 
 
 def list_pictures(path: Path | str) -> list[Path]:
@@ -157,6 +168,11 @@ def _read_xz(path: Path) -> bytes:
         raise CameraError('not a complete xz file ('
                           f'{"more follows" if stream.eof else "it was cut short"})')
     return data
+
+
+def _holds(path: Path, data: bytes) -> bool:
+    """Whether a file has these contents already."""
+    return path.is_file() and path.stat().st_size == len(data) and path.read_bytes() == data
 
 
 def _write(path: Path, data: bytes) -> None:

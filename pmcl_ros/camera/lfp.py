@@ -216,6 +216,8 @@ def picture_to_lfp(raw: bytes, text: str) -> bytes:
         data = {'master': {'picture': {'frameArray': [{'frame': frame}]},
                            'version': {'major': 1, 'minor': 0}}}
     table = data.pop('master')
+    # Empty in a raw picture; python-lfp-reader takes none without it.
+    table['picture'].setdefault('accelerationArray', [])
     frame = table['picture']['frameArray'][0]['frame']
     components = {f'{part}Ref': json_bytes(frame.pop(part), part)
                   for part in _PARTS if part in frame}
@@ -227,7 +229,8 @@ def picture_to_lfp(raw: bytes, text: str) -> bytes:
 
 
 def lfp_to_picture(container: Container) -> tuple[bytes, str]:
-    """The .RAW and the .TXT that a container was built from; the text has the same JSON.
+    """The .RAW and the .TXT that a container was built from; the text has the same JSON, with
+    an empty `picture.accelerationArray` where it had none.
 
     Raises CameraError for other contents, such as a refocused stack or a Lytro Illum's picture.
     """
@@ -244,6 +247,10 @@ def lfp_to_picture(container: Container) -> tuple[bytes, str]:
         raise CameraError(f'{container.path}: holds no raw picture: its table of contents has no '
                           'picture.frameArray[0].frame; a refocused stack has none') from None
     references = _checked(_References, found, container)
+    there = {each.reference for each in container.sections}
+    if picture.get('accelerationArray') and references.image not in there:
+        raise CameraError(f'{container.path}: a processed picture, refocused by Lytro Desktop; '
+                          'the raw one is in the file of that name without -stk')
     frame = {name: value for name, value in found.items() if name not in _REFERENCES}
     for part, reference in (('metadata', references.metadata),
                             ('privateMetadata', references.private)):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import FOLDER
+from pmcl_ros.cli.base import FOLDER, FORCE
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -49,8 +49,9 @@ def bag_record(source: GivenSource, folder: Path) -> None:
 @bag.command('extract')
 @click.argument('bag_folder', metavar='BAG', type=click.Path(exists=True, path_type=Path))
 @click.argument('folder', type=FOLDER)
-def bag_extract(bag_folder: Path, folder: Path) -> None:
+@FORCE
+def bag_extract(bag_folder: Path, folder: Path, force: bool) -> None:
     """Write the raw pictures of BAG into FOLDER, as RAW and TXT."""
     folder.mkdir(parents=True, exist_ok=True)
-    for path in extract_captures(bag_folder, folder):
+    for path in extract_captures(bag_folder, folder, force):
         click.echo(path, err=True)

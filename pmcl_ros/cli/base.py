@@ -15,6 +15,7 @@ STDERR = Console(stderr=True)
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 PATH = click.Path(exists=True, path_type=Path)
+FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
 
 
 class Commands(click.Group):

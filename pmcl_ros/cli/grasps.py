@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pmcl_ros.cli.base import FILE
+from pmcl_ros.cli.base import FILE, FORCE
 from pmcl_ros.drawing.grasp_picture import grasp_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.grasps.clearance import Clearance, surface_points
@@ -16,6 +16,7 @@ from pmcl_ros.grasps.revolution import Profile, grasps_of
 from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _SIGMAS = (0.002, 0.005)  # m: of the position, for the probability that a grasp is clear
 
@@ -27,12 +28,14 @@ _SIGMAS = (0.002, 0.005)  # m: of the position, for the probability that a grasp
               help='Write the grasps, for grasp_node, to this YAML file.')
 @click.option('--picture', type=click.Path(dir_okay=False, path_type=Path),
               help='Draw each grasp on the profile of OBJECT, PNG.')
-def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: Path | None
-           ) -> None:
+@FORCE
+def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: Path | None,
+           force: bool) -> None:
     """Make side, top and rim grasps for OBJECT, a surface of revolution.
 
     OBJECT: a mesh in metres, or an object's YAML.
     """
+    refuse_existing([each for each in (out, picture) if each is not None], force)
     sizes = GripperSettings() if gripper is None else GripperSettings.load(gripper)
     model = ObjectModel.load(object_file)
     found = grasps_of(model, sizes)

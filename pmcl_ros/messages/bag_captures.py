@@ -99,11 +99,13 @@ def capture_messages(frame: RawFrame) -> list[Recorded]:
             _recorded('/image_raw', image, frame.header)]
 
 
-def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
+def extract_captures(bag: Path | str, folder: Path | str, force: bool = False
+                     ) -> list[Path]:
     """Write each picture of a bag as the camera has it, RAW and TXT; their paths.
 
     The inverse of `record_capture`, for every `/image_raw` with the `/metadata` before it. Raises
-    BagError when there is none, or a picture of that name is there already.
+    BagError when there is none, OutputError when another file of such a name is there already,
+    unless `force`.
     """
     text = ''
     paths: list[Path] = []
@@ -113,9 +115,7 @@ def extract_captures(bag: Path | str, folder: Path | str) -> list[Path]:
             text = message.data
         elif text:
             paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
-            if paths[-1].exists():
-                raise BagError(f'{paths[-1]} is already there; choose another folder')
-            write_picture(paths[-1], pack12(counts_from(message)), text)
+            write_picture(paths[-1], pack12(counts_from(message)), text, force)
     if not paths:
         raise BagError(f'{bag} holds no /image_raw with /metadata before it')
     return paths

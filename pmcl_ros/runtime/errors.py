@@ -12,6 +12,10 @@ class SettingsError(PmclError):
     """A parameter, a YAML file or a calibration is impossible or incomplete."""
 
 
+class OutputError(PmclError):
+    """A file that would be written is there already."""
+
+
 class CameraError(PmclError):
     """A capture or its metadata cannot be read."""
 

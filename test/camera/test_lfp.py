@@ -22,7 +22,13 @@ from pmcl_ros.camera.files import (
     write_picture,
     write_raw_frame,
 )
-from pmcl_ros.camera.lfp import Container, container_bytes, file_set, picture_to_lfp
+from pmcl_ros.camera.lfp import (
+    Container,
+    container_bytes,
+    file_set,
+    picture_to_lfp,
+    reference_of,
+)
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.cli import main
 from pmcl_ros.runtime.errors import CameraError
@@ -42,8 +48,9 @@ def text(camera_text):
     frame = {'metadata': json.loads(camera_text(8, 6)),
              'privateMetadata': {'camera': {'serialNumber': 'A1'}}}
     return json.dumps({'debug': {'hot': [1, 2.5]}, 'master': {
-        'version': {'major': 1}, 'picture': {'frameArray': [{'frame': frame}, {'more': None}],
-                                             'derivationArray': ['sha1-x']}}})
+        'version': {'major': 1}, 'picture': {
+            'frameArray': [{'frame': frame}, {'more': None}], 'derivationArray': ['sha1-x'],
+            'accelerationArray': []}}})
 
 
 @pytest.fixture
@@ -89,11 +96,12 @@ def test_every_picture_survives(tmp_path_factory, camera_text, metadata, private
                                 outside, rows, columns, data):
     folder = tmp_path_factory.getbasetemp()
     picture = {'frameArray': [{'frame': {**frame, 'privateMetadata': {'x': private}, 'metadata': {
-        **metadata, **json.loads(camera_text(2 * columns, rows))}}}, other]}
+        **metadata, **json.loads(camera_text(2 * columns, rows))}}}, other],
+               'accelerationArray': []}
     text = json.dumps({**outside, 'master': {'picture': picture, 'other': other}})
     raw = data.draw(st.binary(min_size=3 * columns * rows, max_size=3 * columns * rows))
     for name in ('a.RAW', 'a.LFP', 'b.RAW.xz', 'b.lfr', 'c.raw'):
-        write_picture(folder / name, raw, text)  # each made of the one before
+        write_picture(folder / name, raw, text, force=True)  # each made of the one before
         raw_again, text = read_picture(folder / name)
         assert raw_again == raw
     assert json.loads(text)['master'] == {'picture': picture, 'other': other}
@@ -106,6 +114,7 @@ def test_metadata_alone_become_those_of_a_picture(saved, camera_text):
     master = json.loads(frame.metadata.text)['master']
     assert master['picture']['frameArray'][0]['frame'] == {
         'metadata': json.loads(camera_text(8, 6)), 'privateMetadata': {}}
+    assert master['picture']['accelerationArray'] == []  # python-lfp-reader takes none without
 
 
 def test_another_reader_finds_the_same_picture(tmp_path):
@@ -122,7 +131,8 @@ def test_another_reader_finds_the_same_picture(tmp_path):
 @given(st.integers(0, 31))
 def test_another_reader_finds_the_metadata_whatever_the_length(tmp_path_factory, camera_text, n):
     path = tmp_path_factory.getbasetemp() / 'n.LFP'
-    write_picture(path, RAW, json.dumps({**json.loads(camera_text(8, 6)), 'n': n * 'n'}))
+    write_picture(path, RAW, json.dumps({**json.loads(camera_text(8, 6)), 'n': n * 'n'}),
+                  force=True)
     with imageio.v2.get_reader(path, format='LYTRO-LFP', meta_only=True) as reader:
         assert reader.get_meta_data()['metadata']['n'] == n * 'n'
 
@@ -291,8 +301,42 @@ def test_the_commands(tmp_path, text, file_container):
     assert 'MOD_0001.RAW' in run('info', calibration)
     assert run('unpack', calibration, out, '--only', 'MOD_*') == f'{out}/MOD_0001.RAW\n'
     assert not (out / 'x').exists()
-    assert run('unpack', calibration, out, '--only', 'y').startswith('1: Error: ')
+    (out / 'new.TXT').write_text('mine')
+    (tmp_path / 'other.RAW').write_bytes(RAW[::-1])
+    (tmp_path / 'other.TXT').write_text(text)
+    for path, arguments in ((out / 'new.TXT', ('unpack', lfp, out)),
+                            (out / 'MOD_0001.RAW', ('unpack', calibration, out)),
+                            (lfp, ('pack', tmp_path / 'other.RAW', lfp))):
+        before = Path(path).read_bytes()
+        assert f'Error: {path} is there already' in run(*arguments)
+        assert Path(path).read_bytes() == before
+        assert str(path) in run(*arguments, '--force')
+    assert json.loads((out / 'new.TXT').read_text())
+    assert run('unpack', calibration, tmp_path / 'none', '--only', 'y').startswith('1: Error: ')
+    assert not (tmp_path / 'none').exists()
     assert run('pack', tmp_path / 'IMG.RAW', tmp_path / 'a.zip').startswith('1: Error: ')
     stack = tmp_path / 'a-stk.lfp'
     stack.write_bytes(HEAD + section(b'M', b'{"picture": {"imageRef": "x"}}'))
     assert 'holds no raw picture' in run('info', stack)
+
+
+def test_a_processed_picture_is_told_from_one_that_was_cut_short(tmp_path, text):
+    picture = json.loads(text)['master']['picture']
+    picture['frameArray'][0]['frame'] = dict.fromkeys(
+        ('imageRef', 'metadataRef', 'privateMetadataRef'), f'sha1-{40 * "0"}')
+    cut = tmp_path / 'cut.lfp'
+    cut.write_bytes(container_bytes({'picture': picture}, [b'jpeg']))
+    with pytest.raises(CameraError, match='was cut short'):
+        read_raw_frame(cut)
+    jpeg = {'imageRef': reference_of(b'jpeg'), 'lambda': 1.0}
+    picture['accelerationArray'] = [{'type': 'com.lytro.acceleration.refocusStack',
+                                     'vendorContent': {'imageArray': [jpeg]}}]
+    stack = tmp_path / 'a-stk.lfp'
+    stack.write_bytes(container_bytes({'picture': picture}, [b'jpeg']))
+    done = CliRunner().invoke(main, ['lfp', 'unpack', str(stack), str(tmp_path / 'out')])
+    assert done.exit_code == 1
+    assert 'a-stk.lfp: a processed picture' in done.output
+    assert not (tmp_path / 'out').exists()
+    info = CliRunner().invoke(main, ['lfp', 'info', str(stack)])
+    assert info.exit_code == 0
+    assert reference_of(b'jpeg') in info.output

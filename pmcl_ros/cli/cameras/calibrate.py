@@ -9,12 +9,13 @@ from rich.progress import Progress
 
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, PATH, STDERR
+from pmcl_ros.cli.base import FILE, FORCE, PATH, STDERR
 from pmcl_ros.drawing.calibration_report import numbers, picture, summary, tables
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
 
@@ -29,7 +30,9 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 @click.option('--square', required=True, type=float, help='Side of a square [m].')
 @click.option('--out', required=True, type=_OUT,
               help='Calibration to write, YAML; a report goes beside it (.png, .json).')
-def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path) -> None:
+@FORCE
+def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path, force: bool
+              ) -> None:
     """Calibrate the camera from pictures of a checkerboard at one zoom and focus.
 
     Pictures without a complete board, or of another camera, are named and left out.
@@ -37,6 +40,7 @@ def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path)
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.BadParameter(f'{out} does not end in .yaml', param_hint='--out')
     board = Checkerboard.parse(corners, square)
+    refuse_existing([out, out.with_suffix('.png'), out.with_suffix('.json')], force)
     out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     result = run_calibration(white, boards, board)
     result.calibration.save(out, summary(result))
@@ -77,11 +81,14 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
 @click.argument('white', type=FILE)
 @click.option('--serial', default='', help='Serial number of the camera.')
 @click.option('--out', required=True, type=_OUT)
-def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path) -> None:
+@FORCE
+def calibration_from_truth(capture: Path, white: Path, serial: str, out: Path, force: bool
+                           ) -> None:
     """Write the calibration of simulated captures from their truth.json files.
 
     Needs that of a CAPTURE and that of the WHITE image.
     """
+    refuse_existing([out], force)
     Calibration.from_truth(capture, white, serial).save(
         out, "Of a simulated camera, from its captures' truth files "
         '(pmcl calibration-from-truth).')

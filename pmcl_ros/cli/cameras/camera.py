@@ -14,7 +14,7 @@ import click
 from rich.progress import BarColumn, DownloadColumn, Progress, TransferSpeedColumn
 
 from pmcl_ros.camera.client import Picture
-from pmcl_ros.camera.files import write_picture
+from pmcl_ros.camera.files import picture_files, write_picture
 from pmcl_ros.camera.gateway.server import GatewayServer
 from pmcl_ros.camera.gateway.service import Cache, Service
 from pmcl_ros.camera.gateway.settings import read_token
@@ -25,11 +25,13 @@ from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.faults import HELP, Faults
 from pmcl_ros.camera.simulated.server import READY, CameraServer, announced
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR
-from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.cli.base import FILE, FOLDER, FORCE, STDERR
+from pmcl_ros.runtime.errors import CameraError, LinkError, PmclError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _PORT = click.IntRange(0, 65535)
 _USUAL_SECOND_PORT = 5679
+_FIRST_FOLDER = '100PHOTO'  # of a card
 
 
 @click.group()
@@ -94,11 +96,16 @@ async def _until_interrupted(server: CameraServer, what: str) -> None:
 @click.option('--download', metavar='NAME|all', help='Download IMG_0001, or all that OUT does not '
               'have, instead.')
 @click.option('--delete', is_flag=True, help='Delete downloaded pictures from the camera.')
+@FORCE
 @click.option('--timeout', default=LinkSettings().picture_timeout, show_default=True,
               type=click.FloatRange(0.1, 3600), help='Longest wait for a picture, seconds.')
 def capture(address: str, out: Path | None, count: int, listing: bool, download: str | None,
-            delete: bool, timeout: float) -> None:
-    """Take pictures, and save them."""
+            delete: bool, force: bool, timeout: float) -> None:
+    """Take pictures, and save them.
+
+    A picture of another folder of the card than 100PHOTO goes to a folder of that name: its number
+    may be there twice.
+    """
     if out is None and not listing:
         raise click.UsageError('give --out, or --list')
     with LytroClient(find_camera(address), LinkSettings(picture_timeout=timeout)) as client:
@@ -106,15 +113,25 @@ def capture(address: str, out: Path | None, count: int, listing: bool, download:
         click.echo(str(status), err=True)
         if out is None:
             for record in client.records():
-                click.echo(f'{record.name}  {record.date}  {record.id}')
+                click.echo(f'{_name(record)}  {record.date}  {record.id}')
             return
-        for picture, record in _wanted(client, download, count, out):
-            _save(client, picture, record, out)
-            if delete:
-                client.delete(picture)
+        failed = 0
+        for picture, record in _wanted(client, download, count, out, force):
+            try:
+                _save(client, picture, record, out, force)
+                if delete:
+                    client.delete(picture)
+            except LinkError:
+                raise
+            except PmclError as error:
+                click.echo(f'{_name(record)}: {error}', err=True)
+                failed += 1
+        if failed:
+            raise CameraError(f'{failed} pictures were not saved; they are on the camera, unless '
+                              'somebody deleted them')
 
 
-def _wanted(client: LytroClient, download: str | None, count: int, out: Path
+def _wanted(client: LytroClient, download: str | None, count: int, out: Path, force: bool
             ) -> Iterator[tuple[Picture, PictureRecord]]:
     """The pictures to save, oldest first; without `download` they are taken one by one."""
     if download is None:
@@ -125,31 +142,42 @@ def _wanted(client: LytroClient, download: str | None, count: int, out: Path
     pictures = client.pictures()
     records = {each.id: each for each in client.records()}
     found = [(each, records[each.id]) for each in pictures if each.id in records]
-    names = [record.name for _, record in found]
+    names = [_name(record) for _, record in found]
     if download not in ('all', *names):
-        raise CameraError(f'the camera has no {download}, only {", ".join(names) or "nothing"}')
-    for picture, record in found:
-        if download == record.name or (download == 'all' and not _path(out, record).exists()):
-            yield picture, record
+        last = ', '.join(names[-20:]) or 'nothing'
+        raise CameraError(f'the camera has no {download}, only {last}')
+    if download == 'all':
+        wanted = [each for each in found if force or not _is_kept(out, each[1])]
+        if len(wanted) < len(found):
+            click.echo(f'{len(found) - len(wanted)} of {len(found)} pictures are in {out} already',
+                       err=True)
+    else:
+        wanted = [each for each in found if _name(each[1]) == download]
+    yield from wanted
 
 
-def _path(out: Path, record: PictureRecord) -> Path:
-    return out / f'{record.name}.RAW'
+def _name(record: PictureRecord) -> str:
+    """As in IMG_0001, or 101PHOTO/IMG_0001: numbers begin anew in each folder of the card."""
+    return (record.name if record.folder_name == _FIRST_FOLDER
+            else f'{record.folder_name}/{record.name}')
 
 
-def _save(client: LytroClient, picture: Picture, record: PictureRecord, out: Path) -> None:
-    path = _path(out, record)
-    if path.exists():
-        raise CameraError(f'{path} is there already; the picture is still on the camera: give '
-                          'another --out')
+def _is_kept(out: Path, record: PictureRecord) -> bool:
+    return any((out / f'{_name(record)}{end}').exists() for end in ('.RAW', '.RAW.xz'))
+
+
+def _save(client: LytroClient, picture: Picture, record: PictureRecord, out: Path, force: bool
+          ) -> None:
+    path = out / f'{_name(record)}.RAW'
+    refuse_existing(picture_files(path), force)  # first: the download takes long
     with Progress('{task.description}', BarColumn(), DownloadColumn(), TransferSpeedColumn(),
                   console=STDERR, transient=True) as bar:
-        task = bar.add_task(record.name)
+        task = bar.add_task(_name(record))
         raw, text = client.fetch(
             picture, lambda got, total: bar.update(task, completed=got, total=total))
-    out.mkdir(parents=True, exist_ok=True)
-    write_picture(path, raw, text)
-    for each in (path, path.with_suffix('.TXT')):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_picture(path, raw, text, force)
+    for each in picture_files(path):
         os.utime(each, ns=(picture.shutter_ns, picture.shutter_ns))
     click.echo(path)
 

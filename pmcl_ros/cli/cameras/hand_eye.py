@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.cli.base import PATH, STDERR
+from pmcl_ros.cli.base import FORCE, PATH, STDERR
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
@@ -17,6 +17,7 @@ from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.runtime.errors import LightFieldError, PmclError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
@@ -36,8 +37,9 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write mount_parent, mount_position, mount_rpy and the covariance, as '
               'sweep_driver and grasp_node read the first three.')
+@FORCE
 def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, parent: str,
-            simulate: int | None, out: Path | None) -> None:
+            simulate: int | None, out: Path | None, force: bool) -> None:
     """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a checkerboard.
 
     SOURCE is a views.yaml, or the folder with it, whose views have `mount_to_base` in place of
@@ -50,6 +52,7 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
         return
     if source is None:
         raise click.UsageError('say SOURCE, a views.yaml with mount_to_base, or --simulate')
+    refuse_existing([] if out is None else [out], force)
     found = calibrated(source, Checkerboard.parse(corners, square), fixed_camera)
     _print(found, fixed_camera, parent)
     if out is not None:

@@ -5,11 +5,17 @@ from typing import Any
 
 import click
 
-from pmcl_ros.camera.files import read_metadata, read_raw_frame, write_raw_frame
+from pmcl_ros.camera.files import (
+    picture_files,
+    read_metadata,
+    read_raw_frame,
+    write_raw_frame,
+)
 from pmcl_ros.camera.lfp import LARGEST_RAW, Container, file_set, is_file_set
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.cli.base import FILE, FOLDER
+from pmcl_ros.cli.base import FILE, FOLDER, FORCE
 from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 
 @click.group()
@@ -20,12 +26,13 @@ def lfp() -> None:
 @lfp.command()
 @click.argument('raw', type=FILE)
 @click.argument('out', type=click.Path(dir_okay=False, path_type=Path))
-def pack(raw: Path, out: Path) -> None:
+@FORCE
+def pack(raw: Path, out: Path, force: bool) -> None:
     """Make the container OUT.LFP of RAW (.RAW or .RAW.xz with its .TXT beside it)."""
     if out.suffix.upper() != '.LFP':
         raise CameraError(f'{out}: the name of a container ends in .LFP')
     frame = read_raw_frame(raw)
-    write_raw_frame(out, frame)
+    write_raw_frame(out, frame, force)
     click.echo(f'{out}: {_described(frame.metadata)}')
 
 
@@ -34,28 +41,30 @@ def pack(raw: Path, out: Path) -> None:
 @click.argument('out', type=FOLDER)
 @click.option('--only', default='*', show_default=True,
               help="Of the camera's own files: those of this name pattern, as 'MOD_*'.")
-def unpack(file: Path, out: Path, only: str) -> None:
+@FORCE
+def unpack(file: Path, out: Path, only: str, force: bool) -> None:
     """Extract FILE to the folder OUT, and print the names of the files.
 
     A picture becomes the .RAW and .TXT of the camera. A set of the camera's own files (data.C.0
     and so on) is extracted file by file; MOD_* are its white images.
     """
     container = Container.open(file)
-    try:
+    if is_file_set(container):
+        names = file_set(container, only)
+        if not names:
+            raise CameraError(f'{file}: holds no file called {only}')
+        paths = [out / name for name in names]
+        refuse_existing(paths, force)
         out.mkdir(parents=True, exist_ok=True)
-        if is_file_set(container):
-            names = file_set(container, only)
-            for name, reference in names.items():
-                (out / name).write_bytes(container.component(reference, LARGEST_RAW))
-            if not names:
-                raise CameraError(f'{file}: holds no file called {only}')
-        else:
-            names = dict.fromkeys((f'{file.stem}.RAW', f'{file.stem}.TXT'), '')
-            write_raw_frame(out / f'{file.stem}.RAW', read_raw_frame(file))
-    except OSError as error:
-        raise CameraError(f'cannot write {error.filename or out}: {error.strerror}') from None
-    for name in names:
-        click.echo(out / name)
+        for path, reference in zip(paths, names.values(), strict=True):
+            path.write_bytes(container.component(reference, LARGEST_RAW))
+    else:
+        frame = read_raw_frame(file)
+        out.mkdir(parents=True, exist_ok=True)
+        write_raw_frame(out / f'{file.stem}.RAW', frame, force)
+        paths = picture_files(out / f'{file.stem}.RAW')
+    for path in paths:
+        click.echo(path)
 
 
 @lfp.command()

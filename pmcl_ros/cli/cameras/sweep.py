@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pmcl_ros.cli.base import STDERR
+from pmcl_ros.cli.base import FORCE, STDERR
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.sweep.plan import (
@@ -17,6 +17,7 @@ from pmcl_ros.lightfield.sweep.plan import (
     pose_of,
     width_for,
 )
+from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 
 _Pose = tuple[float, float, float, float, float, float, float]
@@ -45,14 +46,16 @@ def sweep() -> None:
 @click.option('--frame', default='base_link', show_default=True, help='Frame of --pose.')
 @click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
               help='The plan, YAML.')
+@FORCE
 def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | None,
-         matching: float, views: tuple[int, int], pose: _Pose | None, frame: str, out: Path
-         ) -> None:
+         matching: float, views: tuple[int, int], pose: _Pose | None, frame: str, out: Path,
+         force: bool) -> None:
     """Write the poses of a sweep for a wanted depth resolution.
 
     sigma_z = z^2 sigma_d / (f B): the width B of the sweep, from its first view to its last,
     follows from the distance z, the focal length f and the error sigma_d of a displacement.
     """
+    refuse_existing([out], force)
     width = width_for(distance, fx, resolution, matching)
     rows, columns = views
     step = width / (max(rows, columns) - 1)
