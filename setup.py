@@ -42,17 +42,7 @@ setup(
                     'learn': requirements('requirements-learn.txt'),
                     'simulate': requirements('requirements-simulate.txt')},
     zip_safe=True,
-    entry_points={'console_scripts': [
-        'lytro_driver = pmcl_ros.nodes.lytro_driver:main',
-        'subaperture_node = pmcl_ros.nodes.subaperture_node:main',
-        'dlv_node = pmcl_ros.nodes.dlv_node:main',
-        'pmcl_node = pmcl_ros.nodes.pmcl_node:main',
-        'sweep_driver = pmcl_ros.nodes.sweep_driver:main',
-        'grasp_node = pmcl_ros.nodes.grasp_node:main',
-        'pmcl_bringup = pmcl_ros.nodes.bringup:main',
-        'pmcl_record = pmcl_ros.nodes.record:main',
-        'pmcl_replay = pmcl_ros.nodes.replay:main',
-        'pmcl_soak = pmcl_ros.evaluation.bench.soak:main',
-        'pmcl = pmcl_ros.cli:main',
-    ]},
+    entry_points={'console_scripts': [f'{name} = {NAME}.runtime.start:{name}' for name in (
+        'lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node', 'sweep_driver', 'grasp_node',
+        'pmcl_bringup', 'pmcl_record', 'pmcl_replay', 'pmcl_soak', 'pmcl')]},
 )

@@ -2,7 +2,7 @@
 
 import sys
 
-from pmcl_ros.cli import main
+from pmcl_ros.runtime.start import start
 
 if __name__ == '__main__':
-    sys.exit(main())
+    sys.exit(start('pmcl'))

@@ -8,7 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
@@ -16,10 +16,8 @@ from typing import Literal
 import click
 from rich.console import Console
 
-from pmcl_ros.camera.lytro.address import find_camera
 from pmcl_ros.runtime.errors import PmclError, RenderError
-from pmcl_ros.runtime.gl import GlContext
-from pmcl_ros.runtime.kernels import cache_folder
+from pmcl_ros.runtime.requirements import described, install_command, lacking
 
 Verdict = Literal['ok', 'note', 'wrong']
 
@@ -65,12 +63,16 @@ def doctor(context: click.Context, camera: str | None) -> None:
 
 
 def examine(camera: str | None = None) -> Iterator[Finding]:
-    """Make all checks in turn.
+    """Make all checks in turn; without its packages the rest cannot be checked.
 
     camera: HOST[:PORT[:CALLBACK_PORT]] or 'mdns'; None: no check of a camera.
     """
-    checks: list[Callable[[], Finding]] = [python, packages, kernels, opengl, memory,
-                                           shared_memory, ros]
+    yield python()
+    needed = packages()
+    yield needed
+    if needed.verdict == 'wrong':
+        return
+    checks: list[Callable[[], Finding]] = [kernels, opengl, memory, shared_memory, ros]
     for check in checks:
         yield check()
     if camera is not None:
@@ -89,19 +91,19 @@ def python() -> Finding:
 def packages() -> Finding:
     """Whether all requirements are installed, and new enough."""
     try:
-        wanted = [each for each in requires('pmcl_ros') or () if 'extra' not in each]
+        missing = lacking()
     except PackageNotFoundError:
         return Finding('packages', 'wrong', 'pmcl_ros itself is not installed',
                        'make venv, or pip install .')
-    lacking = [each for each in wanted if not installed(each)]
-    if lacking:
-        return Finding('packages', 'wrong', f'missing or too old: {", ".join(lacking)}',
-                       'pip install -r requirements.txt')
-    return Finding('packages', 'ok', f'all {len(wanted)}')
+    if missing:
+        return Finding('packages', 'wrong', f'missing or too old: {described(missing)}',
+                       install_command(missing))
+    return Finding('packages', 'ok', 'all')
 
 
 def kernels() -> Finding:
     """Whether the machine code of kernels can be kept on disk."""
+    from pmcl_ros.runtime.kernels import cache_folder
     cores = len(os.sched_getaffinity(0))
     if cache_folder() is None:
         return Finding('numba', 'note', f'{cores} cores; no folder to keep machine code in',
@@ -112,6 +114,7 @@ def kernels() -> Finding:
 
 def opengl() -> Finding:
     """Whether there is a headless OpenGL, and its renderer."""
+    from pmcl_ros.runtime.gl import GlContext
     try:
         context = GlContext()
     except RenderError as error:
@@ -169,6 +172,7 @@ def ros() -> Finding:
 
 def lytro(text: str) -> Finding:
     """Whether a camera takes connections; it gets no command."""
+    from pmcl_ros.camera.lytro.address import find_camera
     try:
         address = find_camera(text)
         socket.create_connection((address.host, address.port), 3).close()
@@ -184,17 +188,3 @@ def lytro(text: str) -> Finding:
 _MULTICAST = ('is multicast allowed on the loopback (ip link set lo multicast on), and no '
               'firewall between? Look at ROS_LOCALHOST_ONLY, FASTRTPS_DEFAULT_PROFILES_FILE and '
               'ROS_DOMAIN_ID too')
-
-
-def installed(requirement: str) -> bool:
-    """Whether a package is installed as a requirement NAME>=VERSION asks."""
-    name, _, least = requirement.replace('==', '>=').partition('>=')
-    try:
-        found = version(re.split(r'[^\w.-]', name)[0])
-    except PackageNotFoundError:
-        return False
-    return _numbers(found) >= _numbers(least)
-
-
-def _numbers(text: str) -> list[int]:
-    return [int(each) for each in re.findall(r'\d+', text)[:3]]

@@ -12,6 +12,7 @@ import yaml
 
 from pmcl_ros.nodes.graph import ALL, SERVICES, TOPICS
 from pmcl_ros.nodes.runtime.parameters import ros_type
+from pmcl_ros.runtime.start import MODULES
 
 ROOT = Path(__file__).parents[2]
 # Files that users write or read: name of the format, where its fields are declared.
@@ -63,8 +64,7 @@ def _commands() -> Iterator[str]:
 
 
 def _executables() -> Iterator[str]:
-    scripts = dict(re.findall(r"'(\w+) = ([\w.]+):main'", (ROOT / 'setup.py').read_text()))
-    for name, module in scripts.items():
+    for name, module in MODULES.items():
         yield f'executable {name}'
         if name in PROGRAMS:
             text = subprocess.run([sys.executable, '-m', module, '--help'], check=True,

@@ -1,0 +1,45 @@
+"""Entry points: each starts its command or node, or says in one message what is not installed."""
+
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError
+
+from pmcl_ros.runtime.requirements import described, install_command, lacking
+
+MODULES = {
+    'lytro_driver': 'pmcl_ros.nodes.lytro_driver',
+    'subaperture_node': 'pmcl_ros.nodes.subaperture_node',
+    'dlv_node': 'pmcl_ros.nodes.dlv_node',
+    'pmcl_node': 'pmcl_ros.nodes.pmcl_node',
+    'sweep_driver': 'pmcl_ros.nodes.sweep_driver',
+    'grasp_node': 'pmcl_ros.nodes.grasp_node',
+    'pmcl_bringup': 'pmcl_ros.nodes.bringup',
+    'pmcl_record': 'pmcl_ros.nodes.record',
+    'pmcl_replay': 'pmcl_ros.nodes.replay',
+    'pmcl_soak': 'pmcl_ros.evaluation.bench.soak',
+    'pmcl': 'pmcl_ros.cli',
+}
+
+
+def __getattr__(name: str) -> Callable[[], int | None]:
+    """The entry point of that name."""
+    if name not in MODULES:
+        raise AttributeError(name)
+    return lambda: start(name)
+
+
+def start(name: str) -> int | None:
+    """Run the `main` of an entry point; what it returns is the exit status."""
+    try:
+        return import_module(MODULES[name]).main()
+    except ImportError:
+        try:
+            missing = lacking()
+        except PackageNotFoundError:
+            missing = []
+        if not missing:
+            raise
+        sys.stderr.write(f'{name}: not installed, or too old: {described(missing)}\n'
+                         f'Install them: {install_command(missing)}\n')
+        return 1

@@ -1,0 +1,85 @@
+"""Entry points where something is missing: one message, with the command that installs it."""
+
+import subprocess
+import sys
+from importlib.metadata import requires, version
+from pathlib import Path
+
+import pytest
+
+from pmcl_ros.runtime.requirements import install_command, installed
+from pmcl_ros.runtime.start import MODULES
+
+ROOT = Path(__file__).parents[2]
+
+# A machine without some packages, as Ubuntu 24.04's own Python: their files, and what pip knows.
+WITHOUT = """
+import sys, importlib.metadata as metadata
+missing, old = {missing!r}, {old!r}
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.split('.')[0] in missing:
+            raise ModuleNotFoundError('No module named ' + repr(name), name=name)
+sys.meta_path.insert(0, Missing())
+found = metadata.version
+def version(name):
+    if name in missing:
+        raise metadata.PackageNotFoundError(name)
+    return old.get(name) or found(name)
+metadata.version = version
+sys.argv = {words!r}
+from pmcl_ros.runtime.start import {name}
+sys.exit({name}())
+"""
+
+
+def run(words, missing=(), **old):
+    name = words.split()[0]
+    script = WITHOUT.format(missing=missing, old=old, words=words.split(), name=name)
+    return subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          check=False, cwd=ROOT)
+
+
+@pytest.mark.parametrize('words', ['pmcl localize --help', 'dlv_node', 'pmcl_bringup --help'])
+def test_every_entry_point_names_what_is_missing_and_the_command(words):
+    done = run(words, ('numba', 'pydantic'), rich='1.0')
+    assert done.returncode == 1
+    name, *_ = words.split()
+    told, advice = done.stderr.splitlines()
+    assert told == (f'{name}: not installed, or too old: numba>=0.60, pydantic>=2.7, '
+                    'rich>=13.7 (here is 1.0)')
+    assert advice.endswith("-m pip install 'numba>=0.60' 'pydantic>=2.7' 'rich>=13.7'")
+
+
+def test_the_doctor_works_without_them():
+    done = run('pmcl doctor', ('numba', 'pydantic', 'moderngl', 'zeroconf'))
+    assert done.returncode == 1
+    wrong, advice = done.stdout.splitlines()[1:]
+    assert wrong.startswith('WRONG packages: missing or too old: numba>=0.60')
+    assert advice.strip().endswith("'zeroconf>=0.131'")
+    assert done.stderr == ''
+
+
+def test_where_nothing_is_missing_they_start_and_other_errors_are_raised():
+    done = run('pmcl --version')
+    assert (done.returncode, done.stdout.split()[-1]) == (0, version('pmcl_ros'))
+    done = run('pmcl localize --help', ('pmcl_ros.cli.localize', 'json'))
+    assert "No module named 'json'" in done.stderr
+
+
+def test_the_systems_python_is_left_alone(monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
+    assert ' -m venv --system-site-packages ' in install_command(['numba>=0.60'])
+
+
+def test_setup_names_each_of_them():
+    text = (ROOT / 'setup.py').read_text()
+    assert all(f"'{name}'" in text for name in MODULES)
+
+
+@pytest.mark.parametrize(('requirement', 'there'), [
+    ('numpy>=1.26', True), ('numpy>=999', False), ('no-such-package>=1', False),
+    ('numpy', True), (f'numpy=={version("numpy")}', True), *(
+        (each, True) for each in requires('pmcl_ros') if 'extra' not in each)])
+def test_packages_are_compared_by_version(requirement, there):
+    assert installed(requirement) is there
