@@ -7,6 +7,7 @@ import socket
 import threading
 import time
 from collections import Counter
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 MAX_CONNECTIONS = 32
@@ -29,9 +30,9 @@ class _State:
 class Connections:
     """Connections by socket; usable from several threads.
 
-    A new one is always taken in while another one waits for a request: of those of the same
-    address where that has its share, else of the address with the most, the one that waits
-    longest is ended; those that have shown no token go first.
+    A new one is always taken in while another one waits for a request: that is ended. Where its
+    address has its share, it is one of the same address. Those that have shown no token go first,
+    then those of the address with the most, then the one that waits longest.
     """
 
     request_timeout = 10.0  # s from the connection to the end of its first admitted request
@@ -46,11 +47,10 @@ class Connections:
         now = time.monotonic()
         with self._lock:
             counts = Counter(each.address for each in self._open.values())
-            if counts[address] >= MAX_OF_ONE_ADDRESS:
-                room = self._make_room(address)
-            else:
-                room = len(self._open) < MAX_CONNECTIONS or any(
-                    self._make_room(most) for most, _ in counts.most_common())
+            share = counts[address] >= MAX_OF_ONE_ADDRESS
+            room = not share and len(self._open) < MAX_CONNECTIONS
+            if not room:
+                room = self._make_room({address} if share else counts.keys(), counts)
             if room:
                 self._open[connection] = _State(address, now, now + self.request_timeout)
         if not room:
@@ -98,14 +98,14 @@ class Connections:
             raise ConnectionError('ended to make room, or too slow')
         return state
 
-    def _make_room(self, address: str) -> bool:
-        waiting = [(state.admitted, state.since, number, connection)
-                   for number, (connection, state) in enumerate(self._open.items())
-                   if state.address == address and not state.answered]
-        if not waiting:
-            return False
-        self._end(min(waiting)[-1])
-        return True
+    def _make_room(self, addresses: Collection[str], counts: Mapping[str, int]) -> bool:
+        """End a connection that waits, of one of the addresses; False where there is none."""
+        waiting = {connection: (state.admitted, -counts[state.address], state.since)
+                   for connection, state in self._open.items()
+                   if state.address in addresses and not state.answered}
+        if waiting:
+            self._end(min(waiting, key=waiting.__getitem__))
+        return bool(waiting)
 
     def _end(self, connection: socket.socket) -> None:
         del self._open[connection]

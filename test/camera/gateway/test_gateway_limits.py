@@ -106,6 +106,24 @@ def test_one_address_has_its_share_and_is_the_first_to_make_room():
         assert several[0][0].recv(1) == b''
 
 
+def test_many_addresses_without_a_token_do_not_end_what_is_admitted():
+    kept = Connections()
+    with ExitStack() as opened:
+        def connected(address):
+            near, far = socket.socketpair()
+            opened.enter_context(far)
+            opened.enter_context(near)
+            assert kept.opened(near, address)
+            return near
+
+        robot = connected('robot')
+        kept.answers(robot)
+        kept.reads(robot)  # it waits, and longest
+        for number in range(3 * MAX_CONNECTIONS):
+            connected(f'{number}')
+        kept.answers(robot)
+
+
 def test_a_request_that_comes_byte_by_byte_is_ended(gateway, monkeypatch):
     monkeypatch.setattr(gateway.connections, 'request_timeout', 0.3)
     with socket.create_connection(gateway.server_address[:2], timeout=30) as connection:
