@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
+from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.settings import Settings, read_yaml
 
@@ -42,6 +43,8 @@ class ObjectSettings(Settings):
         [], description='rigid motions in the mesh frame that leave the object as it is: 4x4 '
         'matrices, each 16 numbers row by row, their translations in units of the mesh; those '
         'that follow from them need not be given')
+    appearance: Appearance | None = Field(
+        None, description='what the object is made of; simulated pictures need it')
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,10 +90,10 @@ class ObjectModel:
         path = Path(path)
         if path.suffix.lower() in _DESCRIBED:
             settings = ObjectSettings.make(read_yaml(path), str(path))
-            mesh = _read_mesh(path.parent / settings.mesh)
+            mesh = read_mesh(path.parent / settings.mesh)
             mesh.vertices *= settings.scale
             return cls._from_mesh(mesh, path.stem, settings)
-        return cls._from_mesh(_read_mesh(path), path.stem, None)
+        return cls._from_mesh(read_mesh(path), path.stem, None)
 
     @classmethod
     def load_bop(cls, path: Path) -> 'ObjectModel':
@@ -109,7 +112,7 @@ class ObjectModel:
                     'symmetries_continuous', 'symmetries_discrete')}
             except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
                 raise ObjectModelError(f'{info} has no object {number}: {error!r}') from None
-        mesh = _read_mesh(path)
+        mesh = read_mesh(path)
         mesh.vertices *= values['scale']
         return cls._from_mesh(mesh, path.stem, ObjectSettings.make(values, str(info)))
 
@@ -146,8 +149,8 @@ def mesh_file(path: Path | str) -> tuple[Path, float]:
     return path.parent / settings.mesh, settings.scale
 
 
-def _read_mesh(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file: finite vertices, a surface, not too many faces."""
+def read_mesh(path: Path) -> trimesh.Trimesh:
+    """The mesh of a file; ObjectModelError unless it has finite vertices and a surface."""
     if not path.is_file():
         raise ObjectModelError(f'no mesh file {path}')
     try:

@@ -18,7 +18,7 @@ from pmcl_ros.simulation.scenes.objects import (
     random_opaque,
     random_transparent,
 )
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
     nearest_depth,
@@ -27,7 +27,6 @@ from pmcl_ros.simulation.scenes.random_scene import (
     random_object,
     random_sensor,
     random_target,
-    random_way,
 )
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
@@ -103,7 +102,7 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
         thing = _worn(rng, _clutter(rng, palette.finish), palette)
         if thing.axis is not None and rng.random() < _LIDS:
             thing = _lidded(rng, thing, palette.finish)
-        rest = resting(rng, thing.vertices, random_way(rng, thing))
+        rest = thing.at_rest(rng)
         spot = _spot(rng, thing, rest, circles, camera)
         if spot is not None:
             things.append(thing)
@@ -135,7 +134,7 @@ def _beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...
     worlds: list[Pose] = []
     circles: list[Circle] = []
     for each in objects:
-        rest = resting(rng, each.vertices, random_way(rng, each))
+        rest = each.at_rest(rng)
         middle, radius = _footprint(each, rest)
         spot = np.zeros(2)
         while any(np.linalg.norm(spot - other) < radius + reach for other, reach in circles):

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
     nearest_depth,
@@ -20,7 +20,6 @@ from pmcl_ros.simulation.scenes.random_scene import (
     random_film,
     random_room,
     random_sensor,
-    random_way,
 )
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 
@@ -87,7 +86,7 @@ def _beside_each_other(rng: np.random.Generator, objects: Sequence[SceneObject])
     worlds: list[Pose] = []
     circles: list[tuple[NDArray[np.float64], float]] = []
     for each in objects:
-        rest = resting(rng, each.vertices, random_way(rng, each))
+        rest = each.at_rest(rng)
         footprint = (each.vertices @ rest[:3, :3].T)[:, :2]
         middle = (footprint.min(axis=0) + footprint.max(axis=0)) / 2
         radius = float(np.linalg.norm(footprint - middle, axis=1).max())

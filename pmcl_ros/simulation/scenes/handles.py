@@ -7,7 +7,6 @@ from scipy.interpolate import CubicSpline
 
 from pmcl_ros.simulation.scenes.materials import random_glass
 from pmcl_ros.simulation.scenes.objects import Finish, SceneObject, random_finish
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
@@ -26,8 +25,7 @@ def random_handled(rng: np.random.Generator, glass: bool, finish: Finish | None 
     """
     vessel = random_vessel(rng, ('tumbler', 'jar', 'bowl', 'tumbler', 'free'))
     medium = random_glass(rng) if glass else (finish or random_finish)(rng)
-    profile = np.concatenate([vessel.outer, vessel.inner[1:]])
-    solids = [Solid(Frusta.from_profile(profile, 0, 1), (medium,), np.eye(4))]
+    solids = [Solid(vessel.surface(), (medium,), np.eye(4))]
     meshes = [outer_mesh(vessel.closed)]
     tubes = [_handle(rng, vessel)] + ([_spout(rng, vessel)] if rng.random() < _SPOUT else [])
     for vertices, faces in tubes:

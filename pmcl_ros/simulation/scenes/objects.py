@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.simulation.scenes.materials import Medium, Opaque, random_glass, random_liquid
-from pmcl_ros.simulation.scenes.poses import Pose, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose, pose_of, resting
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import random_texture
 from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
+
+_WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
 
 Finish = Callable[[np.random.Generator], Opaque]
 
@@ -24,8 +26,9 @@ class SceneObject:
     """An object that can be placed at any pose.
 
     solids: their poses are in the object's frame. vertices, faces: its closed outer surface [m].
-    axis: of its rotational symmetry, or None. upright: its content would run out otherwise.
-    discrete: (k, 4, 4) symmetries as in `ObjectModel`.
+    axis: of its rotational symmetry, or None. way: in which it rests, as of `poses.resting`;
+    '': any. up: (3,) what points up when it stands. discrete: (k, 4, 4) symmetries as in
+    `ObjectModel`.
     """
 
     name: str
@@ -33,7 +36,8 @@ class SceneObject:
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     axis: NDArray[np.float64] | None
-    upright: bool = False
+    way: str = ''
+    up: NDArray[np.float64] = field(default_factory=lambda: np.array([0, 0, 1.0]))
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
 
     @classmethod
@@ -42,6 +46,11 @@ class SceneObject:
         surface = Triangles(np.asarray(mesh.triangles, float), 0, 1)
         return cls(name, (Solid(surface, (medium,), np.eye(4)),),
                    np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
+
+    def at_rest(self, rng: np.random.Generator) -> Pose:
+        """Draw its pose (4, 4) in the world, on the table z = 0 above the origin."""
+        way = self.way or str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
+        return resting(rng, self.vertices, way, self.up)
 
     def placed(self, pose: Pose) -> tuple[Solid, ...]:
         """Its solids with the object at a pose (4, 4), object to camera."""
@@ -61,16 +70,17 @@ def random_transparent(rng: np.random.Generator, walls: tuple[float, float] = (0
     if draw < 0.06:
         surface, kind = Frusta.from_profile(vessel.closed, 0, 1), 'massive'
     elif draw < 0.28:
-        surface, kind = _filled(rng, vessel), 'filled'
+        floor, rim = vessel.inner[-1, 1], vessel.inner[0, 1]
+        level = floor + rng.uniform(0.15, 0.85) * (rim - floor)
+        surface, kind = vessel.surface(level), 'filled'
         media.append(random_liquid(rng))
     else:
-        profile = np.concatenate([vessel.outer, vessel.inner[1:]])
-        surface, kind = Frusta.from_profile(profile, 0, 1), 'glass'
+        surface, kind = vessel.surface(), 'glass'
         if draw < 0.36:
             more, kind = _content(rng, vessel), 'glass with content'
     return _of_vessel(f'{kind} {vessel.kind}', vessel,
                       (Solid(surface, tuple(media), np.eye(4)), *more),
-                      upright=kind in ('filled', 'glass with content'))
+                      'upright' if kind in ('filled', 'glass with content') else '')
 
 
 def random_opaque(rng: np.random.Generator, finish: Finish | None = None) -> SceneObject:
@@ -80,9 +90,8 @@ def random_opaque(rng: np.random.Generator, finish: Finish | None = None) -> Sce
     """
     vessel = random_vessel(rng)
     is_open = rng.random() < 0.25
-    profile = np.concatenate([vessel.outer, vessel.inner[1:]]) if is_open else vessel.closed
-    solid = Solid(Frusta.from_profile(profile, 0, 1), ((finish or random_finish)(rng),),
-                  np.eye(4))
+    surface = vessel.surface() if is_open else Frusta.from_profile(vessel.closed, 0, 1)
+    solid = Solid(surface, ((finish or random_finish)(rng),), np.eye(4))
     return _of_vessel(f'opaque {vessel.kind}', vessel, (solid,))
 
 
@@ -109,17 +118,6 @@ def random_box(rng: np.random.Generator) -> list[Sheet]:
     return sheets
 
 
-def _filled(rng: np.random.Generator, vessel: Vessel) -> Frusta:
-    """Interfaces of a glass (medium 1) that holds a liquid (2) up to a random level."""
-    floor, rim = vessel.inner[-1, 1], vessel.inner[0, 1]
-    level = floor + rng.uniform(0.15, 0.85) * (rim - floor)
-    above, below = vessel.inside(level)
-    dry = np.concatenate([vessel.outer, above[1:]])
-    surface = np.array([above[-1], [0, level]])
-    return (Frusta.from_profile(dry, 0, 1) + Frusta.from_profile(below, 2, 1)
-            + Frusta.from_profile(surface, 0, 2))
-
-
 def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
     """A ball on the floor of the cavity; none where the cavity is too narrow."""
     floor = vessel.inner[-1, 1]
@@ -136,6 +134,6 @@ def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
 
 
 def _of_vessel(name: str, vessel: Vessel, solids: tuple[Solid, ...],
-               upright: bool = False) -> SceneObject:
+               way: str = '') -> SceneObject:
     vertices, faces = outer_mesh(vessel.closed)
-    return SceneObject(name, solids, vertices, faces, np.array([0, 0, 1.0]), upright)
+    return SceneObject(name, solids, vertices, faces, np.array([0, 0, 1.0]), way)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 Pose = NDArray[np.float64]
+_Z = np.array([0, 0, 1.0])
 
 
 def pose_of(rotation: Rotation, position: NDArray[np.floating]) -> Pose:
@@ -14,18 +15,21 @@ def pose_of(rotation: Rotation, position: NDArray[np.floating]) -> Pose:
     return pose
 
 
-def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str) -> Pose:
+def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str,
+            up: NDArray[np.floating] = _Z) -> Pose:
     """Draw an object's pose (4, 4) in the world (z up, the table is z = 0), above the origin.
 
     vertices: (n, 3) of the object [m]; the lowest one touches the table.
-    way: 'upright', 'head down', 'lying' (the z axis nearly level), or 'tilted' (any attitude,
-    held up to 4 cm above the table).
+    way: 'upright', 'head down', 'lying' (what is up then lies nearly level), or 'tilted' (any
+    attitude, held up to 4 cm above the table). up: (3,) of the object, length 1.
     """
     turn = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     lean = {'upright': 0.0, 'head down': np.pi, 'lying': np.pi / 2 + rng.normal(0, 0.04),
             'tilted': np.arccos(rng.uniform(-1, 1))}[way]
     about = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
-    rotation = about * Rotation.from_euler('x', lean) * turn
+    stand = Rotation.identity() if np.array_equal(up, _Z) else Rotation.align_vectors(
+        _Z[None], np.asarray(up)[None])[0]
+    rotation = about * Rotation.from_euler('x', lean) * turn * stand
     low = rotation.apply(vertices)[:, 2].min()
     held = rng.uniform(0, 0.04) if way == 'tilted' else 0.0
     return pose_of(rotation, np.array([0, 0, held - low]))

@@ -32,7 +32,6 @@ Kind = Literal['glass', 'opaque', 'glass film', 'opaque film', 'glass block', 'o
                'glass handle film', 'opaque handle film']
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _TABLE = 3.0  # m
-_WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
 # An F01 at ISO 80 in a lit room, from flat parts of decoded views: of a value v of green the
 # standard deviation is 0.016 at 0.45 and 0.009 at 0.15.
 _SHOT, _READ = 5.5e-4, 0.002
@@ -84,8 +83,7 @@ def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None
     empty = bool(rng.random() < of.empty)
     spots = _spots(rng, objects, of.clutter)
     sensor = sensor or random_sensor(rng, of)
-    worlds = [pose_of(Rotation.identity(), spot) @ resting(rng, each.vertices,
-                                                           random_way(rng, each))
+    worlds = [pose_of(Rotation.identity(), spot) @ each.at_rest(rng)
               for each, spot in zip(objects, spots, strict=False)]
     camera = _camera(rng, of, sensor.grid.pinhole, worlds)
     poses = [camera @ each for each in worlds]
@@ -144,13 +142,6 @@ def random_sensor(rng: np.random.Generator, of: SceneSettings) -> Sensor:
     return Sensor(grid, float(rng.uniform(0.4, 0.7)), radius, float(rng.uniform(0.8, 1.15)),
                   float(rng.uniform(0.2, 0.42)), float(_SHOT * strength),
                   float(_READ * np.sqrt(strength)), (red, 1.0, blue))
-
-
-def random_way(rng: np.random.Generator, of: SceneObject) -> str:
-    """How an object rests on the table, as `poses.resting` takes it."""
-    if of.upright:
-        return 'upright'
-    return str(rng.choice(list(_WAYS), p=list(_WAYS.values())))
 
 
 def _spots(rng: np.random.Generator, objects: tuple[SceneObject, ...], clutter: int

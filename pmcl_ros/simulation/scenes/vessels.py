@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, grey_erosion
 
+from pmcl_ros.simulation.scenes.revolution import Frusta
+
 _STEP = 0.0012  # m between points of a profile
 _FINE = 1500  # heights at which radii are computed
 _SECTIONS = 64  # of the mesh, around the axis
@@ -22,7 +24,8 @@ class Vessel:
     """A surface of revolution about z, its origin at mid-height.
 
     outer: (n, 2) of (r, z) [m], from the axis at the bottom to the crest of the rim. inner: (m, 2)
-    from there to the axis at the floor of the cavity.
+    from there to the axis at the floor of the cavity. A sealed one has no rim: outer ends and
+    inner begins on the axis.
     """
 
     kind: str
@@ -34,13 +37,34 @@ class Vessel:
         """The outer surface with a lid at the rim's height, as in the meshes of objects."""
         return np.concatenate([self.outer, [[0, self.outer[-1, 1]]]])
 
+    @property
+    def is_sealed(self) -> bool:
+        """Whether the cavity has no mouth."""
+        return bool(self.inner[0, 0] == 0)
+
+    def surface(self, level: float | None = None, within: int = 0) -> Frusta:
+        """Its interfaces: it is medium 1, and holds a liquid, medium 2, up to a height z [m].
+
+        within: the medium of the cavity above the liquid, where it is sealed.
+        """
+        above, below = (self.inner, None) if level is None else self.inside(level)
+        if self.is_sealed:
+            dry = Frusta.from_profile(self.outer, 0, 1) + Frusta.from_profile(above, within, 1)
+        else:
+            dry = Frusta.from_profile(np.concatenate([self.outer, above[1:]]), 0, 1)
+        if below is None:
+            return dry
+        top = np.array([above[-1], [0, above[-1, 1]]])
+        return (dry + Frusta.from_profile(below, 2, 1)
+                + Frusta.from_profile(top, within if self.is_sealed else 0, 2))
+
     def inside(self, level: float) -> tuple[Profile, Profile]:
         """The inner profile above and below a height z [m], each from the top down."""
-        at = float(np.interp(level, self.inner[::-1, 1], self.inner[::-1, 0]))
-        above, below = self.inner[:, 1] > level, self.inner[:, 1] < level
-        wet = np.array([[at, level]])
-        return (np.concatenate([self.inner[above], wet]),
-                np.concatenate([wet, self.inner[below]]))
+        first = int(np.argmax(self.inner[:, 1] < level))
+        (r0, z0), (r1, z1) = self.inner[first], self.inner[first - 1]
+        wet = np.array([[np.interp(level, [z0, z1], [r0, r1]), level]])
+        return (np.concatenate([self.inner[:first], wet]),
+                np.concatenate([wet, self.inner[first:]]))
 
 
 def outer_mesh(profile: Profile) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

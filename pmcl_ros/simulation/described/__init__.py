@@ -1,0 +1,1 @@
+"""From what users say about their object and its surroundings to scenes."""

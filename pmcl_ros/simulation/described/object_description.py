@@ -1,0 +1,196 @@
+"""From an object's YAML file to the object of scenes: its walls, its content, its material."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.pmcl.appearance import Appearance
+from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, read_mesh
+from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.runtime.settings import read_yaml
+from pmcl_ros.simulation.described import offsets, profiles
+from pmcl_ros.simulation.described.substances import liquid_of, medium_of
+from pmcl_ros.simulation.scenes.materials import AIR, Medium
+from pmcl_ros.simulation.scenes.objects import SceneObject
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.scene import Solid
+from pmcl_ros.simulation.scenes.triangles import Triangles
+
+_BODY, _LIQUID, _GAS = 1, 2, 3  # media of a described object; 0 is what is around it
+_RIM = 0.001  # m: by which the mouth may miss the top of a surface of revolution
+_FILLED = 0.05  # share of the outline's volume that a massive mesh may lack
+_PLANE = 1e-6  # m
+
+
+def load_object(path: Path | str) -> SceneObject:
+    """The object that a YAML file describes (`ObjectSettings` with `appearance`).
+
+    Media: 1 its material, 2 the liquid in it, 3 the gas in a closed hollow. A surface of
+    revolution that stands on its axis becomes `Frusta`, anything else `Triangles`. Raises
+    ObjectModelError where the description does not say enough or something impossible, in one line
+    with what to write; SettingsError as `ObjectModel.load`; SimulationError where a library is
+    missing.
+    """
+    path = Path(path)
+    described = _Description.load(path)
+    try:
+        return described.made()
+    except ObjectModelError as error:
+        raise ObjectModelError(f'{path}: {error}') from None
+
+
+@dataclass(frozen=True)
+class _Description:
+    """model: in the mesh's frame. turn: (3, 3), mesh to a frame whose z is up."""
+
+    path: Path
+    settings: ObjectSettings
+    appearance: Appearance
+    model: ObjectModel
+    turn: NDArray[np.float64]
+
+    @classmethod
+    def load(cls, path: Path) -> '_Description':
+        model = ObjectModel.load(path)
+        settings = (ObjectSettings.make(read_yaml(path), str(path))
+                    if path.suffix.lower() in ('.yaml', '.yml') else None)
+        appearance = settings.appearance if settings else None
+        if settings is None or appearance is None:
+            raise ObjectModelError(
+                f'{path} does not say what the object is made of: write in its YAML file '
+                f'appearance: {{material: glass, wall: 0.0025, '
+                f'{_mouth(model.vertices[:, 2].max())}}}')
+        return cls(path, settings, appearance, model, _upright(appearance, model))
+
+    def made(self) -> SceneObject:
+        look, model = self.appearance, self.model
+        is_hollow = look.wall is not None or look.inner is not None
+        if look.material != 'opaque' and not is_hollow and not look.solid:
+            raise ObjectModelError("how thick it is, is not told: write in appearance 'wall: "
+                                   "0.0025' [m], 'inner: inner.stl' (mesh of the inner surface) "
+                                   "or 'solid: true'")
+        vertices = model.vertices @ self.turn.T
+        top = float(vertices[:, 2].max())
+        if is_hollow and look.mouth is None:
+            raise ObjectModelError(f"where its mouth is, is not told: write in appearance "
+                                   f"'{_mouth(top)}', or 'mouth: {{open: false}}' where it is "
+                                   'closed')
+        axis = model.axis
+        if axis is not None and abs(self.turn[2] @ axis) > 1 - 1e-9:
+            surfaces = self._revolved(vertices, top, is_hollow)
+        else:
+            surfaces = self._meshed(vertices, is_hollow)
+        pose = np.eye(4)
+        pose[:3, :3] = self.turn.T
+        media = self._media()
+        solids = tuple(Solid(each, media, pose) for each in surfaces)
+        return SceneObject(f'{look.material} {model.name}', solids, model.vertices, model.faces,
+                           axis, 'upright' if look.liquid else '', self.turn[2], model.discrete)
+
+    def _media(self) -> tuple[Medium, ...]:
+        look = self.appearance
+        liquid = liquid_of(look.liquid) if look.liquid else AIR
+        return medium_of(look, self.path.parent), liquid, AIR
+
+    def _revolved(self, vertices: NDArray[np.float64], top: float, is_hollow: bool
+                  ) -> list[Frusta | Triangles]:
+        look, mouth = self.appearance, self.appearance.mouth
+        outer = profiles.outline(vertices, self.model.faces)
+        if not is_hollow:
+            mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
+            if self.model.closed and mesh.volume < (1 - _FILLED) * profiles.volume(outer):
+                return self._meshed(vertices, is_hollow)  # its mesh has a cavity of its own
+            return [Frusta.from_profile(profiles.eased(outer), 0, _BODY)]
+        is_open = mouth is not None and mouth.open
+        if is_open and mouth is not None and mouth.z is not None and abs(mouth.z - top) > _RIM:
+            raise ObjectModelError(f'its mouth at {mouth.z:g} m is not at the top of the mesh: '
+                                   f"write '{_mouth(top)}'")
+        if look.inner is None:
+            vessel = profiles.hollowed(outer, look.wall or 0, is_open, look.floor)
+        else:
+            inner = self._inner()
+            vessel = profiles.fitted(outer, profiles.outline(
+                np.asarray(inner.vertices), np.asarray(inner.faces)), is_open, look.floor)
+        level = look.liquid.level if look.liquid else None
+        self._check_level(level, float(vessel.inner[:, 1].min()),
+                          float(vessel.inner[:, 1].max()))
+        return [vessel.surface(level, _GAS)]
+
+    def _meshed(self, vertices: NDArray[np.float64], is_hollow: bool
+                ) -> list[Frusta | Triangles]:
+        look = self.appearance
+        if not self.model.closed:
+            raise ObjectModelError('its mesh is not closed: fill its holes, with a lid at the '
+                                   'mouth')
+        outer = trimesh.Trimesh(vertices, self.model.faces, process=False)
+        if not is_hollow:
+            return [Triangles(np.array(outer.triangles), 0, _BODY)]
+        is_open = look.mouth is not None and look.mouth.open
+        mouth = look.mouth.z if look.mouth is not None and is_open else None
+        cavity = (offsets.lifted(self._inner(), mouth) if look.inner
+                  else offsets.cavity_of(outer, look.wall or 0, mouth))
+        if look.floor is not None:
+            cavity = offsets.above(cavity, look.floor)
+        level = look.liquid.level if look.liquid else None
+        self._check_level(level, *cavity.bounds[:, 2].tolist())
+        body = offsets.without(outer, cavity, mouth)
+        if level is None:
+            if is_open:
+                return [Triangles(np.array(body.triangles), 0, _BODY)]
+            return [Triangles(np.array(outer.triangles), 0, _BODY),
+                    Triangles(np.array(cavity.triangles), _BODY, _GAS)]
+        dry, wet = offsets.above(cavity, level), offsets.below(cavity, level)
+        _, sides = _split(wet, level)
+        if is_open:
+            surface, walls = _split(offsets.without(outer, dry, mouth), level)
+            return [Triangles(walls, 0, _BODY), Triangles(sides, _BODY, _LIQUID),
+                    Triangles(surface, 0, _LIQUID)]
+        surface, walls = _split(dry, level)
+        return [Triangles(np.array(outer.triangles), 0, _BODY),
+                Triangles(walls, _BODY, _GAS), Triangles(sides, _BODY, _LIQUID),
+                Triangles(surface, _LIQUID, _GAS)]
+
+    def _inner(self) -> trimesh.Trimesh:
+        """The mesh of the cavity, its z up."""
+        inner = read_mesh(self.path.parent / (self.appearance.inner or ''))
+        if not inner.is_volume:
+            raise ObjectModelError(f'{self.appearance.inner} is not closed: fill its holes, with '
+                                   'a lid at the mouth')
+        vertices = self.settings.scale * np.asarray(inner.vertices) @ self.turn.T
+        return trimesh.Trimesh(vertices, inner.faces, process=False)
+
+    def _check_level(self, level: float | None, low: float, high: float) -> None:
+        if level is not None and not low < level < high:
+            raise ObjectModelError(f'its liquid reaches to {level:g} m, its cavity from {low:.4g} '
+                                   f'to {high:.4g} m: give a level between them')
+
+
+def _split(mesh: trimesh.Trimesh, level: float
+           ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Triangles (n, 3, 3) of a mesh in the plane z = level, and the others."""
+    corners = np.array(mesh.triangles)
+    at = (np.abs(corners[:, :, 2] - level) < _PLANE).all(axis=1)
+    return corners[at], corners[~at]
+
+
+def _mouth(top: float) -> str:
+    """The line to write for a mouth at a height [m]."""
+    return f'mouth: {{z: {top:.4g}, open: true}}'
+
+
+def _upright(look: Appearance, model: ObjectModel) -> NDArray[np.float64]:
+    """(3, 3) turns the direction that is up to z."""
+    up = np.array([0, 0, 1.0])
+    if look.up is not None:
+        up = np.array(look.up) / np.linalg.norm(look.up)
+    elif model.axis is not None:
+        up = model.axis * np.sign(model.axis[np.abs(model.axis).argmax()])
+    if up[2] > 1 - 1e-12:
+        return np.eye(3)
+    if up[2] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    return np.asarray(Rotation.align_vectors([[0, 0, 1.0]], up[None])[0].as_matrix())

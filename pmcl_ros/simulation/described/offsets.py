@@ -1,0 +1,142 @@
+"""Vessels from any closed mesh of their outside: the surface of their cavity."""
+
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.simulation.described.geometry_kernel import manifold
+
+_LID = 5e-4  # m: a lid's corners lie this close to the height of the mouth
+_LEVEL = 0.9  # and its normal has at least this part along z
+_FLAT = 4e-4  # least eigenvalue of what fixes a corner, over the largest: faces within some 2 deg
+_OFF = 0.2  # of the wall: by which a face may miss its distance
+_LIFT = 1e-5  # m: a given cavity reaches so far beyond the mouth
+_MOST = 5000  # faces of a mesh that is eroded: that takes half a minute
+_MEAN = 1.008  # of a polyhedron's radius: it stands for a ball whose radius is within 0.8 %
+_FAR = 10.0  # m
+_POKES = 1e-3  # of the cavity's volume: outside of the body
+_GIVE = 'give its inner surface instead: inner: inner.stl'
+
+
+def cavity_of(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh.Trimesh:
+    """The surface that lies a wall [m] inside of a closed mesh.
+
+    mouth: height z of its lid [m], which the cavity reaches beyond; None: there is none. Raises
+    ObjectModelError where no lid is found or no cavity is left.
+    """
+    _lid(outer, mouth)
+    moved = _moved(outer, wall, mouth)
+    return _eroded(outer, wall, mouth) if moved is None else moved
+
+
+def _moved(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh.Trimesh | None:
+    """The mesh with all faces moved inwards, a lid outwards: corners go to where their faces meet
+    again, by least squares. None where faces then overlap or miss their distance.
+    """
+    away = np.full(len(outer.faces), -wall)
+    away[_lid(outer, mouth)] = wall
+    normals = np.asarray(outer.face_normals)
+    weights = np.asarray(outer.face_angles).ravel()
+    corner, face = outer.faces.ravel(), np.repeat(np.arange(len(outer.faces)), 3)
+    normal = normals[face]
+    square, right = np.zeros((len(outer.vertices), 3, 3)), np.zeros((len(outer.vertices), 3))
+    np.add.at(square, corner, (weights[:, None] * normal)[:, :, None] * normal[:, None])
+    np.add.at(right, corner, (weights * away[face])[:, None] * normal)
+    move = np.einsum('nij,nj->ni', np.linalg.pinv(square, _FLAT, hermitian=True), right)
+    inner = trimesh.Trimesh(outer.vertices + move, outer.faces, process=False)
+    off = np.abs((normal * move[corner]).sum(axis=1) - away[face]).max()
+    across = np.cross(inner.triangles[:, 1] - inner.triangles[:, 0],
+                      inner.triangles[:, 2] - inner.triangles[:, 0])
+    if off > _OFF * wall or ((across * normals).sum(axis=1) < 0).any():
+        return None
+    return inner
+
+
+def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh.Trimesh:
+    """The points of a body about which a ball of the wall's radius fits into it.
+
+    For roundings that are narrower than the wall. Above the mouth the body goes straight on, and
+    below it by a wall, so that a round rim does not matter.
+    """
+    if len(outer.faces) > _MOST:
+        raise ObjectModelError(f'its mesh has roundings that are narrower than the wall and '
+                               f'{len(outer.faces)} faces, at most {_MOST} can be hollowed then: '
+                               f'simplify it, or {_GIVE}')
+    kernel = manifold()
+    body, ball = (_solid(each) for each in (outer, trimesh.creation.icosphere(2, _MEAN * wall)))
+    if mouth is not None:
+        start = mouth - wall
+        neck = body.slice(start).extrude(3 * wall).translate((0, 0, start))
+        body = body.trim_by_plane((0, 0, -1), -start) + neck
+    found = body.minkowski_difference(ball)
+    parts = [each for each in found.decompose() if mouth is None
+             or each.bounding_box()[5] > mouth]
+    if not parts:
+        raise ObjectModelError(f'a wall of {wall:g} m leaves no cavity; {_GIVE}')
+    mesh = max(parts, key=kernel.Manifold.volume).to_mesh64()
+    return trimesh.Trimesh(mesh.vert_properties, mesh.tri_verts, process=False)
+
+
+def _solid(mesh: trimesh.Trimesh) -> Any:
+    kernel = manifold()
+    return kernel.Manifold(kernel.Mesh64(np.asarray(mesh.vertices, float),
+                                         np.asarray(mesh.faces, np.uint64)))
+
+
+def lifted(inner: trimesh.Trimesh, mouth: float | None) -> trimesh.Trimesh:
+    """A given cavity, its lid a little above the mouth so that no film of material stays there."""
+    vertices = np.array(inner.vertices)
+    vertices[np.unique(inner.faces[_lid(inner, mouth)]), 2] += _LIFT
+    return trimesh.Trimesh(vertices, inner.faces, process=False)
+
+
+def _lid(mesh: trimesh.Trimesh, mouth: float | None) -> NDArray[np.bool_]:
+    """Which faces close the mouth."""
+    if mouth is None:
+        return np.zeros(len(mesh.faces), bool)
+    near = (np.abs(mesh.triangles[:, :, 2] - mouth) < _LID).all(axis=1)
+    lid = near & (mesh.face_normals[:, 2] > _LEVEL)
+    if not lid.any():
+        raise ObjectModelError(f'no level face of the mesh closes the mouth at {mouth:g} m: write '
+                               f'mouth: {{z: {mesh.bounds[1, 2]:.4g}, open: true}}, or add a lid '
+                               'to the mesh')
+    return np.asarray(lid)
+
+
+def above(mesh: trimesh.Trimesh, height: float) -> trimesh.Trimesh:
+    """The part of a closed mesh above a height z [m]."""
+    return _cut(mesh, height, height + _FAR)
+
+
+def below(mesh: trimesh.Trimesh, height: float) -> trimesh.Trimesh:
+    """The part of a closed mesh below a height z [m]."""
+    return _cut(mesh, height - _FAR, height)
+
+
+def _cut(mesh: trimesh.Trimesh, low: float, high: float) -> trimesh.Trimesh:
+    box = trimesh.creation.box(bounds=[[-_FAR, -_FAR, low], [_FAR, _FAR, high]])
+    return _boolean('intersection', mesh, box)
+
+
+def without(body: trimesh.Trimesh, cavity: trimesh.Trimesh, mouth: float | None
+            ) -> trimesh.Trimesh:
+    """A closed body less a cavity, which lies in it but at the mouth.
+
+    Raises ObjectModelError where it does not, or where nothing is left.
+    """
+    inside = cavity if mouth is None else below(cavity, mouth)
+    outside = _boolean('difference', inside, body)
+    poking = 0.0 if outside.is_empty else float(outside.volume)
+    if not inside.volume > 0 or poking > _POKES * inside.volume:
+        raise ObjectModelError(f'the cavity, {1e6 * inside.volume:.4g} ml, lies partly outside of '
+                               f'the mesh: check wall and scale, or {_GIVE}')
+    return _boolean('difference', body, cavity)
+
+
+def _boolean(kind: str, one: trimesh.Trimesh, other: trimesh.Trimesh) -> trimesh.Trimesh:
+    manifold()
+    make = {'difference': trimesh.boolean.difference, 'intersection': trimesh.boolean.intersection}
+    return make[kind]([one, other], engine='manifold', check_volume=False)

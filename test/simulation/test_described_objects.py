@@ -1,0 +1,292 @@
+"""Objects from YAML files: their walls, their content, and what is refused."""
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
+from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.described.profiles import eased, outline, volume
+from pmcl_ros.simulation.scenes.materials import AIR, Clear, Opaque
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.vessels import outer_mesh
+
+RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
+CYLINDER = np.array([[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])
+OPEN = {'mouth': {'z': HEIGHT, 'open': True}}
+GLASS = {'material': 'glass', 'wall': WALL, **OPEN}
+BOX = (0.06, 0.05, 0.08)
+
+
+@pytest.fixture
+def describe(tmp_path):
+    """Writes a mesh in millimetres and its YAML file, and loads the object."""
+    def load(mesh, appearance, **more):
+        mesh.copy().apply_scale(1000).export(tmp_path / 'thing.stl')
+        path = tmp_path / 'thing.yaml'
+        path.write_text(yaml.safe_dump({'mesh': 'thing.stl', 'scale': 0.001,
+                                        'appearance': appearance, **more}))
+        return load_object(path)
+    return load
+
+
+def _revolved(profile):
+    return trimesh.Trimesh(*outer_mesh(np.asarray(profile, float)), process=False)
+
+
+def _box():
+    box = trimesh.creation.box(BOX)
+    return box.apply_translation([0, 0, BOX[2] / 2])
+
+
+def _crossings(solid, origin, way):
+    """(n,) distances at which a ray in a solid's frame meets its rings or triangles, ascending."""
+    surface = solid.surface
+    if isinstance(surface, Frusta):
+        # Along x at z the radii of the rings are the distances from the axis.
+        (r0, z0), (r1, z1) = surface.rings[:, 0:2].T, surface.rings[:, 2:4].T
+        at = (np.minimum(z0, z1) <= origin[2]) & (origin[2] < np.maximum(z0, z1))
+        found = r0[at] + (origin[2] - z0[at]) / (z1[at] - z0[at]) * (r1[at] - r0[at])
+    else:
+        mesh = trimesh.Trimesh(**trimesh.triangles.to_kwargs(surface.corners))
+        points, *_ = mesh.ray.intersects_location([origin], [way])
+        found = np.unique(np.round((points - origin) @ way, 9))
+    return np.sort(found)
+
+
+def _volume(surface, medium):
+    """Of a medium [m^3], by the divergence theorem over all interfaces that it has."""
+    if not isinstance(surface, Frusta):
+        parts = np.einsum('ni,ni->n', surface.corners[:, 0],
+                          np.cross(surface.corners[:, 1], surface.corners[:, 2])) / 6
+        return float(parts.sum()) * ((surface.inside == medium) - (surface.outside == medium))
+    r0, z0, r1, z1 = surface.rings[:, :4].T
+    parts = np.pi / 3 * (z1 - z0) * (r0 * r0 + r0 * r1 + r1 * r1)
+    return float((parts * ((surface.media[:, 1] == medium).astype(int)
+                           - (surface.media[:, 0] == medium))).sum())
+
+
+def _total(thing, medium):
+    return sum(_volume(each.surface, medium) for each in thing.solids)
+
+
+def test_the_outline_of_a_mesh_is_exact_at_its_vertices():
+    # A foot with a step, a stem, a bowl, and a bottom that is hollow from below.
+    profile = np.array([[0, 0.006], [0.01, 0.004], [0.02, 0], [0.03, 0], [0.03, 0.008],
+                        [0.004, 0.008], [0.004, 0.05], [0.02, 0.06], [0.035, 0.1], [0, 0.1]])
+    found = outline(*outer_mesh(profile))
+    for corner in profile:
+        assert np.linalg.norm(found - corner, axis=1).min() < 2e-6
+    assert volume(found) == pytest.approx(volume(profile), rel=1e-4)
+    # A cavity in the mesh does not count.
+    cup = np.array([[0, 0], [0.03, 0], [0.03, 0.08], [0.027, 0.08], [0.027, 0.003], [0, 0.003]])
+    assert volume(outline(*outer_mesh(cup))) == pytest.approx(np.pi * 0.03 ** 2 * 0.08, rel=1e-4)
+
+
+def test_long_straight_pieces_bend_near_their_ends_only():
+    profile = np.array([[0, 0], [0.03, 0], [0.031, 0.0005], [0.031, 0.1], [0, 0.1]])
+    found = eased(profile)
+    assert volume(found) == pytest.approx(volume(profile), rel=1e-12)
+    ring = next(each for each in Frusta.from_profile(found, 0, 1).rings
+                if each[1] < 0.05 < each[3])
+    np.testing.assert_allclose(ring[4:], [1, 0, 1, 0], atol=1e-12)
+
+
+def test_a_cylinder_gets_a_wall_a_floor_and_a_round_rim(describe):
+    thing = describe(_revolved(CYLINDER), GLASS)
+    solid, = thing.solids
+    assert isinstance(solid.surface, Frusta)
+    for z in (0.01, 0.04, 0.07):
+        inner, outer = _crossings(solid, np.array([0, 0, z]), np.array([1.0, 0, 0]))
+        assert outer == pytest.approx(RADIUS, abs=1e-6)
+        assert outer - inner == pytest.approx(WALL, abs=1e-6)
+    cavity = np.pi * (RADIUS - WALL) ** 2 * (HEIGHT - WALL)
+    # Less two corners of the rim, more the fillet of the floor: at most 0.5 ml in 48.
+    glass = np.pi * RADIUS ** 2 * HEIGHT - cavity
+    assert _total(thing, 1) == pytest.approx(glass, rel=0.01)
+    rings = solid.surface.rings
+    crest = rings[np.argmax(rings[:, 3]), 2:4]
+    assert crest[1] == pytest.approx(HEIGHT, abs=1e-6)
+    assert RADIUS - WALL < crest[0] < RADIUS - 0.3 * WALL
+    assert thing.axis.tolist() == [0, 0, 1]
+    assert thing.vertices[:, 2].max() == pytest.approx(HEIGHT)
+
+
+def test_a_cone_keeps_its_thickness_across_the_wall(describe):
+    cone = np.array([[0, 0], [0.02, 0], [0.04, 0.08], [0, 0.08]])
+    solid, = describe(_revolved(cone), GLASS).solids
+    inner, outer = _crossings(solid, np.array([0, 0, 0.05]), np.array([1.0, 0, 0]))
+    across = np.cos(np.arctan(0.25))  # of the horizontal distance
+    assert (outer - inner) * across == pytest.approx(WALL, abs=5e-6)
+
+
+def test_the_axis_may_be_another_than_z(describe):
+    mesh = _revolved(CYLINDER)
+    mesh.vertices = mesh.vertices[:, [1, 2, 0]]  # z becomes y
+    thing = describe(mesh, GLASS)
+    assert thing.up == pytest.approx([0, 1, 0])
+    solid, = thing.solids
+    assert solid.pose[:3, :3] @ [0, 0, 1] == pytest.approx([0, 1, 0])
+    rest = thing.at_rest(np.random.default_rng(0))
+    plain = describe(_revolved(CYLINDER), GLASS).solids[0]
+    assert volume(solid.surface.rings[:, :2]) == pytest.approx(volume(plain.surface.rings[:, :2]))
+    assert (thing.vertices @ rest[2, :3] + rest[2, 3]).min() > -1e-9
+
+
+def test_below_the_floor_it_is_massive(describe):
+    thing = describe(_revolved(CYLINDER), GLASS | {'floor': 0.02})
+    rings = thing.solids[0].surface.rings
+    assert rings[-1, 2:4] == pytest.approx([0, 0.02], abs=1e-6)
+
+
+def test_a_closed_hollow_holds_its_own_gas(describe):
+    thing = describe(_revolved(CYLINDER), GLASS | {'mouth': {'open': False}})
+    cavity = np.pi * (RADIUS - WALL) ** 2 * (HEIGHT - 2 * WALL)
+    assert _total(thing, 3) == pytest.approx(cavity, rel=0.01)
+    assert _total(thing, 1) + _total(thing, 3) == pytest.approx(
+        np.pi * RADIUS ** 2 * HEIGHT, rel=1e-4)
+    assert thing.solids[0].media[2] == AIR
+
+
+def test_a_liquid_stands_to_its_level(describe):
+    plain = describe(_revolved(CYLINDER), GLASS)
+    thing = describe(_revolved(CYLINDER), GLASS | {'liquid': {'level': 0.05, 'kind': 'coloured'}})
+    assert thing.way == 'upright'
+    liquid = np.pi * (RADIUS - WALL) ** 2 * (0.05 - WALL)
+    assert _total(thing, 2) == pytest.approx(liquid, rel=0.01)
+    assert _total(thing, 1) == pytest.approx(_total(plain, 1), rel=1e-6)
+    assert thing.solids[0].media[1].absorption[2] > 10
+    with pytest.raises(ObjectModelError, match='give a level between'):
+        describe(_revolved(CYLINDER), GLASS | {'liquid': {'level': 0.2}})
+
+
+def test_an_inner_surface_is_taken_as_it_is(describe, tmp_path):
+    inner = np.array([[0, 0.01], [0.02, 0.01], [0.025, HEIGHT], [0, HEIGHT]])
+    _revolved(inner).apply_scale(1000).export(tmp_path / 'inner.stl')
+    thing = describe(_revolved(CYLINDER), {'material': 'glass', 'inner': 'inner.stl', **OPEN})
+    expected = volume(CYLINDER) - volume(inner)
+    assert _total(thing, 1) == pytest.approx(expected, rel=0.01)
+    _revolved(inner * [1.5, 1]).apply_scale(1000).export(tmp_path / 'inner.stl')
+    with pytest.raises(ObjectModelError, match='outside of the outer one'):
+        describe(_revolved(CYLINDER), {'material': 'glass', 'inner': 'inner.stl', **OPEN})
+
+
+def test_a_box_gets_a_wall_by_its_triangles(describe):
+    thing = describe(_box(), GLASS)
+    solid, = thing.solids
+    for way, size in ((np.array([1.0, 0, 0]), BOX[0]), (np.array([0, 1.0, 0]), BOX[1])):
+        inner, outer = _crossings(solid, np.array([1e-4, 2e-4, 0.04]), way)
+        assert outer == pytest.approx(size / 2, abs=3e-4)
+        assert outer - inner == pytest.approx(WALL, abs=1e-6)
+    cavity = (BOX[0] - 2 * WALL) * (BOX[1] - 2 * WALL) * (BOX[2] - WALL)
+    assert _total(thing, 1) == pytest.approx(np.prod(BOX) - cavity, rel=1e-4)
+    down = _crossings(solid, np.array([1e-4, 2e-4, 0.5]), np.array([0, 0, -1.0]))
+    assert 0.5 - down == pytest.approx([WALL, 0], abs=1e-6)  # the lid is gone
+
+
+@pytest.mark.parametrize('is_open', [True, False])
+def test_a_box_holds_a_liquid(describe, is_open):
+    mouth = {'mouth': {'z': HEIGHT} if is_open else {'open': False}}
+    plain = describe(_box(), GLASS | mouth)
+    thing = describe(_box(), GLASS | mouth | {'liquid': {'level': 0.05}})
+    inner = (BOX[0] - 2 * WALL) * (BOX[1] - 2 * WALL)
+    assert _total(thing, 2) == pytest.approx(inner * (0.05 - WALL), rel=1e-4)
+    assert _total(thing, 1) == pytest.approx(_total(plain, 1), rel=1e-4)
+    if not is_open:
+        assert _total(thing, 3) == pytest.approx(inner * (HEIGHT - WALL - 0.05), rel=1e-4)
+
+
+def test_an_offset_of_a_smooth_mesh_keeps_its_distance(describe):
+    # A vessel without rotational symmetry: an ellipse is stretched from a cylinder.
+    mesh = _revolved(np.array([[0, 0], [0.02, 0], [0.03, 0.04], [0.03, 0.08], [0, 0.08]]))
+    mesh.vertices[:, 0] *= 1.6
+    solid, = describe(mesh, GLASS).solids
+    inner, outer = _crossings(solid, np.array([0, 0, 0.06]), np.array([0, 1.0, 1e-9]))
+    assert outer - inner == pytest.approx(WALL, abs=5e-5)
+
+
+def test_roundings_may_be_narrower_than_the_wall(describe):
+    ball = trimesh.creation.icosphere(1, 0.001).vertices
+    corners = np.array([[x, y, z] for x in (-0.029, 0.029) for y in (-0.024, 0.024)
+                        for z in (0.001, 0.079)])
+    mesh = trimesh.convex.convex_hull((ball + corners[:, None]).reshape(-1, 3))
+    solid, = describe(mesh, GLASS).solids
+    for way, half in ((np.array([1.0, 1e-9, 0]), 0.03), (np.array([1e-9, 1.0, 0]), 0.025)):
+        inner, outer = _crossings(solid, np.array([1e-4, 2e-4, 0.04]), way)
+        assert outer == pytest.approx(half, abs=3e-4)
+        assert outer - inner == pytest.approx(WALL, abs=5e-5)
+    down = _crossings(solid, np.array([1e-4, 2e-4, 0.5]), np.array([0, 0, -1.0]))
+    assert 0.5 - down == pytest.approx([WALL, 0], abs=5e-5)
+
+
+def test_a_massive_mesh_is_the_material(describe):
+    thing = describe(_revolved(CYLINDER), {'material': 'acrylic', 'solid': True})
+    assert isinstance(thing.solids[0].surface, Frusta)
+    assert _total(thing, 1) == pytest.approx(volume(CYLINDER), rel=1e-4)
+    # A mesh with a cavity of its own keeps it.
+    cup = np.array([[0, 0], [0.03, 0], [0.03, 0.08], [0.027, 0.08], [0.027, 0.003], [0, 0.003]])
+    thing = describe(_revolved(cup), {'material': 'acrylic', 'solid': True})
+    assert _total(thing, 1) == pytest.approx(_revolved(cup).volume, rel=1e-4)
+
+
+def test_materials_have_defaults_that_can_be_told_otherwise(describe, tmp_path):
+    def medium(**appearance):
+        return describe(_box(), {'solid': True, **appearance}).solids[0].media[0]
+    assert medium(material='glass') == Clear(1.52, (6.0, 3.0, 5.0))
+    assert medium(material='pet', index=1.6, absorption=[1, 2, 3]) == Clear(1.6, (1, 2, 3))
+    assert medium(material='frosted').roughness > 0.2
+    assert min(medium(material='tinted').absorption) > 20
+    picture = np.zeros((40, 60, 3), np.uint8)
+    picture[:20] = (0, 0, 255)  # the upper half is red
+    cv2.imwrite(str(tmp_path / 'label.png'), picture)
+    opaque = describe(_box(), {'material': 'opaque', 'texture': 'label.png'}).solids[0].media[0]
+    assert isinstance(opaque, Opaque)
+    assert opaque.texture[10, 0] == pytest.approx([1, 0, 0])
+    assert opaque.texture[-10, 0] == pytest.approx([0, 0, 0])
+
+
+@pytest.mark.parametrize(('appearance', 'line'), [
+    ({'material': 'glass'}, 'wall: 0.0025'),
+    ({'material': 'glass', 'wall': WALL}, r'mouth: \{z: 0.08, open: true\}'),
+    ({**GLASS, 'mouth': {'z': 0.06}}, r'mouth: \{z: 0.08, open: true\}'),
+    ({'material': 'opaque', 'texture': 'no.png'}, 'texture')])
+def test_what_is_not_told_is_asked_for_in_one_line(describe, appearance, line):
+    for mesh in (_revolved(CYLINDER), _box()):
+        with pytest.raises(ObjectModelError, match=line) as refused:
+            describe(mesh, appearance)
+        assert '\n' not in str(refused.value)
+        assert 'thing.yaml' in str(refused.value) or 'no.png' in str(refused.value)
+
+
+def test_a_wall_that_does_not_fit_is_refused(describe):
+    thick = GLASS | {'wall': 0.031}
+    with pytest.raises(ObjectModelError, match='leaves no cavity'):
+        describe(_revolved(CYLINDER), thick)
+    with pytest.raises(ObjectModelError, match=r'inner: inner\.stl'):
+        describe(_box(), thick)
+    with pytest.raises(ObjectModelError, match='not closed'):
+        describe(_box().submesh([range(10)], append=True), GLASS)
+
+
+@pytest.mark.parametrize(('appearance', 'line'), [
+    ({'material': 'brass'}, 'material'),
+    ({**GLASS, 'colour': [1, 0, 0]}, 'absorption'),
+    ({**GLASS, 'solid': True}, 'one of'),
+    ({**GLASS, 'mouth': {'open': True}}, 'height z'),
+    ({'material': 'glass', 'solid': True, 'floor': 0.01}, 'floor is for hollow')])
+def test_contradictions_are_refused(describe, appearance, line):
+    with pytest.raises(SettingsError, match=line):
+        describe(_box(), appearance)
+
+
+def test_the_localizer_ignores_the_appearance(describe, tmp_path):
+    thing = describe(_revolved(CYLINDER), GLASS)
+    model = ObjectModel.load(tmp_path / 'thing.yaml')
+    np.testing.assert_array_equal(model.vertices, thing.vertices)
+    bare = tmp_path / 'bare.yaml'
+    bare.write_text('mesh: thing.stl\nscale: 0.001\n')
+    with pytest.raises(ObjectModelError, match='write in its YAML file'):
+        load_object(bare)
