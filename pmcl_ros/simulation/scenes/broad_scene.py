@@ -42,7 +42,7 @@ _LIDS = 0.15  # share of vessels in the clutter
 _ROLLED = 0.15  # share of cameras that are turned any way about their axis
 
 
-class _Palette:
+class Palette:
     """The textures of one scene: few, tinted and scaled in many ways."""
 
     def __init__(self, rng: np.random.Generator) -> None:
@@ -61,10 +61,10 @@ class _Palette:
     def finish(self, rng: np.random.Generator) -> Opaque:
         """Matt or glossy, as `Finish`."""
         side = float(np.exp(rng.uniform(np.log(0.04), np.log(0.5))))
-        return Opaque(self.texture(), side, *_gloss(rng, 0.5))
+        return Opaque(self.texture(), side, *random_gloss(rng, 0.5))
 
 
-def _gloss(rng: np.random.Generator, share: float) -> tuple[float, float]:
+def random_gloss(rng: np.random.Generator, share: float) -> tuple[float, float]:
     """Index and roughness of a coat, which a share of all things has."""
     if rng.random() > share:
         return 1.0, 0.0
@@ -86,33 +86,27 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
     and before them; all of it is solid. The table may end in view.
     """
     kind = settings.kinds[int(rng.integers(len(settings.kinds)))]
-    palette = _Palette(rng)
+    palette = Palette(rng)
     objects = objects or tuple(
         _worn(rng, random_object(rng, kind, palette.finish, _WALLS), palette)
         for _ in range(settings.targets))
     empty = bool(rng.random() < settings.empty)
     sensor = sensor or random_sensor(rng, settings)
-    worlds, circles = _beside_each_other(rng, objects)
-    camera = _camera(rng, settings, sensor, worlds)
+    worlds, circles = beside_each_other(rng, objects)
+    camera = random_view(rng, settings, sensor, np.mean([each[:3, 3] for each in worlds], axis=0))
     poses = [camera @ each for each in worlds]
     targets = tuple(random_target(rng, each, pose, settings.roi, empty)
                     for each, pose in zip(objects, poses, strict=True))
-    things, places = ([], []) if empty else ([*objects], [*poses])
-    for _ in range(int(rng.integers(settings.clutter + 1))):
-        thing = _worn(rng, _clutter(rng, palette.finish), palette)
-        if thing.axis is not None and rng.random() < _LIDS:
-            thing = _lidded(rng, thing, palette.finish)
-        rest = thing.at_rest(rng)
-        spot = _spot(rng, thing, rest, circles, camera)
-        if spot is not None:
-            things.append(thing)
-            places.append(camera @ pose_of(Rotation.identity(), spot) @ rest)
+    things, places = random_clutter(rng, int(rng.integers(settings.clutter + 1)), palette, circles,
+                                    camera)
+    if not empty:
+        things, places = [*objects, *things], [*poses, *places]
     solids, owners = placed(things, places)
     if empty:
         owners = [len(objects)] * len(owners)
-    sheets = _room(rng, camera, palette, circles)
+    sheets = broad_room(rng, camera, palette, circles)
     if kind.endswith('film'):
-        sheets.append(_film(rng, nearest_depth(objects, poses)))
+        sheets.append(broad_film(rng, nearest_depth(objects, poses)))
     name = f'{kind}: {objects[0].name}' + (', empty' if empty else '')
     return Scene(name, tuple(solids), tuple(sheets), random_lit_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(min(each, len(objects)) for each in owners))
@@ -128,7 +122,7 @@ def _footprint(thing: SceneObject, rest: Pose) -> Circle:
     return middle, float(np.linalg.norm(flat - middle, axis=1).max())
 
 
-def _beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
+def beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
                        ) -> tuple[list[Pose], list[Circle]]:
     """Poses (4, 4), object to world, of the targets, and their footprints."""
     worlds: list[Pose] = []
@@ -144,17 +138,21 @@ def _beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...
     return worlds, circles
 
 
-def _camera(rng: np.random.Generator, of: SceneSettings, sensor: Sensor, worlds: list[Pose]
-            ) -> Pose:
-    """Anywhere from level with the table to right above it; the targets are mostly in view."""
+def random_view(rng: np.random.Generator, of: SceneSettings, sensor: Sensor,
+                aim: NDArray[np.float64], heights: tuple[float, float] = (0.08, 1.5),
+                rolled: float = _ROLLED) -> Pose:
+    """A camera (4, 4), world to camera, that has a point (3,) of the world [m] mostly in view.
+
+    heights: limits of the angle at which it looks down [rad]; default: from nearly level to right
+    from above. rolled: share of cameras that are turned any way about their axis.
+    """
     pinhole = sensor.grid.pinhole
-    aim = np.mean([each[:3, 3] for each in worlds], axis=0)
     half = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy]) / 2
     spread = (1.0 if rng.random() < of.outside else 0.6) * half
     aside = np.arctan(spread * rng.uniform(-1, 1, 2))
-    roll = np.pi if rng.random() < _ROLLED else 0.08
+    roll = np.pi if rng.random() < rolled else 0.08
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]),
-                        (0.08, 1.5), roll)
+                        heights, roll)
 
 
 def _ball(rng: np.random.Generator, finish: Finish) -> SceneObject:
@@ -167,7 +165,7 @@ def _ball(rng: np.random.Generator, finish: Finish) -> SceneObject:
                        np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64), None)
 
 
-def _worn(rng: np.random.Generator, thing: SceneObject, palette: _Palette) -> SceneObject:
+def _worn(rng: np.random.Generator, thing: SceneObject, palette: Palette) -> SceneObject:
     """At times frosted, with a label, with stains; of opaque things nothing changes."""
     first = thing.solids[0]
     glass = first.media[0]
@@ -209,6 +207,25 @@ def _lidded(rng: np.random.Generator, thing: SceneObject, finish: Finish) -> Sce
                    faces=np.concatenate([thing.faces, faces + len(thing.vertices)]))
 
 
+def random_clutter(rng: np.random.Generator, count: int, palette: Palette, circles: list[Circle],
+                   camera: Pose) -> tuple[list[SceneObject], list[Pose]]:
+    """Up to `count` things on the table, and their poses (4, 4), object to camera.
+
+    circles: footprints of what is there; theirs are appended.
+    """
+    things, places = [], []
+    for _ in range(count):
+        thing = _worn(rng, _clutter(rng, palette.finish), palette)
+        if thing.axis is not None and rng.random() < _LIDS:
+            thing = _lidded(rng, thing, palette.finish)
+        rest = thing.at_rest(rng)
+        spot = _spot(rng, thing, rest, circles, camera)
+        if spot is not None:
+            things.append(thing)
+            places.append(camera @ pose_of(Rotation.identity(), spot) @ rest)
+    return things, places
+
+
 def _clutter(rng: np.random.Generator, finish: Finish) -> SceneObject:
     makers: tuple[tuple[float, Callable[[], SceneObject]], ...] = (
         (0.28, lambda: random_transparent(rng, _WALLS)),
@@ -232,7 +249,7 @@ def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: lis
     nearer than 10 cm to the camera.
     """
     middle, radius = _footprint(thing, rest)
-    ahead = _ahead(camera)
+    ahead = viewing_way(camera)
     eye = -camera[:3, :3].T @ camera[:3, 3]
     for _ in range(30):
         at, reach = circles[int(rng.integers(len(circles)))]
@@ -255,7 +272,7 @@ def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: lis
     return None
 
 
-def _film(rng: np.random.Generator, nearest: float) -> Sheet:
+def broad_film(rng: np.random.Generator, nearest: float) -> Sheet:
     """As `random_film`, or of one colour; a third of them scatters light."""
     film = random_film(rng, nearest)
     if rng.random() < 0.3:
@@ -265,12 +282,12 @@ def _film(rng: np.random.Generator, nearest: float) -> Sheet:
     return film
 
 
-def _ahead(camera: Pose) -> NDArray[np.float64]:
+def viewing_way(camera: Pose) -> NDArray[np.float64]:
     """(2,) the way along the table in which the camera looks."""
     return np.asarray(camera[2, :2] / max(float(np.linalg.norm(camera[2, :2])), 1e-9))
 
 
-def _room(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: list[Circle]
+def broad_room(rng: np.random.Generator, camera: Pose, palette: Palette, circles: list[Circle]
           ) -> list[Sheet]:
     """A table, which may end in view above a floor, and mostly a wall behind it."""
     turn = rng.uniform(0, 2 * np.pi)
@@ -304,16 +321,16 @@ def _room(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: li
     sheets.append(Sheet(camera @ pose_of(rotation, rotation.apply(place)),
                         (float(size[0]), float(size[1])), palette.texture(),
                         float(np.exp(rng.uniform(np.log(0.1), np.log(1.0)))), 1.0,
-                        *_gloss(rng, 0.45)))
+                        *random_gloss(rng, 0.45)))
     if rng.random() < 0.65:
         sheets.append(_wall(rng, camera, palette, circles))
     return sheets
 
 
-def _wall(rng: np.random.Generator, camera: Pose, palette: _Palette, circles: list[Circle]
+def _wall(rng: np.random.Generator, camera: Pose, palette: Palette, circles: list[Circle]
           ) -> Sheet:
     """Upright, behind everything on the table."""
-    ahead = _ahead(camera)
+    ahead = viewing_way(camera)
     angle = np.arctan2(ahead[1], ahead[0]) + rng.uniform(-0.6, 0.6)
     way = np.array([np.cos(angle), np.sin(angle)])
     behind = max(float(at @ way) + radius for at, radius in circles)

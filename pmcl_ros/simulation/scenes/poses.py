@@ -27,9 +27,9 @@ def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str,
     lean = {'upright': 0.0, 'head down': np.pi, 'lying': np.pi / 2 + rng.normal(0, 0.04),
             'tilted': np.arccos(rng.uniform(-1, 1))}[way]
     about = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
-    stand = Rotation.identity() if np.array_equal(up, _Z) else Rotation.align_vectors(
-        _Z[None], np.asarray(up)[None])[0]
-    rotation = about * Rotation.from_euler('x', lean) * turn * stand
+    if not np.array_equal(up, _Z):
+        turn = turn * Rotation.align_vectors(_Z[None], np.asarray(up)[None])[0]
+    rotation = about * Rotation.from_euler('x', lean) * turn
     low = rotation.apply(vertices)[:, 2].min()
     held = rng.uniform(0, 0.04) if way == 'tilted' else 0.0
     return pose_of(rotation, np.array([0, 0, held - low]))

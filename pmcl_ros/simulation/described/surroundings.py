@@ -1,0 +1,126 @@
+"""Draws scenes of a given object in surroundings that users name."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pmcl_ros.runtime.errors import SimulationError
+from pmcl_ros.simulation.described.place import Place, Surrounding
+from pmcl_ros.simulation.described.wet_places import sink, tank
+from pmcl_ros.simulation.scenes.broad_scene import (
+    Palette,
+    beside_each_other,
+    broad_room,
+    broad_scene,
+    random_clutter,
+    random_view,
+)
+from pmcl_ros.simulation.scenes.environment import random_lit_environment
+from pmcl_ros.simulation.scenes.objects import SceneObject
+from pmcl_ros.simulation.scenes.poses import Pose
+from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, placed, random_target
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.sensor import Sensor
+
+Surroundings = Literal['table', 'shelf', 'sink', 'tank', 'clutter', 'random']
+SURROUNDINGS: tuple[Surroundings, ...] = get_args(Surroundings)
+Attitude = Literal['any', 'upright', 'lying']
+# Limits of the angle at which the camera looks down [rad].
+_HEIGHTS = {'table': (0.08, 1.5), 'shelf': (0.0, 0.35), 'sink': (0.8, 1.45), 'tank': (0.0, 0.4),
+            'clutter': (0.08, 1.5)}
+_SHOULDER = 0.7  # of the camera's distance: a board may come so near to it
+
+
+class DescribedSettings(SceneSettings):
+    """Parameters of `described_scene`; `kinds` tell of a film in random surroundings only."""
+
+    kinds: tuple[Kind, ...] = Field(('glass', 'glass film'), min_length=1,
+                                    description='of random surroundings: with a film or without')
+    attitude: Attitude = Field('any', description='how the object rests: upright, lying, or any '
+                               'way, held up too')
+
+
+def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: Surroundings,
+                    sensor: Sensor, settings: DescribedSettings | None = None) -> Scene:
+    """Draw a scene of an object, its one target, as a camera sees it, with lamps and shadows.
+
+    surroundings: `table`: a table that may end in view, mostly a wall; `shelf`: boards below,
+    above and behind; `sink`: as `wet_places.sink`; `tank`: as `wet_places.tank`; `clutter`: a
+    table with things beside, before and behind; `random`: as `broad_scene`. Raises
+    SimulationError where the object may not rest as the settings say.
+    """
+    of = settings or DescribedSettings()
+    if of.attitude != 'any':
+        if thing.way not in ('', of.attitude):
+            raise SimulationError(f'{thing.name} holds a liquid: it stands upright, and cannot '
+                                  f'rest {of.attitude}; set attitude: upright')
+        thing = replace(thing, way=of.attitude)
+    if surroundings == 'random':
+        scene = broad_scene(rng, of, sensor, (thing,))
+        return replace(scene, name=f'random: {thing.name}')
+    empty = bool(rng.random() < of.empty)
+    worlds, circles = beside_each_other(rng, (thing,))
+    low, high = _bounds(thing, worlds[0])
+    camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0)
+    pose = camera @ worlds[0]
+    place = Place(thing, worlds[0], float(high[2]), camera, circles, Palette(rng), of.near, empty)
+    around = _MAKERS[surroundings](rng, place, of)
+    target = random_target(rng, thing, pose, of.roi, empty)
+    owners = (0,) * len(around.target) + (1,) * len(around.solids)
+    return Scene(f'{surroundings}: {thing.name}' + (', empty' if empty else ''),
+                 around.target + around.solids, around.sheets, random_lit_environment(rng),
+                 camera[:3, :3].T, sensor, (target,), owners)
+
+
+def _bounds(thing: SceneObject, world: Pose
+            ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Corners (3,) of the box around an object in the world [m]."""
+    vertices = thing.vertices @ world[:3, :3].T + world[:3, 3]
+    return vertices.min(axis=0), vertices.max(axis=0)
+
+
+def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Surrounding:
+    return Surrounding(place.target, (), tuple(broad_room(rng, place.camera, place.palette,
+                                                          place.circles)))
+
+
+def _clutter(rng: np.random.Generator, place: Place, of: DescribedSettings) -> Surrounding:
+    count = int(rng.integers(2, max(of.clutter, 2) + 1))
+    things, poses = random_clutter(rng, count, place.palette, place.circles, place.camera)
+    sheets = broad_room(rng, place.camera, place.palette, place.circles)
+    return Surrounding(place.target, tuple(placed(things, poses)[0]), tuple(sheets))
+
+
+def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Surrounding:
+    """Boards in front of a wall; the object stands on one of them."""
+    frame = place.facing(rng, 0.5)
+    front = -min(place.reach + rng.uniform(0.02, 0.12), _SHOULDER * place.near)
+    back = place.reach + rng.uniform(0.01, 0.2)
+    left, right = -place.reach - rng.uniform(0.05, 0.5, 2) * [1, -1]
+    right += 2 * place.reach
+    thick = rng.uniform(0.012, 0.03)
+    above = place.top + rng.uniform(0.04, 0.25)
+    wood = place.palette.finish(rng)
+    boards = [frame.box(np.array([left, front, z]), np.array([right, back, z + thick]), wood)
+              for z in (-thick - 1e-5, above, -thick - above)]
+    if rng.random() < 0.6:
+        boards += [frame.box(np.array([x, front, -thick - above]),
+                             np.array([x + thick, back, above + thick]), wood)
+                   for x in (left - thick, right)]
+    texture = place.palette.texture()
+    wall = frame.across_y((-3, 3), back + 1e-3, (-1.5, 1.5), texture,
+                          float(np.exp(rng.uniform(np.log(0.2), np.log(2.0)))))
+    return Surrounding(place.target, tuple(boards), (wall,))
+
+
+def _wet(make: Callable[[np.random.Generator, Place], Surrounding]
+         ) -> Callable[[np.random.Generator, Place, DescribedSettings], Surrounding]:
+    return lambda rng, place, _: make(rng, place)
+
+
+_MAKERS = {'table': _table, 'shelf': _shelf, 'sink': _wet(sink), 'tank': _wet(tank),
+           'clutter': _clutter}

@@ -1,0 +1,132 @@
+"""A sink with water, and a tank behind a film."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.simulation.described.place import Frame, Place, Surrounding
+from pmcl_ros.simulation.described.substances import WATER
+from pmcl_ros.simulation.described.water import (
+    can_stand_in_water,
+    standing_in_water,
+    submerged,
+    water_jet,
+    water_surface,
+)
+from pmcl_ros.simulation.scenes.broad_scene import broad_film
+from pmcl_ros.simulation.scenes.materials import Opaque
+from pmcl_ros.simulation.scenes.poses import pose_of
+from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.scene import Solid
+from pmcl_ros.simulation.scenes.textures import SIZE
+
+_RUNNING = 0.5  # share of sinks with running water
+_STEEL = 0.5  # share of sinks; others are ceramic
+_GAP = 1e-4  # m: between an object and what it lies on
+_BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
+_COUNTER = 1.0  # m
+
+
+def sink(rng: np.random.Generator, place: Place) -> Surrounding:
+    """A basin of steel or ceramic with standing or running water, below a counter.
+
+    An upright body of revolution stands in the water, dry inside. Anything else lies on a ledge
+    just above it, as a Solid's media nest within that solid only. The jet ends on the water's
+    surface, which goes on below it. Steel reflects less than it should: coats are dielectric.
+    """
+    frame = Frame(place.camera @ pose_of(Rotation.from_euler('z', rng.uniform(0, 2 * np.pi)),
+                                         np.zeros(3)))
+    depth = rng.uniform(0.13, 0.22)
+    half = np.maximum(rng.uniform([0.17, 0.15], [0.28, 0.21]), place.reach + 0.03)
+    middle = rng.uniform(-1, 1, 2) * (half - place.reach - 0.025)
+    low, high = middle - half, middle + half
+    stands = can_stand_in_water(place.thing) and not place.empty
+    level = float(rng.uniform(0.15, 0.75) * min(place.top, 0.75 * depth))
+    floor = 0.0 if stands else -level - _BEYOND
+    target, hole = place.target, 0.0
+    if stands:
+        wet, hole = standing_in_water(place.thing.solids[0], level - place.world[2, 3])
+        target = replace(place.thing, solids=(wet,)).placed(place.camera @ place.world)
+    surface_at = level if stands else -_BEYOND
+    tone = rng.uniform(0.35, 0.6) if rng.random() < _STEEL else rng.uniform(0.6, 0.88)
+    colour = np.broadcast_to(np.float32(tone) * np.ones(3, np.float32), (SIZE, SIZE, 3))
+    coat = (2.5, float(rng.uniform(0.05, 0.3))) if tone < 0.6 else (1.5, float(
+        rng.uniform(0, 0.1)))
+    (x0, y0), (x1, y1) = low.tolist(), high.tolist()
+    rim = floor + depth
+    up, counter = (floor, rim), place.palette.texture()
+    sheets = [
+        frame.level((x0, y0), (x1, y1), floor, colour, 0.3, *coat),
+        *(frame.across_x(x, (y0, y1), up, colour, 0.3, *coat) for x in (x0, x1)),
+        *(frame.across_y((x0, x1), y, up, colour, 0.3, *coat) for y in (y0, y1)),
+        *(frame.level(*corners, rim, counter, 0.5, 1.5, 0.1) for corners in (
+            ((x0 - _COUNTER, y1), (x1 + _COUNTER, y1 + _COUNTER)),
+            ((x0 - _COUNTER, y0 - _COUNTER), (x1 + _COUNTER, y0)),
+            ((x0 - _COUNTER, y0), (x0, y1)), ((x1, y0), (x1 + _COUNTER, y1)))),
+        frame.across_y((x0 - _COUNTER, x1 + _COUNTER), y1 + 0.15, (rim, rim + 0.8),
+                       place.palette.texture(), 0.6)]
+    solids: list[Solid] = []
+    running = rng.random() < _RUNNING
+    jet = _free_spot(rng, low, high, place.reach) if running else None
+    slope = float(rng.uniform(0.04, 0.15) if running else rng.uniform(0.003, 0.03))
+    solids.append(frame.solid(water_surface(rng, low - _BEYOND, high + _BEYOND, surface_at, slope,
+                                            hole, jet)))
+    if not (stands or place.empty):
+        side = place.reach + 0.01
+        solids.append(frame.box(np.array([-side, -side, floor]), np.array([side, side, -_GAP]),
+                                Opaque(colour, 0.3, *coat)))
+    if jet is not None:
+        outlet = rim + rng.uniform(0.05, 0.15)
+        at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(jet, 0)))
+        solids += [at.solid(water_jet(rng, rng.uniform(0.003, 0.007), surface_at + 0.001,
+                                      outlet)),
+                   *_tap(at, outlet, y1 + 0.1 - float(jet[1]), Opaque(colour, 0.3, 2.5, 0.05))]
+    return Surrounding(target, tuple(solids), tuple(sheets))
+
+
+def _free_spot(rng: np.random.Generator, low: np.ndarray, high: np.ndarray, reach: float
+               ) -> np.ndarray | None:
+    """(2,) in the basin beside what stands at its origin; None where that fills it."""
+    for _ in range(30):
+        spot = rng.uniform(low + 0.04, high - 0.04)
+        if np.linalg.norm(spot) > reach + 0.025:
+            return np.asarray(spot)
+    return None
+
+
+def _tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
+    """A spout above the origin, and its arm to a wall behind it [m]."""
+    profile = np.array([[0, outlet + 0.0005], [0.011, outlet + 0.0005], [0.012, outlet + 0.04],
+                        [0, outlet + 0.04]])
+    spout = at.solid(Solid(Frusta.from_profile(profile, 0, 1), (metal,), np.eye(4)))
+    return [spout, at.box(np.array([-0.009, 0.0, outlet + 0.02]),
+                          np.array([0.009, back, outlet + 0.038]), metal)]
+
+
+def tank(rng: np.random.Generator, place: Place) -> Surrounding:
+    """A tank full of water with a flat front, behind a textured film; the object is in the water.
+
+    Its panes are left out: they would shift what is behind them by a third of their thickness.
+    """
+    frame = place.facing(rng, 0.3)
+    front = -min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near)
+    back = place.reach + rng.uniform(0.03, 0.25)
+    half = place.reach + rng.uniform(0.06, 0.25)
+    height = place.top + rng.uniform(0.02, 0.12)
+    aside = rng.uniform(-0.5, 0.5) * (half - place.reach)
+    left, right = aside - half, aside + half
+    target = tuple(submerged(each) for each in place.target)
+    water = frame.box(np.array([left, front, -_BEYOND]), np.array([right, back, height]), WATER)
+    ground, behind = place.palette.texture(), place.palette.texture()
+    sheets = [frame.level((-2, -2), (2, 2), 0.0, ground, float(rng.uniform(0.1, 0.6)))]
+    if rng.random() < 0.6:
+        sheets.append(frame.across_y((left, right), back - 0.001, (0, height), behind,
+                                     float(rng.uniform(0.15, 0.6))))
+    else:
+        sheets.append(frame.across_y((-2, 2), back + rng.uniform(0.05, 0.8), (0, 1.5), behind,
+                                     float(rng.uniform(0.2, 1.0))))
+    film = broad_film(rng, 1.0)
+    screen = frame.across_y((left - 0.02, right + 0.02), front - 0.002, (0, height + 0.02),
+                            film.texture, film.side, 1.0, film.roughness)
+    return Surrounding(target, (water,), (*sheets, replace(screen, opacity=film.opacity)))
