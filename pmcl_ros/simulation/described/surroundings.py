@@ -36,10 +36,10 @@ _SHOULDER = 0.7  # of the camera's distance: a board may come so near to it
 
 
 class DescribedSettings(SceneSettings):
-    """Parameters of `described_scene`; `kinds` tell of a film in random surroundings only."""
+    """Parameters of `described_scene`; `kinds` with a film put one before random surroundings."""
 
-    kinds: tuple[Kind, ...] = Field(('glass', 'glass film'), min_length=1,
-                                    description='of random surroundings: with a film or without')
+    kinds: tuple[Kind, ...] = Field(('glass',), min_length=1, description='of random '
+                                    'surroundings: with a film before everything or without')
     attitude: Attitude = Field('any', description='how the object rests: upright, lying, or any '
                                'way, held up too')
 

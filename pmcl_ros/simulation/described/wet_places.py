@@ -14,9 +14,9 @@ from pmcl_ros.simulation.described.water import (
     water_jet,
     water_surface,
 )
-from pmcl_ros.simulation.scenes.broad_scene import broad_film
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.poses import pose_of
+from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.textures import SIZE
@@ -126,7 +126,7 @@ def tank(rng: np.random.Generator, place: Place) -> Surrounding:
     else:
         sheets.append(frame.across_y((-2, 2), back + rng.uniform(0.05, 0.8), (0, 1.5), behind,
                                      float(rng.uniform(0.2, 1.0))))
-    film = broad_film(rng, 1.0)
+    film = random_film(rng, 1.0)
     screen = frame.across_y((left - 0.02, right + 0.02), front - 0.002, (0, height + 0.02),
-                            film.texture, film.side, 1.0, film.roughness)
+                            film.texture, film.side)
     return Surrounding(target, (water,), (*sheets, replace(screen, opacity=film.opacity)))

@@ -106,7 +106,7 @@ def broad_scene(rng: np.random.Generator, settings: SceneSettings,
         owners = [len(objects)] * len(owners)
     sheets = broad_room(rng, camera, palette, circles)
     if kind.endswith('film'):
-        sheets.append(broad_film(rng, nearest_depth(objects, poses)))
+        sheets.append(_film(rng, nearest_depth(objects, poses)))
     name = f'{kind}: {objects[0].name}' + (', empty' if empty else '')
     return Scene(name, tuple(solids), tuple(sheets), random_lit_environment(rng), camera[:3, :3].T,
                  sensor, targets, tuple(min(each, len(objects)) for each in owners))
@@ -272,7 +272,7 @@ def _spot(rng: np.random.Generator, thing: SceneObject, rest: Pose, circles: lis
     return None
 
 
-def broad_film(rng: np.random.Generator, nearest: float) -> Sheet:
+def _film(rng: np.random.Generator, nearest: float) -> Sheet:
     """As `random_film`, or of one colour; a third of them scatters light."""
     film = random_film(rng, nearest)
     if rng.random() < 0.3:
