@@ -16,8 +16,8 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 @click.command()
 @simulation_options
 @click.option('--cameras', 'plan', metavar='PLAN', help='Pictures of each scene from several '
-              'poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a YAML file '
-              'with these or poses, and errors of the poses that are told; default: one picture.')
+              'poses: arc:COUNT:DEGREES about the object, grid:ROWSxCOLUMNS:METRES, or a YAML '
+              'file with these or poses, and errors of the poses that are told; default: one.')
 @click.option('--count', type=click.IntRange(1), default=10, show_default=True, help='Scenes.')
 @click.option('--jobs', type=click.IntRange(1), default=1, show_default=True, help='Processes; '
               'one uses all cores already.')

@@ -40,6 +40,10 @@ class DescribedSettings(SceneSettings):
 
     kinds: tuple[Kind, ...] = Field(('glass',), min_length=1, description='of random '
                                     'surroundings: with a film before everything or without')
+    outside: float = Field(0.0, ge=0, le=1, description='share of scenes whose object may reach '
+                           'beyond the image')
+    aside: float = Field(0.25, ge=0, le=1, description='how far from the middle of the picture '
+                         'the object may be, in halves of its sides')
     attitude: Attitude = Field('any', description='how the object rests: upright, lying, or any '
                                'way, held up too')
 

@@ -148,7 +148,7 @@ def random_view(rng: np.random.Generator, of: SceneSettings, sensor: Sensor,
     """
     pinhole = sensor.grid.pinhole
     half = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy]) / 2
-    spread = (1.0 if rng.random() < of.outside else 0.6) * half
+    spread = (1.0 if rng.random() < of.outside else of.aside) * half
     aside = np.arctan(spread * rng.uniform(-1, 1, 2))
     roll = np.pi if rng.random() < rolled else 0.08
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]),

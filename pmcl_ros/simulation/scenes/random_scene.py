@@ -49,6 +49,8 @@ class SceneSettings(Settings):
     targets: int = Field(1, ge=1, le=8, description='objects to look for in a scene')
     outside: float = Field(0.15, ge=0, le=1,
                            description='share of scenes whose object reaches beyond the image')
+    aside: float = Field(0.6, ge=0, le=1, description='of broad scenes: how far from the middle '
+                         'of the picture the object may be otherwise, in halves of its sides')
     clutter: int = Field(5, ge=0, le=20, description='other objects at most')
     near: float = Field(0.4, ge=0.15, le=5, description='least distance of the object [m]')
     far: float = Field(0.75, ge=0.15, le=5, description='largest distance of the object [m]')

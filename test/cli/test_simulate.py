@@ -1,0 +1,113 @@
+"""`pmcl simulate` and `pmcl feasibility`, on small pictures."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+from click.testing import CliRunner, Result
+
+from pmcl_ros.cli import main
+from pmcl_ros.drawing.pictures import silhouette
+from pmcl_ros.evaluation.captures import find_captures
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.read import read_source
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+CAMERA = {'width': 160, 'height': 120, 'fx': 150.0, 'cx': 79.5, 'cy': 59.5}
+
+
+@pytest.fixture
+def tumbler(tmp_path: Path) -> Path:
+    """An STL of the outer surface in millimetres, and what it is made of."""
+    profile = np.array([[0, 0], [27, 0], [28.5, 2], [36, 96], [0, 96]], float)
+    mesh = trimesh.creation.revolve(profile, sections=48)
+    mesh.merge_vertices()
+    mesh.update_faces(mesh.nondegenerate_faces())
+    mesh.fix_normals()
+    mesh.export(tmp_path / 'tumbler.stl')
+    (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(CAMERA))
+    described = tmp_path / 'tumbler.yaml'
+    described.write_text(yaml.safe_dump({
+        'mesh': 'tumbler.stl', 'scale': 0.001,
+        'appearance': {'material': 'glass', 'wall': 0.0025, 'floor': 0.008,
+                       'mouth': {'z': 0.096, 'open': True}}}))
+    return described
+
+
+def run(tumbler: Path, command: str, *options: str) -> Result:
+    return CliRunner().invoke(main, [command, str(tumbler), '--camera',
+                                     str(tumbler.with_name('camera.yaml')), *options])
+
+
+@pytest.mark.parametrize('renderer', ['physical', 'fast'])
+def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: str) -> None:
+    out = tumbler.parent / 'out'
+    options = ('--renderer', renderer, '--samples', '8', '--surroundings', 'table', '--attitude',
+               'upright', '--cameras', 'arc:2:20', '--count', '1', '--seed', '3', '-o', str(out))
+    made = run(tumbler, 'simulate', *options)
+    assert made.exit_code == 0, made.output
+    capture, = find_captures(out)
+    source = read_source(capture.source)
+    assert isinstance(source, PosedViews)
+    model = ObjectModel.load(tumbler)
+    for view in source.views:
+        into = np.linalg.inv(view.camera_to_reference)
+        inside = silhouette(view.pinhole, model, into @ capture.truth.pose, 1) > 0
+        assert 200 < inside.sum() < 0.5 * inside.size
+        assert 0.05 < view.picture.mean() < 0.95
+    kept = (capture.folder / '000.png').read_bytes()
+    (capture.folder / '000.png').write_bytes(b'kept')
+    assert run(tumbler, 'simulate', *options).exit_code == 0  # what is there is kept
+    assert (capture.folder / '000.png').read_bytes() == b'kept'
+    if renderer == 'fast':  # and made again where it is not whole
+        (capture.folder / 'truth.json').unlink()
+        assert run(tumbler, 'simulate', *options).exit_code == 0
+        assert (capture.folder / '000.png').read_bytes() == kept
+
+
+def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
+    out = tumbler.parent / 'out'
+    options = ('--renderer', 'fast', '--samples', '2', '--cameras', 'arc:2:30', '-o', str(out))
+    made = run(tumbler, 'feasibility', '--scenes', '1', *options)
+    assert made.exit_code == 0, made.output
+    assert 'too few' in made.output
+    assert '1 scenes: about' in made.output
+    page = (out / 'feasibility.html').read_text()
+    assert 'Will it work for tumbler?' in page
+    assert page.count('data:image/png') == 3  # curves, scenes, the one that is worst
+    trials = json.loads((out / 'scenes' / '000000' / 'trials.json').read_text())
+    assert list(trials) == ['one view', 'two views over 30 degrees']
+    before = (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns
+    assert run(tumbler, 'feasibility', '--scenes', '2', *options).exit_code == 0
+    assert (out / 'scenes' / '000000' / 'trials.json').stat().st_mtime_ns == before
+    assert (out / 'scenes' / '000001' / 'trials.json').exists()
+    other = run(tumbler, 'feasibility', '--scenes', '1', '--region', '0.5:0.6', *options)
+    assert other.exit_code == 1
+    assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
+
+
+def test_what_is_impossible_is_one_line(tumbler: Path) -> None:
+    out = ('-o', str(tumbler.parent / 'out'))
+    for options, line in (
+            (('--region', 'here'), 'expected NEAR:FAR'),
+            (('--camera', 'none.yaml'), '--camera none.yaml: there is no such file')):
+        made = run(tumbler, 'feasibility', *options, *out)
+        assert made.exit_code == 1
+        assert line in made.output
+        assert made.output.count('\n') == 1
+
+
+def test_without_the_extra_it_says_what_to_install(tumbler: Path,
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    from pmcl_ros.simulation.path_tracing.variant import mitsuba
+    mitsuba.cache_clear()
+    monkeypatch.setitem(sys.modules, 'mitsuba', None)
+    made = run(tumbler, 'simulate', '--count', '1', '-o', str(tumbler.parent / 'out'))
+    mitsuba.cache_clear()
+    assert made.exit_code == 1
+    assert "pip install 'pmcl_ros[simulate]'" in made.output

@@ -1,0 +1,104 @@
+"""What is said of simulated scenes."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pmcl_ros.evaluation.feasibility import findings
+from pmcl_ros.evaluation.feasibility.findings import (
+    Aim,
+    causes,
+    cell,
+    recommendation,
+    success,
+    worst,
+)
+from pmcl_ros.evaluation.feasibility.view_sets import ViewSet, view_sets
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.simulation.camera_plan import CameraPlan
+
+ONE, THREE = ViewSet('one view', (1,)), ViewSet('three views over 30 degrees', (0, 1, 2))
+
+
+def trial(seed: int, mm: float = 1.0, degrees: float = 1.0, capture: str = 'table: glass',
+          gap: float = 0.0, distance: float = 0.5, **other: Any) -> Trial:
+    extra = {'across_mm': mm / 2, 'gap': gap, 'distance': distance}
+    return Trial(capture, 'mode', seed, translation_mm=mm, axis_deg=degrees, ray_mm=mm / 2,
+                 extra=extra, **other)
+
+
+def test_sets_are_one_two_and_more_views_of_a_plan() -> None:
+    assert [(each.name, each.pictures) for each in view_sets(CameraPlan(arc=(3, 30.0)))] == [
+        ('one view', (1,)), ('two views over 15 degrees', (1, 2)),
+        ('two views over 30 degrees', (0, 2)), ('three views over 30 degrees', (0, 1, 2))]
+    assert [each.pictures for each in view_sets(CameraPlan(arc=(1, 0.0)))] == [(0,)]
+    assert [each.pictures for each in view_sets(None)] == [(0,)]
+    names = [each.name for each in view_sets(CameraPlan(grid=(3, 3, 0.1)))]
+    assert names == ['one view', 'two views over 50 mm', 'two views over 141 mm',
+                     'three views over 141 mm', 'nine views over 141 mm']
+
+
+def test_cells_of_few_scenes_are_empty() -> None:
+    assert str(cell([trial(k) for k in range(9)], Aim())) == ''
+    told = str(cell([trial(k, 1 if k < 18 else 9) for k in range(20)], Aim()))
+    assert told == '90 % (18 of 20; 70 to 97 %)'
+
+
+def test_lost_and_upside_down_are_not_good_enough() -> None:
+    aim = Aim(3, 5)
+    assert aim.reached(trial(0))
+    assert not aim.reached(trial(0, lost=True))
+    assert not aim.reached(trial(0, degrees=180))
+    assert not aim.reached(trial(0, mm=3.1))
+
+
+def test_causes_tell_look_alikes_from_faint_contours() -> None:
+    some = [trial(0, 2, 178, gap=3.0, flipped=True, symmetric=True),
+            trial(1, 2, 179, gap=-5.0, flipped=True, symmetric=True),
+            trial(2, 1, 1, lost=True), trial(3, 80, 60, gap=30.0), trial(4, 80, 60, gap=-30.0),
+            trial(5)]
+    assert causes(some) == [
+        'upright and upside down look alike, within 4 nat (2)',
+        'the pose is right, but its contours are too faint to be sure (1)',
+        'something else looks more like the object (1)', 'the search missed the true pose (1)']
+
+
+def test_the_fewest_views_that_are_good_enough_are_recommended() -> None:
+    good = [trial(k) for k in range(20)]
+    poor = [trial(k, 2, 179, gap=2.0, flipped=True, symmetric=True) if k < 6 else trial(k)
+            for k in range(20)]
+    said = recommendation([ONE, THREE], {ONE.name: poor, THREE.name: good}, Aim())
+    assert said.startswith('Three views over 30 degrees: 100 % (20 of 20; 84 to 100 %) within '
+                           '3 mm and 5 degrees.')
+    assert ('One view is not enough: 70 % (14 of 20; 48 to 85 %); upright and upside down look '
+            'alike, within 2 nat (6).') in said
+    assert recommendation([ONE, THREE], {ONE.name: good, THREE.name: good},
+                          Aim()).startswith('One view: 100 %')
+    none = recommendation([ONE, THREE], {ONE.name: poor, THREE.name: poor}, Aim())
+    assert none.startswith('Not yet: the best is one view, 70 %')
+    assert 'too few' in recommendation([ONE], {ONE.name: good[:3]}, Aim())
+
+
+def test_wrong_poses_are_the_worst_then_lost_ones() -> None:
+    some = [trial(0, 5), trial(1, 90, lost=True), trial(2, 60, 50), trial(3, 1)]
+    assert [each.seed for each in worst(some, 3)] == [2, 1, 0]
+
+
+def test_groups_are_exhaustive_and_rare_surroundings_are_one() -> None:
+    some = [trial(k, capture=('table', 'sink', 'shelf')[0 if k < 12 else 1 + k % 2] + ': glass',
+                  distance=0.3 + 0.01 * k) for k in range(20)]
+    for groups in (findings.surroundings(some), findings.distances(some)):
+        belongs = [[of(each) for _, of in groups] for each in some]
+        assert (np.sum(belongs, axis=1) == 1).all()
+    assert [name for name, _ in findings.surroundings(some)] == ['table', 'others']
+
+
+def test_the_curve_is_the_share_told_within_each_error() -> None:
+    some = [trial(0, 1), trial(1, 2), trial(2, 3, lost=True), trial(3, 1, 90)]
+    np.testing.assert_array_equal(success(some, np.array([0.5, 1.5, 50]), Aim()), [0, 25, 50])
+
+
+@pytest.mark.parametrize('count', [1, 10])
+def test_rows_have_a_cell_for_each_column(count: int) -> None:
+    assert len(findings.row('x', [trial(k) for k in range(count)], Aim())) == len(findings.HEAD)
