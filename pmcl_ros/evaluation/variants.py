@@ -4,8 +4,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
-import yaml
-
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
@@ -23,7 +21,8 @@ from pmcl_ros.pipeline import (
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.text_file import parse_yaml
 
 Base = Literal['default', 'faithful', 'centre', 'edges', 'map', 'map-centre']
 
@@ -60,8 +59,8 @@ class Variant:
         `row=faithful` starts from that row. Raises SettingsError for an unknown parameter.
         """
         try:
-            values = yaml.safe_load('{' + text.replace('=', ': ') + '}')
-        except yaml.YAMLError:
+            values = parse_yaml('{' + text.replace('=', ': ') + '}', text)
+        except FileError:
             values = None
         if not isinstance(values, dict) or not values or None in values.values():
             raise SettingsError(f'{text!r} is not of the form KEY=VALUE,KEY=VALUE')

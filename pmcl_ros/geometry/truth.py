@@ -1,13 +1,13 @@
 """The true pose of an object in a capture, and its region of interest: `truth.json`."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.text_file import read_json
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,15 @@ class Truth:
     def load(cls, path: Path | str) -> 'Truth':
         """Read a truth.json; SettingsError without a pose and a region."""
         try:
-            values = json.loads(Path(path).read_text())
+            values = read_json(path)
             key = 'object_to_camera' if 'object_to_camera' in values else 'object_to_reference'
             pose = np.array(values[key], float).reshape(4, 4)
             x, y, z = (float(each) for each in values['roi']['center'])
             width, height, depth = (float(each) for each in values['roi']['size'])
             return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
                        bool(values.get('film', False)), str(values.get('name', '')))
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except FileError as error:
+            raise SettingsError(str(error)) from None
+        except (ValueError, KeyError, TypeError, OverflowError) as error:
             raise SettingsError(f'{path} holds no object_to_camera (or, of several '
                                 f'views, object_to_reference) and roi: {error!r}') from None

@@ -1,6 +1,5 @@
 """The object that is looked for: its mesh in metres, and which motions leave it as it is."""
 
-import json
 import logging
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.runtime.errors import FileError, ObjectModelError
 from pmcl_ros.runtime.settings import Settings, read_yaml
+from pmcl_ros.runtime.text_file import read_json
 
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
@@ -107,10 +107,12 @@ class ObjectModel:
         if info.is_file():
             number = str(int(path.stem.removeprefix('obj_')))
             try:
-                entry = json.loads(info.read_text(encoding='utf-8'))[number]
+                entry = read_json(info)[number]
                 values |= {key: entry.get(key, []) for key in (
                     'symmetries_continuous', 'symmetries_discrete')}
-            except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            except FileError as error:
+                raise ObjectModelError(str(error)) from None
+            except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise ObjectModelError(f'{info} has no object {number}: {error!r}') from None
         mesh = read_mesh(path)
         mesh.vertices *= values['scale']

@@ -4,8 +4,27 @@ Messages say what is wrong, with the values, and what to do.
 """
 
 
+_LONGEST = 2000  # characters of a message: files and libraries have a say in them
+
+
 class PmclError(Exception):
-    """Root of the package's exceptions."""
+    """Root of the package's exceptions; as text one line that is safe to show in a terminal."""
+
+    def __str__(self) -> str:
+        return one_line(super().__str__())
+
+
+def one_line(text: str, longest: int = _LONGEST) -> str:
+    """A text without line breaks and control characters, shortened in its middle."""
+    text = ' '.join(text.split())
+    if len(text) > longest:
+        text = f'{text[:longest // 2]} ... {text[-longest // 2:]}'
+    return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
+class FileError(PmclError):
+    """A file is missing, damaged, too large, or of another kind."""
+
 
 
 class SettingsError(PmclError):

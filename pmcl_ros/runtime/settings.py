@@ -13,23 +13,36 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.text_file import read_yaml_file
 
 T = TypeVar('T', bound='Settings')
 
-# Values are shown in messages, however large they are: YAML aliases can nest without end.
-_SHORT = reprlib.Repr()
-_SHORT.maxlevel = 3
-_SHORT.maxstring = _SHORT.maxother = 200
+_NAMED = 5  # fields that one line names
+
+
+class _Short(reprlib.Repr):
+    """Values are shown in messages, however large they are."""
+
+    maxlevel, maxstring, maxother = 3, 200, 200
+
+    def repr_int(self, x: int, level: int) -> str:
+        """Python refuses to write thousands of digits."""
+        return f'{x.bit_length()} bits' if x.bit_length() > 1000 else super().repr_int(x, level)
+
+
+_SHORT = _Short()
 
 
 def explain(error: ValidationError) -> str:
     """What is wrong with which fields, with their values, in one line."""
-    return '; '.join(_line(each) for each in error.errors())
+    lines = [_line(each) for each in error.errors(include_url=False)[:_NAMED]]
+    more = error.error_count() - len(lines)
+    return '; '.join([*lines, f'and {more} more'] if more else lines)
 
 
 def _line(error: ErrorDetails) -> str:
-    line = ': '.join(['.'.join(str(part) for part in error['loc']), error['msg']])
+    line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), error['msg']])
     if error['type'] == 'missing':  # the value would be all the others
         return line
     return f'{line.removeprefix(": ")} (got {_SHORT.repr(error["input"])})'
@@ -81,13 +94,6 @@ def read_yaml(path: Path | str) -> dict[str, Any]:
     Raises SettingsError when the file is missing, is not YAML or holds no mapping.
     """
     try:
-        values = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except OSError as error:
-        raise SettingsError(
-            f'cannot read {path}: {error.strerror or error}; check the path') from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date 2026-99-99
-        raise SettingsError(f'{path} is not valid YAML: {error}') from None
-    if not isinstance(values, dict):
-        raise SettingsError(
-            f'{path} holds {type(values).__name__}, expected a mapping of names to values')
-    return values
+        return read_yaml_file(path)
+    except FileError as error:
+        raise SettingsError(str(error)) from None

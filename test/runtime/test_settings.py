@@ -95,20 +95,50 @@ def test_a_value_that_unfolds_to_gigabytes_is_not_shown_whole(path):
     lines = ['a0: &a0 [x, x, x, x, x, x, x, x, x]']
     lines += [f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 9)}]' for n in range(1, 12)]
     path.write_text('\n'.join([*lines, 'count: *a11']))
-    with pytest.raises(SettingsError, match='count: Input should be a valid integer') as caught:
+    with pytest.raises(SettingsError, match=r'values or 64 levels at line 6 \(aliases followed'):
         Example.load(path)
-    assert len(str(caught.value)) < 50_000
+
+
+def test_merge_keys_can_nest_without_end(path):
+    lines = ['a0: &a0 {x: 1}']
+    lines += [f'a{n}: &a{n}\n  <<: [{", ".join([f"*a{n - 1}"] * 9)}]' for n in range(1, 12)]
+    path.write_text('\n'.join(lines))
+    with pytest.raises(SettingsError, match=r'values or 64 levels at line 1\d \(aliases'):
+        Example.load(path)
+
+
+def test_aliases_and_merge_keys_of_some_values_are_followed(path):
+    path.write_text('one: &one {a: 1, b: 2}\ntwo: {<<: *one, b: 3}\nagain: *one')
+    assert read_yaml(path) == {'one': {'a': 1, 'b': 2}, 'two': {'a': 1, 'b': 3},
+                               'again': {'a': 1, 'b': 2}}
+
+
+def test_a_message_names_few_of_many_faults(path):
+    path.write_text('\n'.join(f'k{k}: 1' for k in range(49_000)))
+    with pytest.raises(SettingsError, match=r'and 48995 more$') as caught:
+        Example.load(path)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_message_is_one_line_that_a_terminal_can_show():
+    text = str(SettingsError('a\nb\x1b[31m \ud800 \u00e4 ' + 5000 * 'x'))
+    assert text.startswith('a b\\x1b[31m \\ud800 \u00e4 xxx')
+    assert len(text) < 2100
+    assert text.isprintable()
 
 
 @pytest.mark.parametrize(('content', 'reason'), [
     (b'', 'holds NoneType, expected a mapping'),
     (b'- 1', 'holds list, expected a mapping'),
     (b'text', 'holds str, expected a mapping'),
-    (b'a: [', 'is not valid YAML'),
-    (b'a: \xe4', 'is not valid YAML'),
+    (b'a: [', 'is not valid YAML in line 2, column 1: while parsing a flow node, did not'),
+    (b'a: \xe4', 'is no text in UTF-8: byte 3 is 0xe4'),
     (b'a: 2026-99-99', 'is not valid YAML: month'),
     (b'a: !!python/name:os.system', 'is not valid YAML'),
-    (b'[' * 10_000, 'is not valid YAML: maximum recursion'),
+    (b'[' * 100_000, 'has more than 100000 values or 64 levels at line 1'),
+    (b'a: ' + b':'.join([b'1'] * 3000), 'has a number of 5999 characters in line 1'),
+    (b'\n'.join(b'k%d: 1' % k for k in range(300_000)), 'has more than 100000 values'),
+    (b' ' * 2 ** 22 + b' ', 'has more than 4 MiB'),
 ])
 def test_what_is_no_mapping_is_refused(path, content, reason):
     path.write_bytes(content)

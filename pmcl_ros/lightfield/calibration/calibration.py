@@ -1,6 +1,5 @@
 """Calibration: the geometry of one camera's views, at one zoom and focus."""
 
-import json
 import math
 from pathlib import Path
 
@@ -8,8 +7,9 @@ from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.text_file import read_json
 
 RAW_PITCH = 10  # raw pixels per view pixel, along rows and columns
 _OF_CAMERA = ('width', 'height', 'fx', 'fy', 'cx', 'cy', 'focus_distance')
@@ -65,12 +65,14 @@ class Calibration(Settings):
         Raises SettingsError when they hold none.
         """
         try:
-            camera = json.loads(Path(capture).read_text(encoding='utf-8'))['camera']
-            lattice = json.loads(Path(white).read_text(encoding='utf-8'))['lattice']
+            camera = read_json(capture)['camera']
+            lattice = read_json(white)['lattice']
             values = {name: camera[name] for name in _OF_CAMERA}
             values['baseline'] = camera['baseline_step']
             values['lattice'] = {name: lattice[name] for name in Lattice.model_fields}
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+        except FileError as error:
+            raise SettingsError(str(error)) from None
+        except (ValueError, KeyError, TypeError) as error:
             raise SettingsError(
                 f'{capture} and {white} hold no camera and lattice: {error!r}') from None
         values['serial'] = serial

@@ -3,7 +3,7 @@
 Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in millimetres.
 """
 
-import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,13 @@ import numpy as np
 
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'scene_camera.json'
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
 _POSE = 'cam_R_w2c', 'cam_t_w2c'
-_MOST_BYTES = 2 ** 26
+_NUMBER = re.compile(r'[0-9]{1,9}')
 
 
 def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
@@ -37,7 +38,7 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
             poses = [values[key] for key in _POSE if key in values and picture is None]
             turn, place = (np.array(each, float) for each in poses) if poses else (None, None)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and '
                                   'cam_R_w2c, 9 numbers, with cam_t_w2c, 3 numbers') from None
         if skew != 0:
@@ -97,13 +98,11 @@ def scene_of(picture: Path) -> Path | None:
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise LightFieldError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB')
-        values = json.loads(path.read_text(encoding='utf-8'))
-    except (OSError, ValueError, RecursionError) as error:
-        raise LightFieldError(f'cannot read {path}: {error}') from None
-    if not isinstance(values, dict) or not all(
-            isinstance(each, dict) and number.isdigit() for number, each in values.items()):
+        values = read_json(path)
+    except FileError as error:
+        raise LightFieldError(str(error)) from None
+    if not all(isinstance(each, dict) and _NUMBER.fullmatch(number)
+               for number, each in values.items()):
         raise LightFieldError(f'{path}: expected numbers of pictures, each with its camera')
     return values
 

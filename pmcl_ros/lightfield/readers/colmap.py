@@ -3,6 +3,7 @@
 Formats: colmap.github.io/format.html. A model has no metric scale.
 """
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,30 +79,30 @@ def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Numbered lines that are no comments; empty ones too."""
-    if path.stat().st_size > _MOST_BYTES:
-        raise LightFieldError(f'{path} has {path.stat().st_size / 2 ** 20:.0f} MiB, more than '
-                              f'{_MOST_BYTES // 2 ** 20}: is it an images.txt of COLMAP?')
     try:
-        text = path.read_text(encoding='utf-8')
+        with path.open(encoding='utf-8') as stream:
+            if os.fstat(stream.fileno()).st_size > _MOST_BYTES:
+                raise LightFieldError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB: is it '
+                                      'of COLMAP?')
+            for number, line in enumerate(stream, 1):
+                if not line.startswith('#'):
+                    yield number, line.strip()
     except (OSError, UnicodeDecodeError) as error:
         raise LightFieldError(f'cannot read {path}: {error}') from None
-    for number, line in enumerate(text.splitlines(), 1):
-        if not line.startswith('#'):
-            yield number, line.strip()
 
 
 def _cameras(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     for number, line in _lines(path):
         if not line:
             continue
-        name, model, *rest = line.split()
+        name, model, *rest = (*line.split(), '')
         if model not in _MODELS:
             raise LightFieldError(f'{path}:{number}: the camera model {model} is not known, only '
                                   f'{", ".join(_MODELS)}; undistort the pictures with COLMAP')
         matrix, distortion = (each.split() for each in _MODELS[model])
         try:
             width, height = int(rest[0]), int(rest[1])
-            given = dict(zip([*matrix, *distortion], map(float, rest[2:]), strict=True))
+            given = dict(zip([*matrix, *distortion], map(float, rest[2:-1]), strict=True))
         except (ValueError, IndexError):
             raise LightFieldError(
                 f'{path}:{number}: expected CAMERA_ID {model} WIDTH HEIGHT '

@@ -15,8 +15,9 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.settings import Settings, explain
+from pmcl_ros.runtime.text_file import read_text
 
 NAME = 'parameters.cfg'
 
@@ -67,16 +68,16 @@ def read_hci(folder: Path, header: Header, reduction: Reduction) -> LightField:
 def _parameters(path: Path) -> _Parameters:
     parser = configparser.ConfigParser(delimiters='=', interpolation=None)
     try:
-        parser.read_string(path.read_text(encoding='utf-8'))
+        parser.read_string(read_text(path))
         return _Parameters.model_validate({
             name: value for section in ('intrinsics', 'extrinsics')
             for name, value in parser[section].items()})
-    except OSError as error:
-        raise LightFieldError(f'cannot read {path}: {error.strerror or error}') from None
+    except FileError as error:
+        raise LightFieldError(str(error)) from None
     except KeyError as error:
         raise LightFieldError(f'{path} has no section {error}; expected a parameters.cfg of the '
                               '4D Light Field Benchmark') from None
     except ValidationError as error:
         raise LightFieldError(f'{path}: {explain(error)}') from None
-    except (configparser.Error, UnicodeDecodeError) as error:
+    except configparser.Error as error:
         raise LightFieldError(f'{path} is no configuration file: {error}') from None

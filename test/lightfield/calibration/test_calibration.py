@@ -37,23 +37,23 @@ def test_a_calibration_survives_its_file(truths, tmp_path):
 
 
 @pytest.mark.parametrize(('which', 'text', 'reason'), [
-    (0, '{}', "KeyError.'camera'"),
-    (1, '{}', "KeyError.'lattice'"),
-    (0, json.dumps({'camera': {**CAMERA, 'fy': 0}}), r'fy: .* greater than 1 \(got 0\)'),
-    (1, '{', 'JSONDecodeError'),
-    (1, '[' * 100_000, 'RecursionError'),
-    (1, '[]', 'TypeError'),
-    (0, json.dumps({'camera': {'fx': 1}}), "KeyError.'width'"),
+    (0, '{}', "capture.json.*KeyError.'camera'"),
+    (1, '{}', "capture.json.*KeyError.'lattice'"),
+    (0, json.dumps({'camera': {**CAMERA, 'fy': 0}}), r'capture.json.*fy: .* greater than 1 \(got 0\)'),
+    (1, '{', 'white.json is not valid JSON: Expecting'),
+    (1, '[' * 100_000, 'white.json is not valid JSON: maximum recursion'),
+    (1, '[]', 'white.json holds list, expected a mapping'),
+    (0, json.dumps({'camera': {'fx': 1}}), "capture.json.*KeyError.'width'"),
 ])
 def test_a_broken_truth_is_named(truths, which, text, reason):
     truths[which].write_text(text)
-    with pytest.raises(SettingsError, match=f'capture.json.*{reason}'):
+    with pytest.raises(SettingsError, match=reason):
         Calibration.from_truth(*truths)
 
 
 def test_a_missing_truth_is_named(truths):
     truths[1].unlink()
-    with pytest.raises(SettingsError, match=r'white.json hold no .*FileNotFoundError'):
+    with pytest.raises(SettingsError, match=r'cannot read .*white.json: No such file'):
         Calibration.from_truth(*truths)
 
 
