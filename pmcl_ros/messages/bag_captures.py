@@ -7,23 +7,22 @@ import numpy as np
 from numpy.typing import NDArray
 from rosbags.interfaces import Qos
 
-from pmcl_ros.camera.files import read_raw_frame, write_picture
-from pmcl_ros.camera.packing import pack12
+from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
+from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.bag_views import BagViews, has_images_with_poses, read_views
-from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, read, record, topics
+from pmcl_ros.messages.bags import LATCHED, VOLATILE, Recorded, message_of, read, record, topics
 from pmcl_ros.messages.camera_info import pinhole_to_message
-from pmcl_ros.messages.cdr import cdr_from, message_from, type_name
+from pmcl_ros.messages.cdr import cdr_from, type_name
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
 from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
 from pmcl_ros.messages.raw_frame import (
-    counts_from,
     metadata_from,
     raw_frame_from,
     raw_frame_to_messages,
@@ -31,9 +30,12 @@ from pmcl_ros.messages.raw_frame import (
 from pmcl_ros.messages.types import PoseStamped
 from pmcl_ros.runtime.errors import BagError, MessageError
 
-_RAW = ('/metadata', '/image_raw')
-_VIEWS = ('/views/camera_info', '/views/pupil', '/views')
-_POSED = ('/posed_views/camera_info', '/posed_views/poses', '/posed_views/sigma', '/posed_views')
+_IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
+# Topics and their types
+_RAW = {'/metadata': 'std_msgs/msg/String', '/image_raw': _IMAGE}
+_VIEWS = {'/views/camera_info': _INFO, '/views/pupil': _IMAGE, '/views': _IMAGE}
+_POSED = {'/posed_views/camera_info': _INFO, '/posed_views/poses': 'geometry_msgs/msg/PoseArray',
+          '/posed_views/sigma': _IMAGE, '/posed_views': _IMAGE}
 
 
 def read_bag(bag: Path | str, wanted: BagViews | None = None
@@ -45,9 +47,9 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
     wanted: that these are meant, and how they become posed views.
     Raises BagError where there is none of these, or a message is not what its topic promises.
     """
-    there = {each.name for each in topics(bag) if each.messages}
     if wanted is not None:
         return read_views(bag, wanted)
+    there = {each.name for each in topics(bag) if each.messages}
     try:
         if there.issuperset(_RAW):
             text, image = _first(bag, _RAW)
@@ -65,26 +67,33 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
                    'poses of their camera (PoseStamped or /tf)')
 
 
-def _first(bag: Path | str, names: tuple[str, ...]) -> list[Any]:
-    """The first message of each topic."""
+def _first(bag: Path | str, names: dict[str, str]) -> list[Any]:
+    """The first message of each topic; names: with their types."""
     found: dict[str, Any] = {}
     for each in read(bag, names):
         if each.topic not in found:
-            found[each.topic] = message_from(each.cdr, each.type)
+            found[each.topic] = message_of(each, names[each.topic])
         if len(found) == len(names):
             break
-    return [found[name] for name in names]
+    return _all_of(found, names)
 
 
-def _last_of_one_stamp(bag: Path | str, names: tuple[str, ...]) -> list[Any]:
+def _last_of_one_stamp(bag: Path | str, names: dict[str, str]) -> list[Any]:
     """The last message of each topic, of a capture that has all; else those of the last ones."""
     now: dict[str, Any] = {}
     complete: dict[str, Any] = {}
     for each in read(bag, names):
-        now[each.topic] = message_from(each.cdr, each.type)
+        now[each.topic] = message_of(each, names[each.topic])
         if len({header_from(now[name].header) for name in now}) == 1 and len(now) == len(names):
             complete = dict(now)
-    return [(complete or now)[name] for name in names]
+    return _all_of(complete or now, names)
+
+
+def _all_of(found: dict[str, Any], names: dict[str, str]) -> list[Any]:
+    missing = [name for name in names if name not in found]
+    if missing:  # the summary of the bag says something else
+        raise MessageError(f'there is no message of {", ".join(missing)}: the bag is damaged')
+    return [found[name] for name in names]
 
 
 def record_capture(picture: Path | str, bag: Path | str, header: Header | None = None) -> None:
@@ -104,18 +113,22 @@ def extract_captures(bag: Path | str, folder: Path | str, force: bool = False
     """Write each picture of a bag as the camera has it, RAW and TXT; their paths.
 
     The inverse of `record_capture`, for every `/image_raw` with the `/metadata` before it. Raises
-    BagError when there is none, OutputError when another file of such a name is there already,
-    unless `force`.
+    BagError when there is none, or when one is not what a camera writes, OutputError when another
+    file of such a name is there already, unless `force`.
     """
-    text = ''
+    metadata: CameraMetadata | None = None
     paths: list[Path] = []
-    for each in read(bag, _RAW):
-        message = message_from(each.cdr, each.type)
-        if each.topic == '/metadata':
-            text = message.data
-        elif text:
-            paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
-            write_picture(paths[-1], pack12(counts_from(message)), text, force)
+    try:
+        for each in read(bag, _RAW):
+            message = message_of(each, _RAW[each.topic])
+            if each.topic == '/metadata':
+                metadata = metadata_from(message)
+            elif metadata is not None:
+                frame = raw_frame_from(message, metadata)
+                paths.append(Path(folder) / f'IMG_{len(paths) + 1:04d}.RAW')
+                write_raw_frame(paths[-1], frame, force)
+    except MessageError as error:
+        raise BagError(f'{bag}: {error}') from None
     if not paths:
         raise BagError(f'{bag} holds no /image_raw with /metadata before it')
     return paths

@@ -14,17 +14,23 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
-from pmcl_ros.messages.bags import Topic, read, topics
+from pmcl_ros.messages.bags import Topic, message_of, read, topics
 from pmcl_ros.messages.camera_info import lens_from
-from pmcl_ros.messages.cdr import message_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from, decompressed_from
 from pmcl_ros.messages.pose import pose_from, transform_from
-from pmcl_ros.runtime.errors import BagError, LightFieldError, PmclError, PoseUnavailableError
+from pmcl_ros.runtime.errors import (
+    BagError,
+    LightFieldError,
+    MessageError,
+    PmclError,
+    PoseUnavailableError,
+)
 
 _LOG = logging.getLogger(__name__)
 _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO, _POSE = 'sensor_msgs/msg/CameraInfo', 'geometry_msgs/msg/PoseStamped'
+_TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 _TF, _TF_STATIC = '/tf', '/tf_static'
 _ALWAYS = 1e8  # s: no pose of a bag is forgotten
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
@@ -74,14 +80,16 @@ def read_views(bag: Path | str, settings: BagViews) -> PosedViews:
 
 def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: ViewCollection,
              settings: BagViews) -> None:
-    lens = lens_from(next(message_from(each.cdr, each.type) for each in read(bag, (info,))),
-                     settings.rectified)
+    first = next(read(bag, (info,)), None)
+    if first is None:
+        raise MessageError(f'there is no message of {info}: the bag is damaged')
+    lens = lens_from(message_of(first, _INFO), settings.rectified)
     number = 0
     for each in read(bag, (image, info)):
-        message = message_from(each.cdr, each.type)
         if each.topic == info:
-            lens = lens_from(message, settings.rectified)
+            lens = lens_from(message_of(each, _INFO), settings.rectified)
             continue
+        message = message_of(each, _IMAGE if each.type == _IMAGE else _COMPRESSED)
         number += 1
         name, header = f'frame {number}', header_from(message.header)
         try:
@@ -108,7 +116,7 @@ def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Pos
     buffer = PoseBuffer(_ALWAYS)
     frame = settings.fixed_frame if 'fixed_frame' in settings.model_fields_set else ''
     for each in read(bag, (topic,)):
-        header, pose = pose_from(message_from(each.cdr, each.type))
+        header, pose = pose_from(message_of(each, _POSE))
         frame = frame or header.frame_id
         if header.frame_id != frame:
             raise LightFieldError(f'{topic} is in frame {header.frame_id!r} at {header.stamp_ns}, '
@@ -122,7 +130,7 @@ def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses]:
     mount = transform(settings.mount_position, settings.mount_rpy)
     tree = TransformTree()
     for each in read(bag, (_TF, _TF_STATIC)):
-        for one in message_from(each.cdr, each.type).transforms:
+        for one in message_of(each, _TRANSFORMS).transforms:
             header, child, pose = transform_from(one)
             tree.add(header.frame_id, child, pose,
                      None if each.topic == _TF_STATIC else header.stamp_ns)

@@ -1,45 +1,29 @@
 """Bags: MCAP files of recorded messages, written and read without ROS."""
 
+import logging
 import shutil
+import sqlite3
 from collections.abc import Container, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
-from typing import Literal, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
-from rosbags.interfaces import (
-    Connection,
-    ConnectionExtRosbag2,
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
-from rosbags.rosbag2 import (
-    CompressionFormat,
-    CompressionMode,
-    Reader,
-    ReaderError,
-    StoragePlugin,
-    Writer,
-    WriterError,
-)
+from rosbags.interfaces import Qos, QosDurability
 
-from pmcl_ros.messages.cdr import typestore
-from pmcl_ros.runtime.errors import BagError
+from pmcl_ros.messages import bag_metadata
+from pmcl_ros.messages.bag_metadata import BagFiles, Written, offered, qos_from, qos_text
+from pmcl_ros.messages.cdr import message_from, typestore
+from pmcl_ros.messages.mcap_reader import McapReader
+from pmcl_ros.messages.mcap_records import MOST_CHUNK, Channel
+from pmcl_ros.messages.mcap_writer import McapWriter
+from pmcl_ros.messages.sqlite_reader import SqliteReader
+from pmcl_ros.messages.unpacking import unpack_file, unpacked
+from pmcl_ros.runtime.errors import BagError, MessageError
 
-_FORMAT: Literal[9] = 9  # rosbag2's version of metadata.yaml as of Jazzy
-_FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE
-
-
-def _offered(durability: QosDurability) -> Qos:
-    """Reliable, keep last 1: what every publisher of the chain's big topics offers."""
-    return Qos(QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, durability, _FOREVER, _FOREVER,
-               QosLiveliness.AUTOMATIC, _FOREVER, avoid_ros_namespace_conventions=False)
-
-
-VOLATILE, LATCHED = _offered(QosDurability.VOLATILE), _offered(QosDurability.TRANSIENT_LOCAL)
+_LOG = logging.getLogger(__name__)
+VOLATILE, LATCHED = offered(QosDurability.VOLATILE), offered(QosDurability.TRANSIENT_LOCAL)
 
 
 class Recorded(NamedTuple):
@@ -60,39 +44,47 @@ class BagWriter:
     """
 
     def __init__(self, bag: Path | str, compress: bool = True) -> None:
-        self._bag = Path(bag)
+        self._bag, self._compress = Path(bag), compress
         if self._bag.exists():
             raise BagError(f'{bag} is already there; remove it or choose another name')
-        self._writer = Writer(self._bag, version=_FORMAT, storage_plugin=StoragePlugin.MCAP)
-        if compress:
-            self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-        self._connections: dict[str, Connection] = {}
+        self._file = f'{self._bag.absolute().name}.mcap'
+        self._channels: dict[str, tuple[int, Channel, Qos]] = {}
 
     def __enter__(self) -> 'BagWriter':
         with self._explained():
-            self._writer.open()
+            self._bag.mkdir(parents=True)
+            self._writer = McapWriter(self._bag / self._file, self._compress)
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._explained():
-            self._writer.close()  # never abort, which writes no index
-        if not self._connections:
-            shutil.rmtree(self._bag)
+            start, end = self._writer.times or (0, 0)
+            metadata = bag_metadata.metadata_of(Written(
+                self._file, [(channel, qos, self._writer.counts[number - 1])
+                             for number, channel, qos in self._channels.values()],
+                start, end - start))
+            self._writer.close(bag_metadata.as_yaml(metadata))
+            if self._channels:
+                bag_metadata.write(self._bag / bag_metadata.NAME, metadata)
+            else:
+                shutil.rmtree(self._bag)
 
     def write(self, message: Recorded) -> None:
         """Append a message."""
         topic = message.topic
         with self._explained():
-            if topic not in self._connections:
-                self._connections[topic] = self._writer.add_connection(
-                    topic, message.type, typestore=typestore(), offered_qos_profiles=[message.qos])
-            self._writer.write(self._connections[topic], message.time_ns, message.cdr)
+            if topic not in self._channels:
+                channel = Channel(topic, message.type, 'cdr', qos_text(message.qos))
+                definition, _ = typestore().generate_msgdef(message.type, ros_version=2)
+                self._channels[topic] = (self._writer.add(channel, definition), channel,
+                                         message.qos)
+            self._writer.write(self._channels[topic][0], message.time_ns, message.cdr)
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
         try:
             yield
-        except (WriterError, OSError) as error:
+        except (BagError, OSError) as error:
             raise BagError(f'cannot write {self._bag}: {error}') from None
 
 
@@ -106,7 +98,7 @@ def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True)
 def is_bag(path: Path | str) -> bool:
     """Whether `path` is the folder of a bag."""
     path = Path(path)
-    return path.is_dir() and (path / 'metadata.yaml').is_file() and any(
+    return path.is_dir() and (path / bag_metadata.NAME).is_file() and any(
         each for ending in ('mcap', 'db3') for each in path.glob(f'*.{ending}*'))
 
 
@@ -120,36 +112,94 @@ class Topic(NamedTuple):
 
 
 def topics(bag: Path | str) -> list[Topic]:
-    """The topics of a bag."""
-    with _open(bag) as reader:
-        return [Topic(each.topic, each.msgtype, _qos(each), each.msgcount)
-                for each in reader.connections]
+    """The topics of a bag. Raises BagError where it is damaged."""
+    found: dict[tuple[str, str], Topic] = {}
+    with _explained(bag):
+        for file in _opened(Path(bag)):
+            for number, channel in file.channels.items():
+                name, kind = channel.topic, channel.type
+                before = found.get((name, kind), Topic(name, kind, VOLATILE, 0)).messages
+                found[name, kind] = Topic(name, kind, _qos(channel),
+                                          before + file.counts.get(number, 0))
+    return list(found.values())
 
 
 def read(bag: Path | str, only: Container[str] | None = None) -> Iterator[Recorded]:
     """The messages of a bag in the order of their times, a chunk of it in memory at a time.
 
-    only: the names of the topics that are wanted.
+    only: the names of the topics that are wanted. What has a checksum is checked, and BagError
+    raised where it is wrong; of a bag without checksums a warning says so.
     """
-    with _open(bag) as reader:
-        wanted = [each for each in reader.connections if only is None or each.topic in only]
-        if not wanted:  # none means all there
-            return
-        for connection, time_ns, cdr in reader.messages(wanted):
-            yield Recorded(connection.topic, connection.msgtype, time_ns, bytes(cdr),
-                           _qos(connection))
+    with _explained(bag):
+        for file in _opened(Path(bag)):
+            wanted = {number: (each, _qos(each)) for number, each in file.channels.items()
+                      if only is None or each.topic in only}
+            if wanted and not file.checked:
+                _warn_unchecked(str(bag))
+            for time_ns, number, cdr in file.messages(wanted):
+                channel, qos = wanted[number]
+                yield Recorded(channel.topic, channel.type, time_ns, bytes(cdr), qos)
+
+
+def message_of(recorded: Recorded, kind: str) -> Any:
+    """The message; MessageError where it is not of the type `kind`, or damaged."""
+    if recorded.type != kind:
+        raise MessageError(f'{recorded.topic} is {recorded.type}, expected {kind}')
+    return message_from(recorded.cdr, kind)
+
+
+class _MessagesUnpacked:
+    """A file whose messages rosbag2 has compressed one by one."""
+
+    def __init__(self, file: McapReader | SqliteReader) -> None:
+        self.channels, self.counts, self.checked = file.channels, file.counts, file.checked
+        self._file = file
+
+    def messages(self, channels: Container[int]) -> Iterator[tuple[int, int, bytes | memoryview]]:
+        for time_ns, number, data in self._file.messages(channels):
+            yield time_ns, number, unpacked(data, 'zstd', MOST_CHUNK)
+
+
+def _opened(bag: Path) -> Iterator[McapReader | SqliteReader | _MessagesUnpacked]:
+    """The files of a bag one after the other, open. bag: its folder, or a file of it alone."""
+    of = BagFiles.read(bag) if bag.is_dir() else None
+    for path in [bag] if of is None else of.paths(bag):
+        with ExitStack() as stack:
+            file = _file(path, stack)
+            foreign = {each.encoding for each in file.channels.values()} - {'cdr'}
+            if foreign:
+                raise BagError(f'its messages are {", ".join(foreign)}, only cdr is read')
+            each_packed = of is not None and of.compressed == 'message'
+            yield _MessagesUnpacked(file) if each_packed else file
+
+
+def _file(path: Path, stack: ExitStack) -> McapReader | SqliteReader:
+    if path.suffix == '.zstd':
+        whole = Path(stack.enter_context(TemporaryDirectory())) / path.stem
+        unpack_file(path, whole)
+        return _file(whole, stack)
+    if path.suffix not in ('.mcap', '.db3'):
+        raise BagError(f'{path.name} is no .mcap and no .db3')
+    file = McapReader(path) if path.suffix == '.mcap' else SqliteReader(path)
+    stack.callback(file.close)
+    return file
 
 
 @contextmanager
-def _open(bag: Path | str) -> Iterator[Reader]:
+def _explained(bag: Path | str) -> Iterator[None]:
     try:
-        with Reader(bag) as reader:
-            yield reader
-    except (ReaderError, OSError) as error:
+        yield
+    # ValueError and others: SQLite gives values of any kind for any column.
+    except (BagError, OSError, sqlite3.Error, ValueError, TypeError, OverflowError) as error:
         raise BagError(f'cannot read the bag {bag}: {error}') from None
 
 
-def _qos(connection: Connection) -> Qos:
-    assert isinstance(connection.ext, ConnectionExtRosbag2)
-    return next(iter(connection.ext.offered_qos_profiles), VOLATILE)
+@cache
+def _warn_unchecked(bag: str) -> None:
+    """Once for each bag."""
+    _LOG.warning('%s has no checksums: damage to its messages would not be noticed; a bag that '
+                 'is recorded anew has them', bag)
 
+
+def _qos(channel: Channel) -> Qos:
+    return qos_from(channel.qos, channel.topic) or VOLATILE

@@ -9,6 +9,8 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from pmcl_ros.runtime.errors import MessageError
+
 
 def type_name(kind: type) -> str:
     """`PACKAGE/msg/KIND` of a message class, ROS's or rosbags'."""
@@ -19,12 +21,19 @@ def type_name(kind: type) -> str:
 def message_from(cdr: bytes, name: str) -> Any:
     """A message of the type `name` from its CDR; its arrays are numpy.
 
+    MessageError where the type is not known, or the bytes are none of it.
+
     They are copied once, to be writable as all others are: numba compiles for that. rclpy copies
     them three times, in ways that take longer than all of the transport.
     """
     # numpy's new memory comes in huge pages, which a bytearray's does not: 20 ms less of 40.
     copy = np.frombuffer(cdr, np.uint8).copy()
-    return typestore().deserialize_cdr(memoryview(copy), name)
+    if name not in typestore().types:
+        raise MessageError(f'the message type {name!r} is none of ROS 2 Jazzy')
+    try:
+        return typestore().deserialize_cdr(memoryview(copy), name)
+    except Exception as error:  # the code that rosbags makes of a type checks nothing itself
+        raise MessageError(f'{len(cdr)} bytes are no {name}: {error!r}') from None
 
 
 def cdr_from(message: Any) -> bytes:

@@ -14,9 +14,11 @@ from pmcl_ros.runtime.errors import BagError
 
 def message_class(name: str) -> type:
     """ROS's class of `PACKAGE/msg/KIND`; BagError when it is not installed."""
-    package, _, kind = name.split('/')
     try:
+        package, _, kind = name.split('/')
         return getattr(import_module(f'{package}.msg'), kind)
+    except ValueError:
+        raise BagError(f'{name!r} is no message type, as PACKAGE/msg/KIND') from None
     except (ImportError, AttributeError):
         raise BagError(f'message type {name} is not installed: install ros-jazzy-'
                        f'{package.replace("_", "-")}, or leave its topic out') from None

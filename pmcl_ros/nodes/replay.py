@@ -7,10 +7,12 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.utilities import remove_ros_args
-from rosbags.interfaces import Qos
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosReliability
 
 from pmcl_ros.messages.bags import Recorded, Topic, read, topics
 from pmcl_ros.messages.types import message_class
@@ -21,6 +23,8 @@ from pmcl_ros.runtime.errors import BagError, PmclError
 if TYPE_CHECKING:
     from pmcl_ros.nodes.transport.lockstep_player import LockstepPlayer
 
+RCLError = rclpy_implementation.RCLError
+_DEEPEST = 1000  # messages of a history: with more, DDS refuses to make the publisher
 _ROUND = 1.0  # s: a bag of one capture would begin again as fast as DDS can take it
 _PATIENCE = 30.0  # s: for messages to arrive; DDS gives up who has been silent for 20
 
@@ -93,8 +97,11 @@ class _Line:
 
     def __init__(self, node: Node, topic: Topic) -> None:
         profile = _profile(topic.qos)
-        self._publisher = node.create_publisher(message_class(topic.type), topic.name.lstrip('/'),
-                                                profile)
+        kind = message_class(topic.type)
+        try:
+            self._publisher = node.create_publisher(kind, topic.name.lstrip('/'), profile)
+        except (InvalidTopicNameException, RCLError, ValueError, TypeError) as error:
+            raise BagError(f'{topic.name} of {topic.type} cannot be played: {error}') from None
         self._room = profile.depth if profile.history == HistoryPolicy.KEEP_LAST else sys.maxsize
         self._kept = 0  # not known to have arrived
 
@@ -128,9 +135,16 @@ class _Line:
 
 
 def _profile(qos: Qos) -> QoSProfile:
-    return QoSProfile(depth=max(qos.depth, 1), history=HistoryPolicy[qos.history.name],
-                      reliability=ReliabilityPolicy[qos.reliability.name],
-                      durability=DurabilityPolicy[qos.durability.name])
+    """What was offered; of what was not known when it was recorded, the safest."""
+    keep_all = qos.history == QosHistory.KEEP_ALL
+    best_effort = qos.reliability == QosReliability.BEST_EFFORT
+    latched = qos.durability == QosDurability.TRANSIENT_LOCAL
+    return QoSProfile(
+        depth=min(max(qos.depth, 1), _DEEPEST),
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        reliability=(ReliabilityPolicy.BEST_EFFORT if best_effort
+                     else ReliabilityPolicy.RELIABLE),
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE))
 
 
 def _wanted(topic: str, options: argparse.Namespace) -> bool:

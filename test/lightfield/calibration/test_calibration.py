@@ -39,7 +39,8 @@ def test_a_calibration_survives_its_file(truths, tmp_path):
 @pytest.mark.parametrize(('which', 'text', 'reason'), [
     (0, '{}', "capture.json.*KeyError.'camera'"),
     (1, '{}', "capture.json.*KeyError.'lattice'"),
-    (0, json.dumps({'camera': {**CAMERA, 'fy': 0}}), r'capture.json.*fy: .* greater than 1 \(got 0\)'),
+    (0, json.dumps({'camera': {**CAMERA, 'fy': 0}}),
+     r'capture.json.*fy: .* greater than 1 \(got 0\)'),
     (1, '{', 'white.json is not valid JSON: Expecting'),
     (1, '[' * 100_000, 'white.json is not valid JSON: maximum recursion'),
     (1, '[]', 'white.json holds list, expected a mapping'),

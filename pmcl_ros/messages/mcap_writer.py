@@ -1,0 +1,134 @@
+"""Writes MCAP files: indexed chunks with checksums."""
+
+import struct
+from pathlib import Path
+from typing import BinaryIO
+from zlib import crc32
+
+import zstandard
+
+from pmcl_ros.messages.mcap_records import (
+    HEAD,
+    MAGIC,
+    MESSAGE,
+    MOST_CHUNK,
+    Channel,
+    Op,
+    record,
+    sized,
+    text,
+)
+from pmcl_ros.runtime.errors import BagError
+
+_ENOUGH = 2 ** 20  # bytes of a chunk that another message may still be added to
+
+
+class McapWriter:
+    """A new file, profile `ros2`. compress: its chunks, by zstd. Raises OSError."""
+
+    def __init__(self, path: Path, compress: bool = True) -> None:
+        self._file: BinaryIO = path.open('xb')
+        self._compress = compress
+        self._place = self._crc = 0
+        self._records = bytearray()  # of the chunk that is being filled
+        self._index: dict[int, list[tuple[int, int]]] = {}  # of it: channel -> times and places
+        self._schemas: dict[str, bytes] = {}
+        self._channels: list[bytes] = []
+        self._chunks: list[bytes] = []
+        self.counts: list[int] = []
+        self.times: list[int] = []  # of the first message and the last
+        self._put(MAGIC + record(Op.HEADER, text('ros2'), text('pmcl_ros')))
+
+    def add(self, channel: Channel, definition: str) -> int:
+        """The number of a new channel. definition: of its type, as of .msg."""
+        number = len(self._channels) + 1
+        if channel.type not in self._schemas:
+            self._schemas[channel.type] = record(
+                Op.SCHEMA, struct.pack('<H', len(self._schemas) + 1), text(channel.type),
+                text('ros2msg'), text(definition))
+            self._records += self._schemas[channel.type]
+        schema = list(self._schemas).index(channel.type) + 1
+        self._channels.append(record(
+            Op.CHANNEL, struct.pack('<HH', number, schema), text(channel.topic),
+            text(channel.encoding), sized(text('offered_qos_profiles') + text(channel.qos))))
+        self._records += self._channels[-1]
+        self.counts.append(0)
+        return number
+
+    def write(self, number: int, time_ns: int, data: bytes) -> None:
+        """Append a message of a channel. BagError when it is too large to be read again."""
+        if len(data) > MOST_CHUNK - _ENOUGH:
+            raise BagError(f'a message of {len(data)} bytes is larger than the '
+                           f'{(MOST_CHUNK - _ENOUGH) // 2 ** 20} MiB that a bag takes')
+        if len(self._records) + len(data) > MOST_CHUNK - 2 ** 10:
+            self._end_chunk()
+        self._index.setdefault(number, []).append((time_ns, len(self._records)))
+        self._records += HEAD.pack(Op.MESSAGE, MESSAGE.size + len(data))
+        self._records += MESSAGE.pack(number, 0, time_ns, time_ns)
+        self._records += data
+        self.counts[number - 1] += 1
+        low, high = self.times or (time_ns, time_ns)
+        self.times = [min(low, time_ns), max(high, time_ns)]
+        if len(self._records) > _ENOUGH:
+            self._end_chunk()
+
+    def close(self, metadata: str) -> None:
+        """Write what is left, and the summary. metadata: of the bag, YAML."""
+        self._end_chunk()
+        start = self._place
+        self._put(record(Op.METADATA, text('rosbag2'),
+                         sized(text('serialized_metadata') + text(metadata))))
+        index = record(Op.METADATA_INDEX, struct.pack('<QQ', start, self._place - start),
+                       text('rosbag2'))
+        self._put(record(Op.DATA_END, struct.pack('<I', self._crc)))
+        counts = b''.join(struct.pack('<HQ', number, count)
+                          for number, count in enumerate(self.counts, 1))
+        statistics = record(Op.STATISTICS, struct.pack(
+            '<QHIIIIQQ', sum(self.counts), len(self._schemas), len(self._channels), 0, 1,
+            len(self._chunks), *(self.times or (0, 0))), sized(counts))
+        self._put_summary((*self._schemas.values(),), self._channels, self._chunks, [index],
+                          [statistics])
+        self._file.close()
+
+    def _put_summary(self, *groups: 'tuple[bytes, ...] | list[bytes]') -> None:
+        """The groups of records, where each is, and the footer."""
+        start, self._crc = self._place, 0
+        offsets = b''
+        for group in groups:
+            if group:
+                place = self._place
+                self._put(b''.join(group))
+                offsets += record(Op.SUMMARY_OFFSET, struct.pack(
+                    '<BQQ', group[0][0], place, self._place - place))
+        place = self._place
+        self._put(offsets)
+        self._put(HEAD.pack(Op.FOOTER, 20) + struct.pack('<QQ', start, place))
+        self._put(struct.pack('<I', self._crc) + MAGIC)
+
+    def _end_chunk(self) -> None:
+        if not self._records:
+            return
+        records = bytes(self._records)
+        packed = zstandard.ZstdCompressor().compress(records) if self._compress else records
+        times = [time for places in self._index.values() for time, _ in places] or [0]
+        span = struct.pack('<QQ', min(times), max(times))
+        compression = text('zstd' if self._compress else '')
+        start = self._place
+        self._put(record(Op.CHUNK, span, struct.pack('<QI', len(records), crc32(records)),
+                         compression, struct.pack('<Q', len(packed)), packed))
+        end, places = self._place, b''
+        for number, each in self._index.items():
+            places += struct.pack('<HQ', number, self._place)
+            entries = b''.join(struct.pack('<QQ', *one) for one in each)
+            self._put(record(Op.MESSAGE_INDEX, struct.pack('<H', number), sized(entries)))
+        self._chunks.append(record(
+            Op.CHUNK_INDEX, span, struct.pack('<QQ', start, end - start), sized(places),
+            struct.pack('<Q', self._place - end), compression,
+            struct.pack('<QQ', len(packed), len(records))))
+        self._records.clear()
+        self._index.clear()
+
+    def _put(self, data: bytes) -> None:
+        self._file.write(data)
+        self._place += len(data)
+        self._crc = crc32(data, self._crc)
