@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import TILE, UPPER_LEFT, RawFrame
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.runtime.errors import CameraError
+from pmcl_ros.runtime.errors import CameraError, PictureError
+from pmcl_ros.runtime.picture_file import read_picture_file
 
 _SUFFIXES = ('.png', '.jpg', '.jpeg')
 _COUNTS = 16  # of 12 bits per level of 8 bits
@@ -60,12 +61,9 @@ def read_mosaic_image(path: Path | str, gain: float = 1.0, black: float | None =
 
 def _read_levels(path: Path) -> NDArray[np.uint8]:
     try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise CameraError(f'cannot read {path}: {error.strerror or error}') from None
-    levels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if levels is None:
-        raise CameraError(f'{path} is not a complete PNG or JPEG image')
+        levels = read_picture_file(path, cv2.IMREAD_UNCHANGED)
+    except PictureError as error:
+        raise CameraError(str(error)) from None
     if levels.ndim != 2 or levels.dtype != np.uint8:
         raise CameraError(
             f'{path} has {1 if levels.ndim == 2 else levels.shape[2]} channels of {levels.dtype}; '

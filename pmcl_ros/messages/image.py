@@ -10,7 +10,8 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.types import Buffer, CompressedImage, Image
-from pmcl_ros.runtime.errors import MessageError
+from pmcl_ros.runtime.errors import MessageError, PictureError
+from pmcl_ros.runtime.picture_file import decoded
 
 # What this package publishes. encoding: type of one value, values per pixel
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
@@ -120,9 +121,12 @@ def decompressed_from(message: CompressedImage) -> NDArray[Any]:
 
     MessageError where it is none.
     """
-    data = np.frombuffer(message.data, np.uint8)
-    pixels = cv2.imdecode(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if len(data) else None
-    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
-        raise MessageError(f'compressed image: {len(data)} bytes of format {message.format!r} are '
-                           'no picture that OpenCV reads')
+    data = bytes(message.data)
+    try:
+        pixels = decoded(data, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except PictureError as error:
+        raise MessageError(f'compressed image: {len(data)} bytes of format {message.format!r}: '
+                           f'{error}') from None
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise MessageError(f'compressed image: {pixels.dtype} values, expected 8 or 16 bits')
     return np.ascontiguousarray(pixels[..., ::-1])

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, PictureError
+from pmcl_ros.runtime.picture_file import read_picture_file
 
 # Of views as float32; the stages that follow need several times as much.
 MOST_BYTES = 2 ** 30
@@ -74,11 +75,9 @@ def read_picture(path: Path) -> NDArray[Any]:
     if not path.is_file():
         raise LightFieldError(f'there is no {path}; every view needs its file')
     try:
-        picture = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    except cv2.error as error:
-        raise LightFieldError(f'{path} cannot be read: {error.err}') from None
-    if picture is None:
-        raise LightFieldError(f'{path} is no picture that OpenCV reads (PNG, JPEG, TIFF, ...)')
+        picture = read_picture_file(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except PictureError as error:
+        raise LightFieldError(str(error)) from None
     if picture.dtype not in (np.uint8, np.uint16, np.float32):
         raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
                               '32-bit floating point')

@@ -357,7 +357,7 @@ def test_broken_pictures_are_told(broken):
     with pytest.raises(LightFieldError, match=r'input_Cam007\.png has 95x80 pixels.* 96x80'):
         read_light_field(broken)
     view.write_bytes(view.read_bytes()[:20])
-    with pytest.raises(LightFieldError, match=r'input_Cam004\.png is no picture'):
+    with pytest.raises(LightFieldError, match=r'input_Cam004\.png: the picture is cut short'):
         read_light_field(broken)
     view.unlink()
     with pytest.raises(LightFieldError, match=r'there is no .*input_Cam004\.png'):
