@@ -144,7 +144,7 @@ def _kind(kind: Any, value: Any) -> Any:
     """A member by name or number; UNKNOWN for one of newer versions."""
     if isinstance(value, str):
         return kind.__members__.get(value.upper(), kind.UNKNOWN)
-    return kind(value) if value in [*kind] else kind.UNKNOWN
+    return kind(value) if value in [each.value for each in kind] else kind.UNKNOWN
 
 
 def _as_dict(qos: Qos) -> dict[str, Any]:

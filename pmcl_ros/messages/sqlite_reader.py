@@ -10,8 +10,8 @@ from pmcl_ros.runtime.errors import BagError
 
 _PLENTY = 500_000_000  # steps of SQLite's machine for one answer: some seconds
 _IS_TABLE = ("SELECT type = 'table' AND sql NOT LIKE 'create virtual%' AND NOT EXISTS "
-             '(SELECT 1 FROM pragma_table_xinfo(name) WHERE hidden) '
-             'FROM sqlite_master WHERE name = ?')
+             '(SELECT 1 FROM pragma_table_xinfo(file.name) WHERE hidden) '
+             'FROM sqlite_master AS file WHERE name = ?')
 
 
 class SqliteReader:

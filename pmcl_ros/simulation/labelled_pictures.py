@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,8 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.errors import FileError, PmclError
+from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import contour_labels
 from pmcl_ros.simulation.photograph import MARGIN, photograph
@@ -26,6 +26,7 @@ from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.world import World
 
+_MOST_BYTES = 2 ** 28  # of a picture and its labels
 _SIZE = 0.12  # m: of an object, for its apparent size
 _APPARENT = 40, 400  # px
 _DISTANCES = 0.2, 2.5  # m
@@ -145,9 +146,9 @@ def path_of(folder: Path, seed: int) -> Path:
 def read_labelled(path: Path) -> LabelledPicture:
     """Read a picture that `write_labelled` wrote; PmclError where the file is none."""
     try:
-        with np.load(path) as values:
-            made = LabelledPicture(values['picture'], values['direction'], values['inside'])
-    except (OSError, ValueError, KeyError, BadZipFile, EOFError) as error:
+        values = read_arrays(path, _MOST_BYTES)
+        made = LabelledPicture(values['picture'], values['direction'], values['inside'])
+    except (FileError, KeyError) as error:
         raise PmclError(f'{path} is not a labelled picture ({error}): remove it and make it '
                         'again with `pmcl scenes pictures`') from error
     size = made.picture.shape[:2]

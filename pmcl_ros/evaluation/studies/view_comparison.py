@@ -1,7 +1,5 @@
 """Compares decoded views with ideal ones: displacement and PSNR of each view."""
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.npz_file import read_arrays
 
+_MOST_BYTES = 2 ** 29
 _GAMMA = 1 / 2.2  # of the ideal views, and of all that is compared
 _SPACING = 3  # view steps between the ideal views of a row
 _BLUR = 1.0  # px: the lenslets' sampling resolves little more
@@ -39,10 +39,8 @@ class IdealViews:
         Raises LightFieldError when the file holds none.
         """
         try:
-            with np.load(path) as data:
-                views = data['views'] / np.float32(65535)
-        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile,
-                zlib.error) as error:  # TypeError: a bare array
+            views = read_arrays(path, _MOST_BYTES)['views'] / np.float32(65535)
+        except (FileError, KeyError, TypeError) as error:  # TypeError: text
             raise LightFieldError(f'{path} holds no ideal views: {error}') from None
         if views.ndim != 5 or views.shape[4] != 3 or not all(n % 2 for n in views.shape[:2]):
             raise LightFieldError(

@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from pmcl_ros.learning.contour_net.network import build, losses, total
 from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import FileError, SettingsError
+from pmcl_ros.runtime.npz_file import read_arrays
 
 _RATE, _WARM_UP = 3e-3, 0.02  # of Adam, and the part of all steps in which it rises
 _CLIPPED = 1.0  # norm of the gradient of all weights
+_MOST_BYTES = 2 ** 28  # of a state
 _MOST_HELD_OUT = 64  # crops
 
 
@@ -52,14 +54,13 @@ class State:
     def load(cls, path: Path) -> 'State':
         """Read what `save` wrote; SettingsError when the file is something else."""
         try:
-            with np.load(path) as file:
-                values = dict(file)
+            values: dict[str, NDArray[Any]] = read_arrays(path, _MOST_BYTES)
             return cls(int(values['step']),
                        tuple(values[f'weight{n}'] for n in range(values['weights'])),
                        tuple(values[f'optimizer{n}'] for n in range(values['optimizers'])),
                        tuple(tuple(map(float, row)) for row in values['history']),
                        float(values['seconds']))
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (FileError, ValueError, KeyError, TypeError) as error:
             raise SettingsError(f'{path} is no state of a training: {error}; delete it to begin '
                                 'again') from None
 

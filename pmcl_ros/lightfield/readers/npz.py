@@ -1,19 +1,22 @@
 """NPZ files as `pmcl decode` writes them."""
 
 import zipfile
-import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.npz_file import read_arrays
 
+_MOST_BYTES = 3 * 2 ** 28  # of all arrays
+_REAL = 'fiu'  # kinds of numbers
 _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
 _LEVEL = 1  # of zlib: numpy's 6 takes seven times as long on views and saves 5 % of the file
 
@@ -46,36 +49,34 @@ def read_npz(path: Path, header: Header, reduction: Reduction) -> LightField:
     Raises LightFieldError when a value is missing or of another shape or type.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            missing = [name for name in _NEEDED if name not in file]
-            if missing:
-                raise LightFieldError(f'{path} has no {", ".join(missing)}; expected views, fx, '
-                                      'fy, cx, cy, baseline (as `pmcl decode` writes where it is '
-                                      'given a --calibration)')
-            return _read(file, header, reduction)
+        arrays = read_arrays(path, _MOST_BYTES)
+        missing = [name for name in _NEEDED if name not in arrays]
+        if missing:
+            raise LightFieldError(f'it has no {", ".join(missing)}; expected views, fx, fy, cx, '
+                                  'cy, baseline (as `pmcl decode` writes where it is given a '
+                                  '--calibration)')
+        return _light_field(arrays, header, reduction)
+    except FileError as error:
+        raise LightFieldError(str(error)) from None
     except LightFieldError as error:
-        raise error if str(path) in str(error) else LightFieldError(f'{path}: {error}') from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-        raise LightFieldError(f'cannot read {path}: {error}; expected an NPZ file as '
-                              '`pmcl decode` writes') from None
+        raise LightFieldError(f'{path}: {error}') from None
 
 
-def _read(file: np.lib.npyio.NpzFile, header: Header, reduction: Reduction) -> LightField:
-    unpacked = file.zip.getinfo('views.npy').file_size if file.zip is not None else 0
-    if unpacked > MOST_BYTES:
-        raise LightFieldError(f'its views unpack to {unpacked / 2 ** 30:.1f} GiB, more than '
-                              f'{MOST_BYTES / 2 ** 30:.0f}; save fewer or smaller ones')
+def _light_field(file: dict[str, NDArray[Any]], header: Header, reduction: Reduction
+                 ) -> LightField:
     views = file['views']
-    if views.ndim != 5 or views.shape[-1] != 3 or not np.issubdtype(views.dtype, np.floating):
+    if views.ndim != 5 or views.shape[-1] != 3 or views.dtype.kind != 'f':
         raise LightFieldError(
             f'views are {views.dtype} of shape {views.shape}; expected floating point, linear '
             'light, of shape (rows, columns, height, width, 3)')
     rows, columns, height, width = views.shape[:4]
     weights = file['weights'] if 'weights' in file else np.ones((rows, columns))
     positions = file['positions'] if 'positions' in file else nominal_positions(rows, columns)
-    if weights.shape != (rows, columns) or positions.shape != (rows, columns, 2):
-        raise LightFieldError(f'weights {weights.shape} and positions {positions.shape} do not '
-                              f'match {rows}x{columns} views')
+    if weights.shape != (rows, columns) or positions.shape != (rows, columns, 2) or (
+            weights.dtype.kind + positions.dtype.kind).strip(_REAL):
+        raise LightFieldError(f'weights {weights.dtype} {weights.shape} and positions '
+                              f'{positions.dtype} {positions.shape} do not match {rows}x{columns} '
+                              'views')
     numbers = [_number(file, name) for name in _NEEDED[1:]]
     pinhole = reduction.pinhole(Pinhole(width, height, *numbers[:4]))
     kept = np.ix_(reduction.kept(rows), reduction.kept(columns))
@@ -89,20 +90,21 @@ def _read(file: np.lib.npyio.NpzFile, header: Header, reduction: Reduction) -> L
     return LightField(header, views, grid, **shown, colour=_colour(file))
 
 
-def _colour(file: np.lib.npyio.NpzFile) -> Colour:
+def _colour(file: dict[str, NDArray[Any]]) -> Colour:
     if 'gains' not in file or 'matrix' not in file:
         return Colour()
     gains, matrix = file['gains'], file['matrix']
-    if (gains.shape, matrix.shape) != ((3,), (3, 3)) or not (
-            np.isfinite(gains.astype(float)).all() and np.isfinite(matrix.astype(float)).all()):
+    if (gains.shape, matrix.shape) != ((3,), (3, 3)) or (
+            gains.dtype.kind + matrix.dtype.kind).strip(_REAL) or not (
+            np.isfinite(gains).all() and np.isfinite(matrix).all()):
         raise LightFieldError(f'gains {gains.tolist()} and matrix {matrix.tolist()} must be 3 and '
                               '3x3 numbers')
     red, green, blue = gains.tolist()
     return Colour((red, green, blue), tuple((a, b, c) for a, b, c in matrix.tolist()))
 
 
-def _number(file: np.lib.npyio.NpzFile, name: str) -> float:
+def _number(file: dict[str, NDArray[Any]], name: str) -> float:
     value = file[name]
-    if value.size != 1 or not np.issubdtype(value.dtype, np.number):
+    if value.size != 1 or value.dtype.kind not in _REAL:
         raise LightFieldError(f'{name} is {value.dtype} of shape {value.shape}; expected a number')
     return float(value.reshape(()))

@@ -2,6 +2,8 @@
 
 import math
 import shutil
+import struct
+import zipfile
 
 import cv2
 import numpy as np
@@ -297,10 +299,12 @@ GOOD = {'views': np.ones((3, 3, 4, 6, 3), np.float32), 'fx': 5, 'fy': 5, 'cx': 3
     ({'fx': -5}, 'impossible camera'),
     ({'fx': 'long'}, 'fx is <U4'),
     ({'baseline': 0}, 'baseline 0.0 m'),
-    ({'weights': np.ones((2, 3))}, r'weights \(2, 3\)'),
+    ({'weights': np.ones((2, 3))}, r'weights float64 \(2, 3\)'),
     ({'gamma': 0}, 'gamma 0.0 must'),
     ({'gains': np.ones(2), 'matrix': np.eye(3)}, r'gains \[1.0, 1.0\] and matrix'),
-    ({'views': np.array([None])}, 'cannot read'),
+    ({'views': np.array([None])}, 'views.npy holds object of shape'),
+    ({'fx': 5 + 1j}, 'fx is complex128'),
+    ({'weights': np.ones((3, 3), complex)}, 'weights complex128'),
 ])
 def test_an_npz_that_is_none_is_refused(tmp_path, changes, reason):
     values = {name: value for name, value in (GOOD | changes).items() if value is not None}
@@ -308,6 +312,44 @@ def test_an_npz_that_is_none_is_refused(tmp_path, changes, reason):
     with pytest.raises(LightFieldError, match=reason) as caught:
         read_light_field(tmp_path / 'a.npz')
     assert 'a.npz' in str(caught.value)
+
+
+@pytest.mark.parametrize('header', [
+    b"{'descr': '<f8', 'fortran_order': False, 'shape': (1099511627776,), }",
+    b"{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }",
+    b"{'descr': '<f8', 'fortran_order': False, 'shape': (1, }", b'{"""',
+    b"{'descr': '|V0', 'fortran_order': False, 'shape': (2,), }", b'(' * 5000])
+def test_an_array_whose_header_lies(tmp_path, header):
+    np.savez(tmp_path / 'a.npz', **GOOD)
+    with zipfile.ZipFile(tmp_path / 'a.npz', 'a') as file:
+        file.writestr('weights.npy', b'\x93NUMPY\1\0' + struct.pack('<H', len(header)) + header
+                      + bytes(72))
+    with pytest.raises(LightFieldError, match=r'a\.npz'):
+        read_light_field(tmp_path / 'a.npz')
+
+
+def test_arrays_that_unpack_to_more_than_is_read(tmp_path):
+    with zipfile.ZipFile(tmp_path / 'a.npz', 'w', zipfile.ZIP_DEFLATED) as file:
+        for number in range(4):
+            file.writestr(f'{number}.npy', bytes(2 ** 26 * 3 + 1))
+    with pytest.raises(LightFieldError, match='4 arrays of 768 MiB, at most 1000 of 768'):
+        read_light_field(tmp_path / 'a.npz')
+
+
+def test_a_flipped_bit_is_noticed(tmp_path):
+    np.savez(tmp_path / 'a.npz', **GOOD)
+    data = bytearray((tmp_path / 'a.npz').read_bytes())
+    data[data.index(b'views.npy') + 300] ^= 1
+    (tmp_path / 'a.npz').write_bytes(bytes(data))
+    with pytest.raises(LightFieldError, match=r'a\.npz: Bad CRC-32'):
+        read_light_field(tmp_path / 'a.npz')
+
+
+def test_an_array_that_is_called_npz(tmp_path):
+    np.save(tmp_path / 'a.npy', np.ones(3))
+    (tmp_path / 'a.npy').rename(tmp_path / 'a.npz')
+    with pytest.raises(LightFieldError, match=r'cannot read .*a\.npz: File is not a zip file'):
+        read_light_field(tmp_path / 'a.npz')
 
 
 @pytest.mark.parametrize('content', [b'', b'PK', b'text'])
