@@ -1,5 +1,6 @@
 """The object that is looked for: its mesh in metres, and which motions leave it as it is."""
 
+import io
 import logging
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,13 +16,15 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.runtime.errors import FileError, ObjectModelError
+from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
 
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
 _MOST_FACES = 1_000_000
+_MOST_BYTES = 2 ** 26
+_KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
@@ -82,7 +85,7 @@ class ObjectModel:
 
     @classmethod
     def load(cls, path: Path | str) -> 'ObjectModel':
-        """Read a mesh file (any that trimesh reads; metres) or an object's YAML.
+        """Read a mesh file (STL, OBJ, PLY, OFF or GLB; metres) or an object's YAML.
 
         Raises ObjectModelError when there is no such mesh, no surface in it, or its size cannot be
         metres, SettingsError when the YAML cannot be read or says something impossible.
@@ -152,25 +155,50 @@ def mesh_file(path: Path | str) -> tuple[Path, float]:
 
 
 def read_mesh(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file; ObjectModelError unless it has finite vertices and a surface."""
+    """The mesh of a file: finite vertices, a surface, not too many faces; else ObjectModelError.
+    """
+    kind = path.suffix.lower().removeprefix('.')
     if not path.is_file():
         raise ObjectModelError(f'no mesh file {path}')
+    if kind not in _KINDS:
+        raise ObjectModelError(f'{path} cannot be read as a mesh: {", ".join(_KINDS)} are read; '
+                               'convert it, with Blender or MeshLab')
     try:
-        loaded: Any = trimesh.load_mesh(path, process=False)
-        mesh = loaded if isinstance(loaded, trimesh.Trimesh) else loaded.to_mesh()
-        corners = mesh.triangles
+        with path.open('rb') as stream:
+            data = stream.read(_MOST_BYTES + 1)
+    except OSError as error:
+        raise ObjectModelError(f'cannot read {path}: {error.strerror or error}') from None
+    if len(data) > _MOST_BYTES:
+        raise ObjectModelError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB; simplify it, '
+                               'or write it as a binary STL or PLY')
+    try:
+        mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))
+        corners, area = mesh.triangles, mesh.area
+        # Corners that differ in colour or normal alone are one; those of no face are no part.
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+    except PmclError as error:
+        raise ObjectModelError(f'{path} {error}') from None
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         raise ObjectModelError(f'{path} cannot be read as a mesh: {error!r}') from error
-    if len(mesh.faces) > _MOST_FACES:
-        raise ObjectModelError(f'{path} has {len(mesh.faces)} faces, at most {_MOST_FACES} are '
-                               'rendered; simplify it')
     if not np.isfinite(corners).all():
         raise ObjectModelError(f'{path} has vertices that are not finite numbers')
-    if not mesh.area > 0:
+    if not area > 0:
         raise ObjectModelError(f'{path} holds {len(mesh.vertices)} vertices but no surface')
-    # Corners that differ in colour or normal alone are one; those of no face are no part.
-    mesh.merge_vertices(merge_tex=True, merge_norm=True)
     return mesh
+
+
+def _whole(loaded: Any) -> trimesh.Trimesh:
+    """The parts of a file as one mesh; ObjectModelError for none, or too many faces."""
+    scene = loaded if isinstance(loaded, trimesh.Scene) else trimesh.Scene(loaded)
+    # A part may be there many times, by reference.
+    parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
+    faces = sum(len(getattr(each, 'faces', ())) for each in parts)
+    if not faces:
+        raise ObjectModelError('holds no faces, and so no surface')
+    if faces > _MOST_FACES:
+        raise ObjectModelError(f'has {faces} faces, at most {_MOST_FACES} are rendered; simplify '
+                               'it')
+    return loaded if isinstance(loaded, trimesh.Trimesh) else loaded.to_mesh()
 
 
 def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[np.float64] | None:

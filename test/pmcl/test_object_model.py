@@ -186,6 +186,14 @@ def test_missing_files_are_named(tmp_path):
     ('garbage.glb', bytes(range(256)) * 3, 'cannot be read as a mesh'),
     ('picture.png', b'\x89PNG\r\n', 'cannot be read as a mesh'),
     ('name', b'', 'cannot be read as a mesh'),
+    ('no.off', b'OFF\n0 0 0\n', 'holds no faces|cannot be read as a mesh'),
+    ('scene.dae', b'<COLLADA/>', 'cannot be read as a mesh: stl, obj, ply, off, glb are read'),
+    ('packed.zip', b'PK', 'cannot be read as a mesh: stl, obj, ply, off, glb are read'),
+    ('large.stl', bytes(2 ** 26 + 1), 'has more than 64 MiB'),
+    ('count.ply', b'ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\n'
+     b'property float x\nproperty float y\nproperty float z\nelement face 1\n'
+     b'property list uchar int vertex_indices\nend_header\n', 'cannot be read as a mesh'),
+    ('count.stl', bytes(80) + b'\xff\xff\xff\x7f' + bytes(50), 'cannot be read|no faces'),
 ])
 def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
     path = tmp_path / name
@@ -193,6 +201,26 @@ def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
     with pytest.raises(ObjectModelError, match=message) as caught:
         ObjectModel.load(path)
     assert name in str(caught.value)
+
+
+@pytest.mark.parametrize('kind', ['stl', 'obj', 'ply', 'off', 'glb'])
+def test_kinds_of_mesh_files(tmp_path, kind):
+    box = trimesh.creation.box((0.03, 0.05, 0.11))
+    box.export(tmp_path / f'box.{kind}')
+    found = ObjectModel.load(tmp_path / f'box.{kind}')
+    assert (len(found.vertices), len(found.faces), found.closed) == (8, 12, True)
+    assert found.diameter == pytest.approx(np.linalg.norm([0.03, 0.05, 0.11]), rel=1e-6)
+
+
+def test_a_part_that_is_there_a_thousand_times(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.icosphere(4), geom_name='part')
+    for number in range(200):
+        scene.graph.update(f'copy {number}', 'world', geometry='part')
+    scene.export(tmp_path / 'many.glb')
+    assert (tmp_path / 'many.glb').stat().st_size < 200_000
+    with pytest.raises(ObjectModelError, match=r'has 10\d{5} faces, at most 1000000'):
+        ObjectModel.load(tmp_path / 'many.glb')
 
 
 @pytest.mark.parametrize('scale', [1e-300, 1e-6, 0.03, 60, 1e9, 1e300])
