@@ -10,6 +10,9 @@ from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.settings import explain
 
 _Level = Annotated[int, Field(ge=0, le=4095)]
+# Far beyond any camera's, so that nothing overflows.
+_Gain = Annotated[float, Field(ge=1e-3, le=1e3)]
+_Share = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 class _Part(BaseModel):
@@ -36,8 +39,8 @@ class _PixelFormat(_Part):
 
 
 class _Mosaic(_Part):
-    tile: str
-    upperLeftPixel: str
+    tile: str = Field(max_length=100)
+    upperLeftPixel: str = Field(max_length=100)
 
 
 class _RawDetails(_Part):
@@ -46,15 +49,16 @@ class _RawDetails(_Part):
 
 
 class _Gains(_Part):
-    r: float = Field(gt=0)
-    gr: float = Field(gt=0)
-    gb: float = Field(gt=0)
-    b: float = Field(gt=0)
+    r: _Gain
+    gr: _Gain
+    gb: _Gain
+    b: _Gain
 
 
 class _Color(_Part):
-    ccmRgbToSrgbArray: tuple[float, float, float, float, float, float, float, float, float]
-    gamma: float = Field(gt=0, le=1)
+    ccmRgbToSrgbArray: tuple[_Share, _Share, _Share, _Share, _Share, _Share, _Share, _Share,
+                             _Share]
+    gamma: float = Field(ge=0.01, le=1)
     whiteBalanceGain: _Gains
 
 
@@ -120,7 +124,7 @@ class _Tags(_Part):
 
 
 class _Camera(_Part):
-    serialNumber: str = ''
+    serialNumber: str = Field('', max_length=100, pattern=r'^[ -~]*$')  # a terminal shows it
 
 
 class _Private(_Part):

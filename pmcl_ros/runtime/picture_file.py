@@ -92,7 +92,7 @@ def _png(data: bytes) -> tuple[int, int]:
     if name != b'IHDR':
         raise ValueError('a PNG begins with IHDR')
     width, height, bits, colour, _, _, interlaced = struct.unpack('>IIBBBBB', head)
-    if width * height > MOST_PIXELS:
+    if not 0 < width * height <= MOST_PIXELS:
         return width, height  # refused, before anything is unpacked
     expected = height * (1 + (width * bits * _CHANNELS.get(colour, 0) + 7) // 8)
     most = 2 * expected + 2 ** 16 if interlaced else expected

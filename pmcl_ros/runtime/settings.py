@@ -24,14 +24,14 @@ _NAMED = 5  # fields that one line names
 class _Short(reprlib.Repr):
     """Values are shown in messages, however large they are."""
 
-    maxlevel, maxstring, maxother = 3, 200, 200
-
     def repr_int(self, x: int, level: int) -> str:
         """Python refuses to write thousands of digits."""
         return f'{x.bit_length()} bits' if x.bit_length() > 1000 else super().repr_int(x, level)
 
 
 _SHORT = _Short()
+_SHORT.maxlevel = 3
+_SHORT.maxstring = _SHORT.maxother = 200
 
 
 def explain(error: ValidationError) -> str:

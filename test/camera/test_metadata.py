@@ -56,6 +56,23 @@ def test_levels_of_four_phases(data):
     assert (metadata.black, metadata.white) == (168, 4080)
 
 
+@pytest.mark.parametrize(('path', 'value'), [
+    ('image.color.whiteBalanceGain.r', 1e300), ('image.color.whiteBalanceGain.b', 1e-300),
+    ('image.color.ccmRgbToSrgbArray', [1e300] * 9), ('image.color.gamma', 1e-300),
+    ('image.rawDetails.mosaic.tile', 'x' * 300_000)])
+def test_numbers_that_overflow_and_long_texts_are_refused(data, path, value):
+    with pytest.raises(CameraError, match=path) as caught:
+        CameraMetadata.parse(changed(data, path, value))
+    assert len(str(caught.value)) < 2000
+
+
+@pytest.mark.parametrize('serial', ['\ud800', 'A\x1b[31m', 'A\n', 'A' * 101])
+def test_a_serial_number_is_one_that_a_terminal_can_show(data, serial):
+    with pytest.raises(CameraError, match=r'camera.serialNumber') as caught:
+        CameraMetadata.parse(whole_text(data, {'camera': {'serialNumber': serial}}))
+    assert str(caught.value).isprintable()
+
+
 @pytest.mark.parametrize('path', [
     'image', 'image.width', 'image.rawDetails', 'image.rawDetails.pixelFormat.black.gb',
     'image.rawDetails.mosaic.upperLeftPixel', 'image.color.gamma',
@@ -69,7 +86,7 @@ def test_a_missing_field_is_named(data, path):
     ('image.width', 0, r'greater than 0 \(got 0\)'),
     ('image.height', 8193, r'8192 \(got 8193\)'),
     ('image.width', 'wide', r"valid integer.*\(got 'wide'\)"),
-    ('image.color.gamma', 0, r'greater than 0 \(got 0\)'),
+    ('image.color.gamma', 0, r'greater than or equal to 0.01 \(got 0\)'),
     ('image.color.gamma', float('nan'), 'nan'),
     ('image.color.ccmRgbToSrgbArray', [1, 2], 'Field required'),
     ('image.rawDetails.pixelFormat.black.r', 4096, r'4095 \(got 4096\)'),

@@ -27,6 +27,8 @@ unit) or `baseline` (metres between neighbouring views)""".replace('\n', ' ')
 
 NAME = 'light_field.yaml'
 _PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.ppm')
+_MOST_VIEWS = 999  # of a row or a column
+_MOST_DOUBTFUL = 4
 _PARTS = {'row': r'\d+', 'column': r'\d+', 'x': r'[-+]?\d+(?:\.\d+)?', 'y': r'[-+]?\d+(?:\.\d+)?'}
 
 
@@ -117,14 +119,21 @@ def _numbered(folder: Path, of: GridSettings,
         places[place] = match
     if not places:
         raise LightFieldError(f'{folder} has no picture called {of.files!r}')
-    (top, left), (bottom, right) = np.min([*places], axis=0), np.max([*places], axis=0)
-    missing = [(row, column) for row in range(top, bottom + 1) for column in range(left, right + 1)
-               if (row, column) not in places]
-    if missing:
-        raise LightFieldError(f'{folder} has no picture of row {missing[0][0]}, column '
-                              f'{missing[0][1]}; {len(missing)} are missing in rows {top} to '
-                              f'{bottom}, columns {left} to {right}')
-    rows, columns = int(bottom - top + 1), int(right - left + 1)
+    top, bottom = (end(row for row, _ in places) for end in (min, max))
+    left, right = (end(column for _, column in places) for end in (min, max))
+    if max(bottom - top, right - left) >= _MOST_VIEWS:
+        odd = places[max(places, key=lambda place: max(place[0] - top, place[1] - left))].string
+        raise LightFieldError(f'{folder}: the names {of.files!r} give rows {top} to {bottom}, '
+                              f'columns {left} to {right}, more than {_MOST_VIEWS}: does {odd} '
+                              'belong there?')
+    if len(places) < (bottom - top + 1) * (right - left + 1):
+        row, column = next(
+            (row, column) for row in range(top, bottom + 1) for column in range(left, right + 1)
+            if (row, column) not in places)
+        missing = (bottom - top + 1) * (right - left + 1) - len(places)
+        raise LightFieldError(f'{folder} has no picture of row {row}, column {column}; {missing} '
+                              f'are missing in rows {top} to {bottom}, columns {left} to {right}')
+    rows, columns = bottom - top + 1, right - left + 1
     if (of.rows or rows, of.columns or columns) != (rows, columns):
         raise LightFieldError(f'{folder} has {rows} rows of {columns} views, {NAME} says '
                               f'{of.rows} of {of.columns}')
@@ -163,8 +172,11 @@ def _positions(of: GridSettings, found: NDArray[np.float64],
 
 def _pattern(names: str) -> re.Pattern[str]:
     """Regular expression of a pattern with *, {row}, {column}, {x}, {y}; else LightFieldError."""
-    expression = ''
-    for part in re.split(r'(\{\w*\}|\*)', names):
+    expression, before, doubtful = '', '', 0
+    for part in re.split(r'(\{\w*\}|\*+)', names):
+        # How much a star, and a part right after another one, takes is tried out.
+        doubtful += part[:1] == '*' or (part[:1] == '{' and before[:1] in ('{', '*'))
+        before = part or before
         if part.startswith('{'):
             name = part[1:-1]
             if name not in _PARTS or f'(?P<{name}>' in expression:
@@ -172,7 +184,10 @@ def _pattern(names: str) -> re.Pattern[str]:
                                       'known are {row}, {column}, {x}, {y}')
             expression += f'(?P<{name}>{_PARTS[name]})'
         else:
-            expression += '.*' if part == '*' else re.escape(part)
+            expression += '.*' if part[:1] == '*' else re.escape(part)
+    if doubtful > _MOST_DOUBTFUL:
+        raise LightFieldError(f'files {names!r}: more than {_MOST_DOUBTFUL} of * and of parts '
+                              'without anything between them; write more of the names')
     return re.compile(expression)
 
 

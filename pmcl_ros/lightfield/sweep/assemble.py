@@ -166,8 +166,9 @@ def _build(chosen: dict[tuple[int, int], SweepFrame], seen: dict[str, Rectificat
         positions[cell] = rectified.offset[:2] / settings.baseline
     typical = float(np.median(residuals)) if residuals else math.nan
     if not wrong and len(used) < 2:
-        raise LightFieldError(f'one view alone, {reference.name}, can be used: '
-                              f'{summary(left)}')
+        raise LightFieldError(f'one view alone, {reference.name}, can be used: {summary(left)}. '
+                              'Views that are not parallel, as of a camera that goes around an '
+                              'object, are posed views: write views.yaml, or collect posed_views')
     if len(wrong) > len(used) or len(used) < 2:
         raise LightFieldError(
             f'of {len(chosen)} frames {len(wrong)} show things {typical:.1f} px from where their '

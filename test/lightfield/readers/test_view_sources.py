@@ -435,6 +435,22 @@ def test_a_light_field_yaml_with_mistakes(tmp_path, changes, reason):
         read_light_field(folder)
 
 
+def test_a_view_that_is_named_by_a_time_stamp(tmp_path):
+    folder = grid(tmp_path, 'v_{row}_{column}.png', (2, 2), bits=8,
+                  **BASE | {'files': 'v_{row}_{column}.png'})
+    shutil.copy(folder / 'v_0_0.png', folder / 'v_0_1700000000.png')
+    with pytest.raises(LightFieldError, match=r'more than 999: does v_0_1700000000.png belong'):
+        read_light_field(folder)
+
+
+@pytest.mark.parametrize('files', ['********x{row}{column}', '*a*a*{row}*a*x', '*' * 5000])
+def test_a_pattern_that_could_be_tried_without_end(tmp_path, files):
+    folder = grid(tmp_path, ROW_COLUMN, (2, 2), bits=8, **BASE | {'files': files})
+    shutil.copy(folder / '0_0.png', folder / f'{"a1" * 50}.png')
+    with pytest.raises(LightFieldError, match=r'no picture called|more than 4 of \*|rows and col'):
+        read_light_field(folder)
+
+
 def test_a_view_that_is_missing_or_there_twice(tmp_path):
     folder = grid(tmp_path, ROW_COLUMN, (3, 3), bits=8, **BASE)
     shutil.copy(folder / '1_1.png', folder / '01_1.png')

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 from sweep_scene import PINHOLE, frame, raster, write_sweep
 
 from pmcl_ros.cli import main
@@ -31,6 +32,19 @@ def changed(path, **values):
     found = yaml.safe_load(path.read_text())
     found.update(values)
     path.write_text(yaml.safe_dump(found))
+
+
+def test_frames_from_around_an_object_are_no_light_field(tmp_path):
+    poses = []
+    for angle in (-1.2, 0, 1.2):  # rad, about a point 0.5 m before the middle one
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_rotvec([0, angle, 0]).as_matrix()
+        pose[:3, 3] = [0, 0, 0.5] - pose[:3, :3] @ [0, 0, 0.5]
+        poses.append(pose)
+    frames = [frame(f'{number}', pose, LENS) for number, pose in enumerate(poses)]
+    write_sweep(tmp_path, frames, SETTINGS.model_copy(update={'baseline': 0.46}))
+    with pytest.raises(LightFieldError, match=r'one view alone, .*; .* views: .*write views.yaml'):
+        read_light_field(tmp_path)
 
 
 def test_it_is_read_as_it_was_taken(folder):
