@@ -74,6 +74,8 @@ class BagWriter:
         topic = message.topic
         with self._explained():
             if topic not in self._channels:
+                if message.type not in typestore().types:
+                    raise BagError(f'the message type {message.type!r} is none of ROS 2 Jazzy')
                 channel = Channel(topic, message.type, 'cdr', qos_text(message.qos))
                 definition, _ = typestore().generate_msgdef(message.type, ros_version=2)
                 self._channels[topic] = (self._writer.add(channel, definition), channel,

@@ -216,3 +216,20 @@ def test_what_cannot_be_played_is_told(tmp_path, bag, arguments, status, reason)
     player = Process(tmp_path, REPLAY, *(bag if each == 'BAG' else each for each in arguments))
     assert player.popen.wait(PATIENCE) == status
     assert re.search(reason, player.log), player.log
+
+
+UNKNOWN = bags.VOLATILE._replace(
+    depth=2 ** 31 - 1, history=bags.VOLATILE.history.UNKNOWN,
+    reliability=bags.VOLATILE.reliability.UNKNOWN, durability=bags.VOLATILE.durability.UNKNOWN)
+
+
+@pytest.mark.parametrize(('topic', 'reason'), [
+    ('/a', 'fewer than 1 subscribers to /a after'), ('/a b', '/a b of .* cannot be played: ')])
+def test_a_topic_of_unknown_quality_is_played_and_one_without_a_name_is_not(
+        tmp_path, topic, reason):
+    bags.record(tmp_path / 'bag', [bags.Recorded(
+        topic, 'std_msgs/msg/String', 1, serialize_message(String(data='x')), UNKNOWN)])
+    player = Process(tmp_path, REPLAY, tmp_path / 'bag', '--timeout', 0.1)
+    assert player.popen.wait(PATIENCE) == 1
+    line, = player.log.splitlines()
+    assert re.match(f'pmcl_replay: .*{reason}', line), line

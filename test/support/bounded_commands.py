@@ -1,0 +1,67 @@
+"""Runs commands each in a process of its own, and says how long they took and how much memory.
+
+The processes are forked from one that has imported the commands: a start takes milliseconds.
+"""
+
+import multiprocessing
+import os
+import resource
+import sys
+import time
+from typing import NamedTuple
+
+from pmcl_ros.cli import main
+
+_CONTEXT = multiprocessing.get_context('forkserver')
+_CONTEXT.set_forkserver_preload([__name__, 'pmcl_ros.cli.bag', 'pmcl_ros.cli.decode',
+                                 'pmcl_ros.cli.grasps', 'pmcl_ros.cli.localize'])
+SECONDS, MEGABYTES = 5, 1000
+
+
+class Outcome(NamedTuple):
+    """How a command ended. text: all that it wrote."""
+
+    status: int
+    text: str
+    seconds: float
+    megabytes: float
+
+
+def outcome(folder, *arguments):
+    """The outcome of `pmcl ARGUMENTS`; folder: for what it writes."""
+    log, (receiver, sender) = folder / 'log', _CONTEXT.Pipe(duplex=False)
+    process = _CONTEXT.Process(target=_run, args=(sender, log, [str(each) for each in arguments]))
+    process.start()
+    process.join(4 * SECONDS)
+    if process.exitcode is None:
+        process.kill()
+        process.join()
+        raise AssertionError(f'{arguments} did not end')
+    status, seconds, megabytes = receiver.recv()
+    return Outcome(status, log.read_text(), seconds, megabytes)
+
+
+def refused(folder, *arguments):
+    """The one line of a command that fails soon, in little memory."""
+    found = outcome(folder, *arguments)
+    assert found.status == 1, found
+    assert found.seconds < SECONDS
+    assert found.megabytes < MEGABYTES
+    line, = found.text.splitlines()
+    assert line.startswith('Error: ')
+    return line
+
+
+def _run(sender, log, arguments):
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for each in (1, 2):
+        os.dup2(file, each)
+    start, status = time.monotonic(), 0
+    try:
+        main(arguments)
+    except SystemExit as end:
+        status = end.code
+    sys.stdout.flush()
+    sys.stderr.flush()
+    sender.send((status, time.monotonic() - start,
+                 resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000))
