@@ -1,0 +1,76 @@
+"""Files of every format, damaged in ways that are drawn: refused in one line, or read.
+
+`make fuzz` runs ten thousand of them and more; here are a hundredth.
+"""
+
+import math
+import os
+import resource
+import shutil
+import signal
+import warnings
+from contextlib import contextmanager
+
+import pytest
+from damaged_files import formats
+from hypothesis import HealthCheck, given, settings
+from mutations import MUTATIONS, mutated
+
+from pmcl_ros.runtime.errors import PmclError
+
+NAMES = [
+    'mcap of raw', 'mcap of views', 'mcap of posed', 'mcap of robot', 'mcap without checksum',
+    'message of raw', 'message of views', 'message of posed', 'message of robot',
+    'metadata.yaml', 'db3', 'png', 'png with right checksums', 'jpg', 'tif', 'bmp', 'webp', 'ppm',
+    'mosaic', 'stl', 'stl in text', 'obj', 'ply', 'ply in text', 'off', 'glb', 'object', 'grasps',
+    'light_field.yaml', 'views.yaml', 'sweep.yaml', 'bop', 'hci', 'cameras.txt', 'images.txt',
+    'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth']
+INPUTS = int(os.environ.get('PMCL_FUZZ_INPUTS', '100'))
+SECONDS, MEGABYTES = 5, 700
+
+
+@pytest.fixture(scope='module')
+def made(tmp_path_factory, camera_text):
+    found = formats(tmp_path_factory.mktemp('formats'), camera_text)
+    assert sorted(found) == sorted(NAMES)
+    return found
+
+
+@contextmanager
+def in_time():
+    def late(*_):
+        raise AssertionError(f'not done after {SECONDS} s')
+    before = signal.signal(signal.SIGALRM, late)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_a_damaged_file(made, name):
+    of = made[name]
+    expected = of.read(of.write(of.data)) if of.exact else None
+    megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+
+    @settings(max_examples=math.ceil(INPUTS / len(NAMES)), derandomize='CI_SEED' not in os.environ,
+              database=None, suppress_health_check=[*HealthCheck])
+    @given(MUTATIONS)
+    def check(steps):
+        source, found, told = of.write(mutated(of.data, steps)), expected, ''
+        try:
+            with in_time(), warnings.catch_warnings():
+                warnings.simplefilter('error', RuntimeWarning)
+                found = of.read(source)
+        except PmclError as error:
+            told = str(error)
+        assert not of.exact or found == expected
+        assert not told or source.name in told
+        assert (told + 'x').isprintable()
+        assert len(told) < 2500
+        if source.parent.name.startswith('message '):
+            shutil.rmtree(source)
+    check()
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000 < megabytes + MEGABYTES
