@@ -9,7 +9,7 @@ TEST := .venv/.installed-test
 DOCS := .venv/.installed-docs
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test test-quick lint venv docs eval bench soak clean
+.PHONY: demo test test-quick lint venv docs eval bench soak fuzz clean
 
 demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
@@ -50,6 +50,12 @@ bench: $(RUN)
 CAPTURES_SOAKED ?= 500
 soak: $(RUN)
 	$(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED)
+
+# Damaged files of every format that is read: FUZZED of them, the same for the same SEED
+FUZZED ?= 12000
+SEED ?= 0
+fuzz: $(TEST)
+	PMCL_FUZZ_INPUTS=$(FUZZED) $(BIN)/python -m pytest test/test_fuzz.py --hypothesis-seed=$(SEED)
 
 # Debian packages, then ROS and the run-time wheels; says how long that took.
 $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg

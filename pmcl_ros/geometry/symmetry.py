@@ -21,6 +21,7 @@ FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over
 
 _MOST = 128  # elements of a group: the icosahedron's has 60
 _SAME, _APART = 0.005, 0.04  # rad: closer rotations differ by rounding; elements are farther apart
+_FAR = 1e9  # of units of a mesh: nothing is
 _RIGID = 1e-3  # tolerance of a rotation matrix's orthonormality
 # Upright and facing the camera, but oblique: no common pose (standing, lying) is then half way
 # between two equivalent ones, where noise would decide.
@@ -289,8 +290,9 @@ def _rigid(numbers: Sequence[float], scale: float, reach: float, name: str
            ) -> NDArray[np.float64]:
     motion = np.array(numbers, float).reshape(4, 4)
     turn = motion[:3, :3]
-    if (np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.linalg.det(turn) < 0
-            or not np.allclose(motion[3], [0, 0, 0, 1], atol=1e-6)):
+    # Of larger numbers, products would overflow.
+    if (np.abs(motion).max() > _FAR or np.abs(turn @ turn.T - np.eye(3)).max() > _RIGID
+            or np.linalg.det(turn) < 0 or not np.allclose(motion[3], [0, 0, 0, 1], atol=1e-6)):
         raise ObjectModelError(
             f'object {name!r}: the discrete symmetry {motion.tolist()} must be a rotation '
             '(orthonormal within 0.001, not mirrored) and a translation, its last row 0 0 0 1')

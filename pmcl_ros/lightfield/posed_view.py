@@ -13,6 +13,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 GAMMA = 2.2  # linear light is a picture's value to the power of this
 _LEVEL = 0.3  # mean linear light of an exposed picture, 1 at white
+_FAR = 1e8  # m: coordinates of a map have some millions
 _RIGID = 1e-3  # tolerance of orthogonality: poses in files are rounded
 
 
@@ -92,9 +93,9 @@ def centre_view(light_field: LightField) -> PosedView:
 
 def check_pose(pose: NDArray[np.float64], name: str) -> None:
     """Raise LightFieldError unless a matrix is a rotation and a shift (4, 4)."""
-    if pose.shape != (4, 4) or not np.isfinite(pose).all() or (pose[3] != [0, 0, 0, 1]).any():
-        raise LightFieldError(f'{name} {pose.tolist()} is no pose: expected a finite (4, 4) '
-                              'matrix with the last row 0, 0, 0, 1')
+    if pose.shape != (4, 4) or not (abs(pose) < _FAR).all() or (pose[3] != [0, 0, 0, 1]).any():
+        raise LightFieldError(f'{name} {pose.tolist()} is no pose: expected a (4, 4) matrix with '
+                              f'numbers up to {_FAR:g} and the last row 0, 0, 0, 1')
     turn = pose[:3, :3]
     off = float(abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID or np.linalg.det(turn) < 0:

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import os
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -158,7 +159,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     """The mesh of a file: finite vertices, a surface, not too many faces; else ObjectModelError.
     """
     kind = path.suffix.lower().removeprefix('.')
-    if not path.is_file():
+    if not os.path.isfile(path):  # which takes any name
         raise ObjectModelError(f'no mesh file {path}')
     if kind not in _KINDS:
         raise ObjectModelError(f'{path} cannot be read as a mesh: {", ".join(_KINDS)} are read; '

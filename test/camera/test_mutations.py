@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mutations import MUTATIONS, mutated
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.lfp import container_bytes, picture_to_lfp
@@ -20,57 +21,14 @@ from pmcl_ros.runtime.errors import CameraError
 
 RAW = pack12(np.random.default_rng(0).integers(0, 4096, (6, 8)).astype(np.uint16))
 MEMORY = 20_000_000  # bytes, of files of some thousand
-FRACTION = st.floats(0, 1, exclude_max=True)
 QUICK = settings(deadline=None, max_examples=150,
                  suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def flip(data, where, bit):
-    place = int(where * len(data))
-    return data[:place] + bytes([data[place] ^ (1 << bit)]) + data[place + 1:] if data else data
-
-
-def cut(data, where):
-    return data[:int(where * len(data))]
-
-
-def splice(data, start, end, to):
-    """Part of it, once more somewhere else."""
-    start, end, to = (int(each * len(data)) for each in (start, end, to))
-    return data[:to] + data[start:end] + data[to:]
-
-
-def remove(data, start, end):
-    start, end = sorted(int(each * len(data)) for each in (start, end))
-    return data[:start] + data[end:]
-
-
-def overwrite(data, where, patch):
-    place = int(where * len(data))
-    return data[:place] + patch + data[place + len(patch):]
-
-
-PATCHES = st.binary(max_size=16) | st.sampled_from([
-    b'\xff\xff\xff\xff', b'\x7f\xff\xff\xff', bytes(8), b'\x89LFC\r\n\x1a\n',
-    b'\x89LFM\r\n\x1a\n'])
-STEPS = st.one_of(
-    st.tuples(st.just(flip), FRACTION, st.integers(0, 7)), st.tuples(st.just(cut), FRACTION),
-    st.tuples(st.just(splice), FRACTION, FRACTION, FRACTION),
-    st.tuples(st.just(remove), FRACTION, FRACTION),
-    st.tuples(st.just(overwrite), FRACTION, PATCHES))
-MUTATIONS = st.lists(STEPS, min_size=1, max_size=4)
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
     | st.sampled_from([2 ** 70, -1, 0, 8192, 1e308, 'sha1-' + 40 * '0']),
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(
         st.text(max_size=5) | st.sampled_from(['picture', 'frame', 'name']), inner, max_size=3),
     max_leaves=5)
-
-
-def mutated(data, steps):
-    for step, *arguments in steps:
-        data = step(data, *arguments)
-    return data
 
 
 def paths(value, before=()):

@@ -16,6 +16,7 @@ from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'scene_camera.json'
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
+_FAR = 1e11  # mm
 _POSE = 'cam_R_w2c', 'cam_t_w2c'
 _NUMBER = re.compile(r'[0-9]{1,9}')
 
@@ -52,6 +53,9 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
             if turn.size != 9 or place.size != 3:
                 raise LightFieldError(f'{path}: picture {number}: cam_R_w2c has {turn.size} '
                                       f'numbers, cam_t_w2c {place.size}; expected 9 and 3')
+            if not (abs(turn) < 2).all() or not (abs(place) < _FAR).all():
+                raise LightFieldError(f'{path}: picture {number}: cam_R_w2c {turn.tolist()} and '
+                                      f'cam_t_w2c {place.tolist()} are no rotation and no place')
             pose = np.eye(4)
             pose[:3, :3] = turn.reshape(3, 3).T
             pose[:3, 3] = -pose[:3, :3] @ place.ravel() / 1000

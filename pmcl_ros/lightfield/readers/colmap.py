@@ -173,6 +173,6 @@ def _pictures(path: Path, folder: Path, images: list[_Image]) -> Path:
     tried = [path / 'images', path, folder / 'images', folder.parent / 'images',
              folder.parent.parent / 'images']
     for each in tried:
-        if images and (each / images[0].name).is_file():
+        if images and os.path.isfile(each / images[0].name):  # which takes any name
             return each
     return tried[0]

@@ -85,14 +85,18 @@ def read_folder(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     paths = [[yaml.parent / name for name in row] for row in names]
     files = ViewFiles(paths, _positions(of, found, yaml), of.fx, of.fy or of.fx, of.cx, of.cy,
                       of.focus_distance, of.gamma)
-    return files.read(header, reduction)
+    try:
+        return files.read(header, reduction)
+    except LightFieldError as error:
+        raise LightFieldError(f'{yaml}: {error}') from None
 
 
 def _views(folder: Path, of: GridSettings) -> tuple[list[list[str]], NDArray[np.float64]]:
     """The names [row][column] of the views, and (rows, columns, 2) the x, y in them, or NaN."""
     present = [path.name for path in folder.iterdir()
                if path.suffix.lower() in _PICTURES and path.is_file()]
-    pattern = STANFORD_NAMES if of.files == 'stanford' else _pattern(of.files)
+    pattern = (STANFORD_NAMES if of.files == 'stanford'
+               else _pattern(of.files, folder / NAME))
     matches = [match for match in map(pattern.fullmatch, present) if match]
     if {'row', 'column'} <= pattern.groupindex.keys():
         return _numbered(folder, of, matches)
@@ -170,7 +174,7 @@ def _positions(of: GridSettings, found: NDArray[np.float64],
     return np.asarray(positions * [-1 if of.flip_x else 1, -1 if of.flip_y else 1])
 
 
-def _pattern(names: str) -> re.Pattern[str]:
+def _pattern(names: str, yaml: Path) -> re.Pattern[str]:
     """Regular expression of a pattern with *, {row}, {column}, {x}, {y}; else LightFieldError."""
     expression, before, doubtful = '', '', 0
     for part in re.split(r'(\{\w*\}|\*+)', names):
@@ -180,14 +184,14 @@ def _pattern(names: str) -> re.Pattern[str]:
         if part.startswith('{'):
             name = part[1:-1]
             if name not in _PARTS or f'(?P<{name}>' in expression:
-                raise LightFieldError(f'files {names!r}: {part} is not known or is there twice; '
-                                      'known are {row}, {column}, {x}, {y}')
+                raise LightFieldError(f'{yaml}: files {names!r}: {part} is not known or is there '
+                                      'twice; known are {row}, {column}, {x}, {y}')
             expression += f'(?P<{name}>{_PARTS[name]})'
         else:
             expression += '.*' if part[:1] == '*' else re.escape(part)
     if doubtful > _MOST_DOUBTFUL:
-        raise LightFieldError(f'files {names!r}: more than {_MOST_DOUBTFUL} of * and of parts '
-                              'without anything between them; write more of the names')
+        raise LightFieldError(f'{yaml}: files {names!r}: more than {_MOST_DOUBTFUL} of * and of '
+                              'parts without anything between them; write more of the names')
     return re.compile(expression)
 
 

@@ -56,7 +56,10 @@ def read_hci(folder: Path, header: Header, reduction: Reduction) -> LightField:
     cx, cy = ((size - 1) / 2 + even * focal * of.baseline_mm / 2000 / focus
               for size, even in zip((width, height), beside, strict=True))
     files = ViewFiles(paths, positions, focal, focal, cx, cy, focus)
-    light_field = files.read(header, reduction)
+    try:
+        light_field = files.read(header, reduction)
+    except LightFieldError as error:
+        raise LightFieldError(f'{folder}: {error}') from None
     found = light_field.grid.pinhole
     expected = width // reduction.shrink, height // reduction.shrink
     if (found.width, found.height) != expected:

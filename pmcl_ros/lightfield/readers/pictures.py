@@ -1,6 +1,7 @@
 """Pictures of views: reading, linear light, reduction and sub-pixel shifts."""
 
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -72,7 +73,7 @@ def read_picture(path: Path) -> NDArray[Any]:
 
     Raises LightFieldError when the file is missing, no picture, or of another type.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # which takes any name
         raise LightFieldError(f'there is no {path}; every view needs its file')
     try:
         picture = read_picture_file(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)

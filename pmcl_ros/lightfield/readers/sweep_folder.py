@@ -60,8 +60,11 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
                               'could be taken; write other rows, columns and baseline')
     values = of.model_dump(include=set(SweepSettings.model_fields))
     settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
-    sweep = assemble([_frame(yaml.parent, each, of.camera) for each in of.frames], settings,
-                     header.frame_id)
+    try:
+        sweep = assemble([_frame(yaml.parent, each, of.camera) for each in of.frames], settings,
+                         header.frame_id)
+    except LightFieldError as error:
+        raise LightFieldError(f'{yaml}: {error}') from None
     if sweep.left_out:
         _LOG.warning('%s: %s', yaml, sweep.describe())
     found = sweep.light_field

@@ -13,6 +13,8 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.readers.pictures import Reduction, linear_light, read_picture, shifted
 from pmcl_ros.runtime.errors import LightFieldError
 
+_NEAREST = 1e-4  # m
+
 
 @dataclass(frozen=True)
 class ViewFiles:
@@ -42,6 +44,9 @@ class ViewFiles:
         Raises LightFieldError when a file is missing or no picture, sizes differ, the positions
         are no grid, or the views do not fit the memory.
         """
+        if self.focus_distance < _NEAREST:
+            raise LightFieldError(f'a focus distance of {self.focus_distance:g} m is none of a '
+                                  'camera')
         paths, positions = _ordered(self.paths, self.positions)
         rows, columns = (reduction.kept(side) for side in positions.shape[:2])
         positions = positions[np.ix_(rows, columns)]
