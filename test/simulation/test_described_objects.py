@@ -5,14 +5,15 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from scipy.spatial import cKDTree
 
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 from pmcl_ros.simulation.described.object_description import load_object
-from pmcl_ros.simulation.described.profiles import eased, outline, volume
+from pmcl_ros.simulation.described.profiles import eased, hollowed, outline, volume
 from pmcl_ros.simulation.scenes.materials import AIR, Clear, Opaque
 from pmcl_ros.simulation.scenes.revolution import Frusta
-from pmcl_ros.simulation.scenes.vessels import outer_mesh
+from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
 
 RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
 CYLINDER = np.array([[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])
@@ -84,6 +85,29 @@ def test_the_outline_of_a_mesh_is_exact_at_its_vertices():
     # A cavity in the mesh does not count.
     cup = np.array([[0, 0], [0.03, 0], [0.03, 0.08], [0.027, 0.08], [0.027, 0.003], [0, 0.003]])
     assert volume(outline(*outer_mesh(cup))) == pytest.approx(np.pi * 0.03 ** 2 * 0.08, rel=1e-4)
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_any_vessel_keeps_its_wall_and_its_crest(seed):
+    rng = np.random.default_rng(seed)
+    vessel, wall, is_open = random_vessel(rng), rng.uniform(0.0008, 0.004), seed % 3 > 0
+    found = outline(*outer_mesh(vessel.closed))
+    assert volume(found) == pytest.approx(volume(vessel.closed), rel=1e-3)
+    made = hollowed(found, wall, is_open, None)
+    assert made.is_sealed != is_open
+    assert made.outer[:, 1].max() == pytest.approx(vessel.outer[-1, 1], abs=1e-6)
+    # Within three walls of the mouth its rim may be rounder than the wall is thick.
+    top = found[-1, 1] - (3 * wall if is_open else 0)
+    away = cKDTree(_dense(found[:-1] if is_open else found)).query(
+        _dense(made.inner[made.inner[:, 1] < top]))[0]
+    assert away.min() > wall - 3e-5
+
+
+def _dense(profile):
+    """The same curve in steps of some 20 um."""
+    way = np.append(0, np.cumsum(np.linalg.norm(np.diff(profile, axis=0), axis=1)))
+    at = np.linspace(0, way[-1], 20000)
+    return np.stack([np.interp(at, way, profile[:, k]) for k in (0, 1)], axis=1)
 
 
 def test_long_straight_pieces_bend_near_their_ends_only():

@@ -161,8 +161,8 @@ def test_an_object_is_seen_where_its_pose_says(describe, surroundings):
     np.testing.assert_array_equal(seen, take_picture(again, CAMERA, np.random.default_rng(0), 4))
 
 
-@pytest.mark.parametrize('surroundings', ['shelf', 'sink', 'tank'])
-@pytest.mark.parametrize('attitude', ['upright', 'lying'])
+@pytest.mark.parametrize(('surroundings', 'attitude'), [
+    ('shelf', 'any'), ('sink', 'upright'), ('sink', 'lying'), ('tank', 'lying')])
 def test_media_nest_as_the_camera_sees_them(describe, surroundings, attitude):
     for seed in range(2):
         scene = described_scene(np.random.default_rng(seed), describe(), surroundings, _sensor(),

@@ -42,6 +42,11 @@ class Place:
         return self.circles[0][1]
 
     @property
+    def stands(self) -> bool:
+        """Whether the object is upright."""
+        return bool(self.world[2, :3] @ self.thing.up > 1 - 1e-9)
+
+    @property
     def target(self) -> tuple[Solid, ...]:
         """The object in the camera's frame."""
         return () if self.empty else self.thing.placed(self.camera @ self.world)
@@ -55,8 +60,11 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Surrounding:
-    """target: the object's solids as they are there. solids, sheets: all else, camera's frame."""
+class Furnished:
+    """What there is at a place.
+
+    target: the object's solids as they are there. solids, sheets: all else, camera's frame.
+    """
 
     target: tuple[Solid, ...]
     solids: tuple[Solid, ...]

@@ -19,6 +19,7 @@ _MM = 1000.0  # the kernel's coordinates are rounded to 1e-8
 _FAR = 1e5  # mm
 _FILLET = 2.0  # mm: radius in which wall and floor of a cavity meet, at most
 _ROUND = 0.45  # radius of the rim over the wall
+_CREST = 0.7  # of the wall: at most so far out of the crest of a rim does the wall begin
 _SEGMENTS = 48  # of a full turn of these
 _EPSILON = 1e-4  # mm: points nearer than that to a line are left out
 _MITRE = 4.0
@@ -124,15 +125,19 @@ def fitted(outer: Profile, inner: Profile, is_open: bool, floor: float | None) -
 
 
 def _beyond(profile: Profile, wall: float) -> Profile:
-    """An outline whose wall goes straight on beyond the mouth, without the rim's rounding."""
+    """An outline whose wall goes straight on beyond the mouth, without the rim's rounding.
+
+    A cavity in it leaves the crest of a round rim, where the outline is highest, in place.
+    """
     z = profile[:, 1]
     top = float(z.max())
     start = int(np.argmax(z > top - wall))
     lower, upper = np.interp([top - 2 * wall, top - wall], z[:start + 1], profile[:start + 1, 0])
-    slope = float(np.clip((upper - lower) / wall, -1, 1))
-    return np.concatenate([profile[:start], [[upper, top - wall],
-                                             [upper + 3 * slope * wall, top + 2 * wall],
-                                             [0, top + 2 * wall]]])
+    on = upper + float(np.clip(upper - lower, -wall, wall))
+    crest = profile[z > top - _SAME, 0].max()
+    mouth = min(on, crest + _CREST * wall)
+    return np.concatenate([profile[:start], [[upper, top - wall], [mouth, top],
+                                             [mouth, top + 2 * wall], [0, top + 2 * wall]]])
 
 
 def _section(profile: Profile) -> Any:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from pmcl_ros.runtime.errors import SimulationError
-from pmcl_ros.simulation.described.place import Place, Surrounding
+from pmcl_ros.simulation.described.place import Furnished, Place
 from pmcl_ros.simulation.described.wet_places import sink, tank
 from pmcl_ros.simulation.scenes.broad_scene import (
     Palette,
@@ -87,19 +87,19 @@ def _bounds(thing: SceneObject, world: Pose
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
-def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Surrounding:
-    return Surrounding(place.target, (), tuple(broad_room(rng, place.camera, place.palette,
+def _table(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furnished:
+    return Furnished(place.target, (), tuple(broad_room(rng, place.camera, place.palette,
                                                           place.circles)))
 
 
-def _clutter(rng: np.random.Generator, place: Place, of: DescribedSettings) -> Surrounding:
+def _clutter(rng: np.random.Generator, place: Place, of: DescribedSettings) -> Furnished:
     count = int(rng.integers(2, max(of.clutter, 2) + 1))
     things, poses = random_clutter(rng, count, place.palette, place.circles, place.camera)
     sheets = broad_room(rng, place.camera, place.palette, place.circles)
-    return Surrounding(place.target, tuple(placed(things, poses)[0]), tuple(sheets))
+    return Furnished(place.target, tuple(placed(things, poses)[0]), tuple(sheets))
 
 
-def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Surrounding:
+def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Furnished:
     """Boards in front of a wall; the object stands on one of them."""
     frame = place.facing(rng, 0.5)
     front = -min(place.reach + rng.uniform(0.02, 0.12), _SHOULDER * place.near)
@@ -118,11 +118,11 @@ def _shelf(rng: np.random.Generator, place: Place, _: DescribedSettings) -> Surr
     texture = place.palette.texture()
     wall = frame.across_y((-3, 3), back + 1e-3, (-1.5, 1.5), texture,
                           float(np.exp(rng.uniform(np.log(0.2), np.log(2.0)))))
-    return Surrounding(place.target, tuple(boards), (wall,))
+    return Furnished(place.target, tuple(boards), (wall,))
 
 
-def _wet(make: Callable[[np.random.Generator, Place], Surrounding]
-         ) -> Callable[[np.random.Generator, Place, DescribedSettings], Surrounding]:
+def _wet(make: Callable[[np.random.Generator, Place], Furnished]
+         ) -> Callable[[np.random.Generator, Place, DescribedSettings], Furnished]:
     return lambda rng, place, _: make(rng, place)
 
 

@@ -12,7 +12,7 @@ from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.triangles import Triangles
 
 _WAVES = 14
-_LENGTHS = 0.025, 0.12  # m: of waves
+_LENGTHS = 0.02, 0.06  # m: of waves
 _CALM = 0.012  # m: waves end so far from what stands in the water
 _AROUND, _OUT = 160, 48  # points of a water surface
 _RINGS = 90  # of a jet
@@ -31,9 +31,8 @@ def submerged(solid: Solid) -> Solid:
 
 
 def can_stand_in_water(thing: SceneObject) -> bool:
-    """Whether water may reach up to any part of it: an upright body of revolution."""
-    return (thing.way == 'upright' and len(thing.solids) == 1
-            and isinstance(thing.solids[0].surface, Frusta))
+    """Whether water may reach up to any part of it while it stands: a body of revolution."""
+    return len(thing.solids) == 1 and isinstance(thing.solids[0].surface, Frusta)
 
 
 def standing_in_water(solid: Solid, level: float) -> tuple[Solid, float]:

@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.simulation.described.place import Frame, Place, Surrounding
+from pmcl_ros.simulation.described.place import Frame, Furnished, Place
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
     can_stand_in_water,
@@ -14,21 +15,24 @@ from pmcl_ros.simulation.described.water import (
     water_jet,
     water_surface,
 )
+from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.revolution import Frusta
-from pmcl_ros.simulation.scenes.scene import Solid
+from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.textures import SIZE
 
 _RUNNING = 0.5  # share of sinks with running water
 _STEEL = 0.5  # share of sinks; others are ceramic
+_SHALLOW = 0.012  # m: least depth of the water, so that no wave reaches the floor
+_LEDGE = 0.006  # m: by which a ledge is higher than the water, so that no wave washes over it
 _GAP = 1e-4  # m: between an object and what it lies on
 _BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
 _COUNTER = 1.0  # m
 
 
-def sink(rng: np.random.Generator, place: Place) -> Surrounding:
+def sink(rng: np.random.Generator, place: Place) -> Furnished:
     """A basin of steel or ceramic with standing or running water, below a counter.
 
     An upright body of revolution stands in the water, dry inside. Anything else lies on a ledge
@@ -41,52 +45,65 @@ def sink(rng: np.random.Generator, place: Place) -> Surrounding:
     half = np.maximum(rng.uniform([0.17, 0.15], [0.28, 0.21]), place.reach + 0.03)
     middle = rng.uniform(-1, 1, 2) * (half - place.reach - 0.025)
     low, high = middle - half, middle + half
-    stands = can_stand_in_water(place.thing) and not place.empty
-    level = float(rng.uniform(0.15, 0.75) * min(place.top, 0.75 * depth))
-    floor = 0.0 if stands else -level - _BEYOND
-    target, hole = place.target, 0.0
+    metal = _finish(rng)
+    water = max(_SHALLOW, rng.uniform(0.15, 0.75) * min(place.top, 0.75 * depth))
+    stands = not place.empty and place.stands and place.top > 2 * _SHALLOW and can_stand_in_water(
+        place.thing)
+    level = water if stands else -_LEDGE  # of the water, where the object's support is 0
+    target, hole, solids = place.target, 0.0, []
     if stands:
         wet, hole = standing_in_water(place.thing.solids[0], level - place.world[2, 3])
         target = replace(place.thing, solids=(wet,)).placed(place.camera @ place.world)
-    surface_at = level if stands else -_BEYOND
-    tone = rng.uniform(0.35, 0.6) if rng.random() < _STEEL else rng.uniform(0.6, 0.88)
-    colour = np.broadcast_to(np.float32(tone) * np.ones(3, np.float32), (SIZE, SIZE, 3))
-    coat = (2.5, float(rng.uniform(0.05, 0.3))) if tone < 0.6 else (1.5, float(
-        rng.uniform(0, 0.1)))
-    (x0, y0), (x1, y1) = low.tolist(), high.tolist()
-    rim = floor + depth
-    up, counter = (floor, rim), place.palette.texture()
-    sheets = [
-        frame.level((x0, y0), (x1, y1), floor, colour, 0.3, *coat),
-        *(frame.across_x(x, (y0, y1), up, colour, 0.3, *coat) for x in (x0, x1)),
-        *(frame.across_y((x0, x1), y, up, colour, 0.3, *coat) for y in (y0, y1)),
-        *(frame.level(*corners, rim, counter, 0.5, 1.5, 0.1) for corners in (
-            ((x0 - _COUNTER, y1), (x1 + _COUNTER, y1 + _COUNTER)),
-            ((x0 - _COUNTER, y0 - _COUNTER), (x1 + _COUNTER, y0)),
-            ((x0 - _COUNTER, y0), (x0, y1)), ((x1, y0), (x1 + _COUNTER, y1)))),
-        frame.across_y((x0 - _COUNTER, x1 + _COUNTER), y1 + 0.15, (rim, rim + 0.8),
-                       place.palette.texture(), 0.6)]
-    solids: list[Solid] = []
-    running = rng.random() < _RUNNING
-    jet = _free_spot(rng, low, high, place.reach) if running else None
-    slope = float(rng.uniform(0.04, 0.15) if running else rng.uniform(0.003, 0.03))
-    solids.append(frame.solid(water_surface(rng, low - _BEYOND, high + _BEYOND, surface_at, slope,
-                                            hole, jet)))
-    if not (stands or place.empty):
+    elif not place.empty:
         side = place.reach + 0.01
-        solids.append(frame.box(np.array([-side, -side, floor]), np.array([side, side, -_GAP]),
-                                Opaque(colour, 0.3, *coat)))
+        solids.append(frame.box(np.array([-side, -side, level - water]),
+                                np.array([side, side, -_GAP]), metal))
+    is_running = rng.random() < _RUNNING
+    jet = _free_spot(rng, low, high, place.reach) if is_running else None
+    slope = float(rng.uniform(0.04, 0.15) if is_running else rng.uniform(0.003, 0.03))
+    solids.append(frame.solid(water_surface(rng, low - _BEYOND, high + _BEYOND, level, slope, hole,
+                                            jet)))
+    floor, rim = level - water, level - water + depth
     if jet is not None:
-        outlet = rim + rng.uniform(0.05, 0.15)
         at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(jet, 0)))
-        solids += [at.solid(water_jet(rng, rng.uniform(0.003, 0.007), surface_at + 0.001,
-                                      outlet)),
-                   *_tap(at, outlet, y1 + 0.1 - float(jet[1]), Opaque(colour, 0.3, 2.5, 0.05))]
-    return Surrounding(target, tuple(solids), tuple(sheets))
+        outlet = rim + rng.uniform(0.05, 0.15)
+        solids += [at.solid(water_jet(rng, rng.uniform(0.003, 0.007), level + 0.001, outlet)),
+                   *_tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
+    sheets = _basin(frame, low, high, (floor, rim), metal, place.palette)
+    return Furnished(target, tuple(solids), tuple(sheets))
 
 
-def _free_spot(rng: np.random.Generator, low: np.ndarray, high: np.ndarray, reach: float
-               ) -> np.ndarray | None:
+def _finish(rng: np.random.Generator) -> Opaque:
+    """Steel or ceramic."""
+    if rng.random() < _STEEL:
+        tone, coat, rough = rng.uniform(0.35, 0.6), 2.5, rng.uniform(0.05, 0.3)
+    else:
+        tone, coat, rough = rng.uniform(0.6, 0.88), 1.5, rng.uniform(0, 0.1)
+    colour = np.broadcast_to(np.full(3, tone, np.float32), (SIZE, SIZE, 3))
+    return Opaque(colour, 0.3, coat, float(rough))
+
+
+def _basin(frame: Frame, low: NDArray[np.floating], high: NDArray[np.floating],
+           heights: tuple[float, float], of: Opaque, palette: Palette) -> list[Sheet]:
+    """A floor and four walls between two corners (x, y), a counter around and a wall behind it.
+
+    heights: of the floor and of the counter [m].
+    """
+    (x0, y0), (x1, y1), (floor, rim) = low.tolist(), high.tolist(), heights
+    finish, counter = (of.texture, of.side, of.coat, of.roughness), palette.texture()
+    far = _COUNTER
+    around = (((x0 - far, y1), (x1 + far, y1 + far)), ((x0 - far, y0 - far), (x1 + far, y0)),
+              ((x0 - far, y0), (x0, y1)), ((x1, y0), (x1 + far, y1)))
+    return [frame.level((x0, y0), (x1, y1), floor, *finish),
+            *(frame.across_x(x, (y0, y1), heights, *finish) for x in (x0, x1)),
+            *(frame.across_y((x0, x1), y, heights, *finish) for y in (y0, y1)),
+            *(frame.level(*corners, rim, counter, 0.5, 1.5, 0.1) for corners in around),
+            frame.across_y((x0 - far, x1 + far), y1 + 0.15, (rim, rim + 0.8), palette.texture(),
+                           0.6)]
+
+
+def _free_spot(rng: np.random.Generator, low: NDArray[np.floating], high: NDArray[np.floating],
+               reach: float) -> NDArray[np.float64] | None:
     """(2,) in the basin beside what stands at its origin; None where that fills it."""
     for _ in range(30):
         spot = rng.uniform(low + 0.04, high - 0.04)
@@ -104,7 +121,7 @@ def _tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
                           np.array([0.009, back, outlet + 0.038]), metal)]
 
 
-def tank(rng: np.random.Generator, place: Place) -> Surrounding:
+def tank(rng: np.random.Generator, place: Place) -> Furnished:
     """A tank full of water with a flat front, behind a textured film; the object is in the water.
 
     Its panes are left out: they would shift what is behind them by a third of their thickness.
@@ -129,4 +146,4 @@ def tank(rng: np.random.Generator, place: Place) -> Surrounding:
     film = random_film(rng, 1.0)
     screen = frame.across_y((left - 0.02, right + 0.02), front - 0.002, (0, height + 0.02),
                             film.texture, film.side)
-    return Surrounding(target, (water,), (*sheets, replace(screen, opacity=film.opacity)))
+    return Furnished(target, (water,), (*sheets, replace(screen, opacity=film.opacity)))
