@@ -8,11 +8,12 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.cli.simulation_options import Simulated, minutes, simulation_options
-from pmcl_ros.evaluation.feasibility.findings import Aim
+from pmcl_ros.evaluation.feasibility.findings import HEAD, Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
 from pmcl_ros.evaluation.feasibility.scene_trials import scene_trials
 from pmcl_ros.evaluation.feasibility.view_sets import view_sets
+from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.simulated_captures import simulate
@@ -66,5 +67,6 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     about = simulated.about | {'seeds': f'{seed} to {seed + count - 1}'}
     study = Feasibility(model, about, sets, trials, Aim(millimetres, degrees, share), scenes)
     (out / NAME).write_text(page_of(study), encoding='utf-8')
-    click.echo(study.recommendation)
+    click.echo(table(HEAD, study.rows()))
+    click.echo(f'\n{study.recommendation}')
     click.echo(f'{out / NAME}')
