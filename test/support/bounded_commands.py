@@ -5,9 +5,10 @@ The processes are forked from one that has imported the commands: a start takes 
 
 import multiprocessing
 import os
-import resource
+import re
 import sys
 import time
+from pathlib import Path
 from typing import NamedTuple
 
 from pmcl_ros.cli import main
@@ -63,5 +64,5 @@ def _run(sender, log, arguments):
         status = end.code
     sys.stdout.flush()
     sys.stderr.flush()
-    sender.send((status, time.monotonic() - start,
-                 resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000))
+    most = re.search(r'VmHWM:\s*(\d+) kB', Path('/proc/self/status').read_text())
+    sender.send((status, time.monotonic() - start, int(most[1]) * 1024e-6))

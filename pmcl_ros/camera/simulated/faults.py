@@ -21,6 +21,7 @@ busy[=N]                 the first N commands (1) to take a picture are
 card-full[=N]            room for N more pictures (0); then commands to take
                          one are answered and ignored
 SIZE is in bytes, kB, MB, KiB or MiB. --fault may be given several times."""
+_FORM = re.compile(r'^[a-z]\S+', re.MULTILINE)  # of a fault, in HELP
 
 _UNITS = {'': 1, 'B': 1, 'kB': 1000, 'MB': 10**6, 'KiB': 2**10, 'MiB': 2**20}
 
@@ -55,7 +56,9 @@ class Faults:
             try:
                 faults._set(name, value, option)
             except (KeyError, ValueError):
-                raise SettingsError(f'no fault: {text!r}; possible are\n{HELP}') from None
+                possible = ', '.join(_FORM.findall(HELP))
+                raise SettingsError(f'no fault: {text!r}; possible are {possible}; what they do '
+                                    'says `pmcl camera serve --help`') from None
         return faults
 
     def _set(self, name: str, value: str, option: str) -> None:

@@ -36,6 +36,9 @@ _MANY = QoSProfile(depth=1000, reliability=SMALL.reliability)
 class GraphError(PmclError):
     """The graph did not come up, or has ended."""
 
+    def __str__(self) -> str:
+        return str(self.args[0])  # with the lines of its log
+
 
 class Graph:
     """`pmcl_bringup` with `parameters` of its nodes, and all that it says while it lasts.
