@@ -54,12 +54,15 @@ def in_time():
 def test_a_damaged_file(made, name):
     of = made[name]
     expected = of.read(of.write(of.data)) if of.exact else None
+    wanted, tried = math.ceil(INPUTS / len(NAMES)), 0
     megabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
 
-    @settings(max_examples=math.ceil(INPUTS / len(NAMES)), derandomize=MANY is None,
+    @settings(max_examples=wanted, derandomize=MANY is None,
               database=None, suppress_health_check=[*HealthCheck])
     @given(MUTATIONS)
     def check(steps):
+        nonlocal tried
+        tried += 1
         source, found, told = of.write(mutated(of.data, steps)), expected, ''
         try:
             with in_time(), warnings.catch_warnings():
@@ -74,4 +77,5 @@ def test_a_damaged_file(made, name):
         if source.parent.name.startswith('message '):
             shutil.rmtree(source)
     check()
+    assert tried >= wanted
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000 < megabytes + MEGABYTES
