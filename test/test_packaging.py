@@ -15,8 +15,9 @@ ROOT = Path(__file__).parents[1]
 NOBLE = {f'python3-{name}' for name in (
     'click', 'jinja2', 'matplotlib', 'numpy', 'opencv', 'pytest', 'requests', 'rich', 'scipy',
     'yaml', 'zeroconf')}
-# Of requirements.txt: it has none (the first row), or one that is too old for this package.
-BY_PIP = {'numba', 'trimesh', 'fast-simplification', 'moderngl', 'rosbags', 'pydantic'}
+# Of requirements.txt: it has none, or one that is too old for this package, or rosdep no key.
+BY_PIP = {'numba', 'trimesh', 'fast-simplification', 'moderngl', 'rosbags', 'pydantic', 'lz4',
+          'zstandard'}
 KEYS = {'opencv-python-headless': 'opencv', 'PyYAML': 'yaml'}
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from pmcl_ros.cli.base import FILE
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.described.surroundings import (
@@ -133,7 +134,7 @@ class Simulated:
         if not note.exists():
             note.write_text(json.dumps(mine, indent=1) + '\n')
             return
-        others = json.loads(note.read_text())
+        others = read_json(note)
         for name, value in mine.items():
             if others.get(name) != value:
                 raise SettingsError(f'{folder} has scenes of another simulation: {name} '

@@ -1,12 +1,13 @@
 """Simulated captures: scenes that are drawn, seen by a camera, written with their truth."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from pmcl_ros.runtime.errors import FileError
+from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.files import write_capture, write_view, write_views
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
@@ -35,8 +36,8 @@ class Simulation:
 def is_there(folder: Path) -> bool:
     """Whether a capture was written completely: its truth is written last."""
     try:
-        json.loads((folder / 'truth.json').read_text())
-    except (OSError, ValueError):
+        read_json(folder / 'truth.json')
+    except FileError:
         return False
     return True
 

@@ -19,7 +19,7 @@ from pmcl_ros.messages.cdr import cdr_from
 from pmcl_ros.messages.mcap_records import HEAD, MAGIC, Op, sized, text
 from pmcl_ros.messages.mcap_records import record as mcap_record
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages
-from pmcl_ros.runtime.errors import BagError
+from pmcl_ros.runtime.errors import BagError, OutputError
 
 HEADER = Header(1_700_000_000_123_456_789, 'lytro')
 STRING, CDR = 'std_msgs/msg/String', b'\0\1\0\0\4\0\0\0abc\0'
@@ -182,7 +182,7 @@ def test_only_what_a_camera_writes_is_extracted(tmp_path, frame):
 @pytest.mark.parametrize('there', ['IMG_0001.RAW', 'IMG_0001.TXT'])
 def test_nothing_is_overwritten(bag, tmp_path, there):
     (tmp_path / there).write_text('mine')
-    with pytest.raises(BagError, match=f'{there} is already there'):
+    with pytest.raises(OutputError, match=f'{there} is there already'):
         extract_captures(bag, tmp_path)
     assert (tmp_path / there).read_text() == 'mine'
 

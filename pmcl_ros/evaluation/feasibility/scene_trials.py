@@ -23,6 +23,8 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import FileError
+from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'trials.json'
 
@@ -47,10 +49,9 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> l
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:
     try:
-        found = json.loads(path.read_text())
-    except (OSError, ValueError):
+        return read_json(path)
+    except FileError:
         return {}
-    return found if isinstance(found, dict) else {}
 
 
 def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, seed: int
