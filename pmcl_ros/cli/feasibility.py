@@ -49,10 +49,9 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     of = simulated.simulation
     model, sets = ObjectModel.load(thing), view_sets(of.plan)
     searches = _SEARCH * len(sets)
-    if of.camera is not None:
-        drawn = simulated.seconds_a_scene(seed)
-        click.echo(f'{count} scenes: about {minutes(count * (drawn + searches))}, '
-                   f'{minutes(count * drawn)} of it for pictures', err=True)
+    drawn = simulated.seconds_a_scene(seed)
+    click.echo(f'{count} scenes: about {minutes(count * (drawn + searches))}, '
+               f'{minutes(count * drawn)} of it for pictures', err=True)
     scenes = out / 'scenes'
     simulated.claim(scenes)
     trials: dict[str, list[Trial]] = {each.name: [] for each in sets}

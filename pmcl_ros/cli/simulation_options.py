@@ -4,7 +4,7 @@ import json
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 from pmcl_ros.cli.base import FILE
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
@@ -22,7 +23,7 @@ from pmcl_ros.simulation.described.surroundings import (
     Surroundings,
     described_scene,
 )
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.random_scene import random_sensor
@@ -142,30 +143,29 @@ class Simulated:
 
     def seconds_a_scene(self, seed: int) -> float:
         """Time to render a scene, estimated from small pictures of the first one [s]."""
-        of = self.simulation
+        of, rng = self.simulation, np.random.default_rng(seed)
+        scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
+        grid = scene.sensor.grid
         if of.camera is None:
-            raise SettingsError('times of light fields are not estimated')
-        scene = of.draw(seed, rng := np.random.default_rng(seed), of.camera.sensor(rng))
-        pictures = 1 if of.plan is None else len(of.plan.cameras(scene))
+            pictures = int((grid.weights > 0).sum())
+        else:
+            pictures = 1 if of.plan is None else len(of.plan.cameras(scene))
         taken: dict[float, float] = {}
         for factor in (_PROBED[0], *_PROBED):  # the first one compiles
-            small = of.camera.model_copy(update={
-                'width': of.camera.width // factor, 'height': of.camera.height // factor,
-                'fx': of.camera.fx / factor, 'cx': of.camera.cx / factor,
-                'cy': of.camera.cy / factor, 'distortion': (),
-                'fy': None if of.camera.fy is None else of.camera.fy / factor})
+            small = replace(scene.sensor, grid=replace(
+                grid, pinhole=_reduced(grid.pinhole, factor)))
             begun = time.perf_counter()
-            take_picture(_with(scene, small.sensor(np.random.default_rng(seed))), small,
-                         np.random.default_rng(seed), of.samples, of.renderer)
+            of.renderer(scene)(small, *grid.centre, 0, of.samples, seed)
             taken[factor ** -2] = time.perf_counter() - begun
         (few, short), (many, long) = taken.items()
         rate = max(long - short, 0) / (many - few)
         return pictures * (short + rate * (1 - few))
 
 
-def _with(scene: Scene, sensor: Sensor) -> Scene:
-    return Scene(scene.name, scene.solids, scene.sheets, scene.environment,
-                 scene.world_from_camera, sensor, scene.targets, scene.owners)
+def _reduced(pinhole: Pinhole, factor: int) -> Pinhole:
+    return Pinhole(pinhole.width // factor, pinhole.height // factor, pinhole.fx / factor,
+                   pinhole.fy / factor, (pinhole.cx + 0.5) / factor - 0.5,
+                   (pinhole.cy + 0.5) / factor - 0.5)
 
 
 def minutes(seconds: float) -> str:
