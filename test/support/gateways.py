@@ -45,7 +45,9 @@ def said(gateway, data):
             answer = b''
             while block := connection.recv(65536):
                 answer += block
-        except ConnectionError:
+        except TimeoutError:
+            raise
+        except OSError:  # closed by the other end: reset, or no longer connected
             return b''
     return answer
 
