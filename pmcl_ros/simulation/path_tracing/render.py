@@ -20,6 +20,7 @@ _PASSES = 8
 _MOST = 2.0  # that a pass counts, in medians of all passes
 _LESS = 4  # times fewer samples get pixels beside the regions
 _LEAST = 4  # paths of a pixel in a pass
+_WAVEFRONT = 4_000_000  # paths at once, of a few hundred bytes each
 _TENT = 2.0  # view steps: how far from its position a view gathers light
 
 
@@ -79,9 +80,13 @@ def _light(loaded: Any, sensor: Sensor, pinhole: Pinhole, place: NDArray[np.floa
     """Of a pinhole's pixels, seen from a place (2,) in the plane of the pupil [m]."""
     passes = int(np.clip(samples // _LEAST, 1, _PASSES))
     each = -(-samples // passes)
-    seeds = rng.integers(2 ** 32, size=passes).tolist()
+    seeds = rng.integers(2 ** 31, size=passes).tolist()
     if is_compiled():
-        pictures = [_pass(loaded, sensor, pinhole, place, each, number) for number in seeds]
+        rows = max(1, _WAVEFRONT // (pinhole.width * each))
+        bands = [pinhole.crop(0, top, pinhole.width, min(rows, pinhole.height - top))
+                 for top in range(0, pinhole.height, rows)]
+        pictures = [np.concatenate([_pass(loaded, sensor, band, place, each, number + of)
+                                    for of, band in enumerate(bands)]) for number in seeds]
     else:
         camera = mitsuba().load_dict(_perspective(pinhole, place))
         pictures = [np.array(mitsuba().render(loaded, sensor=camera, spp=each, seed=number))
@@ -124,8 +129,8 @@ def _perspective(pinhole: Pinhole, place: NDArray[np.float64]) -> dict[str, obje
     return {'type': 'perspective', 'near_clip': 1e-3, 'far_clip': 100.0,
             'fov_axis': 'x', 'fov': float(2 * np.rad2deg(np.arctan(width / (2 * pinhole.fx)))),
             'to_world': mitsuba().ScalarTransform4f(turn),
-            'principal_point_offset_x': (pinhole.cx - (width - 1) / 2) / width,
-            'principal_point_offset_y': (pinhole.cy - (height - 1) / 2) / height,
+            'principal_point_offset_x': ((width - 1) / 2 - pinhole.cx) / width,
+            'principal_point_offset_y': ((height - 1) / 2 - pinhole.cy) / height,
             'film': {'type': 'hdrfilm', 'width': width, 'height': height,
                      'rfilter': {'type': 'box'}, 'pixel_format': 'rgb',
                      'component_format': 'float32'},

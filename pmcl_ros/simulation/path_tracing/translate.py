@@ -88,8 +88,10 @@ def _under(material: dict[str, Any], decal: Decal, surface: Surface, heights: tu
         share *= np.clip(4 * (seen.mean(axis=2) - decal.threshold) / decal.threshold, 0, 1)
 
     def bitmap(values: NDArray[np.floating]) -> dict[str, Any]:
-        return {'type': 'bitmap', 'raw': True, 'wrap_mode': 'repeat', 'data': mi.TensorXf(
-            np.ascontiguousarray(values[::-1], np.float32))}
+        flipped = np.ascontiguousarray(values[::-1], np.float32)
+        data = mi.TensorXf(flipped)
+        _taken_over()
+        return {'type': 'bitmap', 'raw': True, 'wrap_mode': 'repeat', 'data': data}
 
     return {'type': 'blendbsdf', 'weight': bitmap(share[..., None]), 'first': material,
             'second': {'type': 'twosided', 'inner': {
@@ -99,12 +101,12 @@ def _under(material: dict[str, Any], decal: Decal, surface: Surface, heights: tu
 def _between(front: Medium, back: Medium) -> dict[str, Any] | None:
     """The material of the interface that looks to `front`."""
     if isinstance(back, Opaque):
-        return _matt(back.texture, back.side, back.coat, back.roughness)
+        return _matt(back.texture, back.side, back.coat, back.roughness, _index(front))
     if isinstance(front, Opaque):
         return {'type': 'twosided', 'inner': _matt(front.texture, front.side, front.coat,
-                                                   front.roughness)}
+                                                   front.roughness, _index(back))}
     if abs(front.index - back.index) < _ALL_DIFFERENT:
-        return None
+        return None if front.absorption == back.absorption else {'type': 'null'}
     rough = max(front.roughness, back.roughness)
     return {'type': 'dielectric', 'int_ior': back.index, 'ext_ior': front.index} | _rough(rough)
 
@@ -121,11 +123,18 @@ def _rough(roughness: float) -> dict[str, Any]:
             'alpha': float(np.sqrt(2) * roughness)}
 
 
-def _matt(texture: Texture, side: float, coat: float, roughness: float) -> dict[str, Any]:
+def _index(medium: Medium) -> float:
+    return medium.index if isinstance(medium, Clear) else 1.0
+
+
+def _matt(texture: Texture, side: float, coat: float, roughness: float, outside: float = 1.0
+          ) -> dict[str, Any]:
+    """A texture under a coat. outside: refractive index of what is before it."""
     seen = _bitmap(texture, side)
-    if coat <= 1:
+    if coat <= 1 or abs(coat - outside) < _ALL_DIFFERENT:
         return {'type': 'diffuse', 'reflectance': seen}
-    coated: dict[str, Any] = {'type': 'plastic', 'int_ior': coat, 'diffuse_reflectance': seen}
+    coated: dict[str, Any] = {'type': 'plastic', 'int_ior': coat, 'ext_ior': outside,
+                              'diffuse_reflectance': seen}
     if roughness > 0:
         coated |= {'type': 'roughplastic', 'distribution': 'beckmann',
                    'alpha': float(np.sqrt(2) * roughness)}
@@ -139,8 +148,10 @@ def _bitmap(texture: Texture, side: float) -> dict[str, Any]:
         return {'type': 'rgb', 'value': texture[0, 0].tolist()}
     half = 0.5 / SIZE
     flipped = np.ascontiguousarray(texture[::-1], np.float32)
+    data = mi.TensorXf(flipped)
+    _taken_over()
     onto = mi.ScalarTransform3f().translate([half, -half]).scale([1 / side, -1 / side])
-    return {'type': 'bitmap', 'data': mi.TensorXf(flipped), 'raw': True, 'wrap_mode': 'repeat',
+    return {'type': 'bitmap', 'data': data, 'raw': True, 'wrap_mode': 'repeat',
             'filter_type': 'bilinear', 'to_uv': onto}
 
 
@@ -168,16 +179,28 @@ def _mesh(vertices: NDArray[np.float64], normals: NDArray[np.float64], faces: ND
             properties[name] = mi.load_dict(_absorbing(medium))
     mesh = mi.Mesh('mesh', len(vertices), len(faces), has_vertex_normals=True,
                    has_vertex_texcoords=True, props=properties)
+    arrays = {'vertex_positions': vertices, 'vertex_normals': normals, 'vertex_texcoords': places,
+              'faces': faces}
+    given = {name: each.astype(np.uint32 if name == 'faces' else np.float32).ravel()
+             for name, each in arrays.items()}
     values = mi.traverse(mesh)
-    values['vertex_positions'] = vertices.astype(np.float32).ravel()
-    values['vertex_normals'] = normals.astype(np.float32).ravel()
-    values['vertex_texcoords'] = places.astype(np.float32).ravel()
-    values['faces'] = faces.astype(np.uint32).ravel()
+    for name, array in given.items():
+        values[name] = array
     values.update()
-    for name, medium in ((BEFORE, front), (BEHIND, back)):
-        mesh.add_attribute(name, 3, np.tile(
-            np.array(_absorption(medium), np.float32), len(vertices)))
+    absorptions = {name: np.tile(np.array(_absorption(medium), np.float32), len(vertices))
+                   for name, medium in ((BEFORE, front), (BEHIND, back))}
+    for name, array in absorptions.items():
+        mesh.add_attribute(name, 3, array)
+    _taken_over()
     return mesh
+
+
+def _taken_over() -> None:
+    """Wait until Dr.Jit has copied the arrays that it was given: it does so in other threads, and
+    does not keep them alive.
+    """
+    import drjit
+    drjit.sync_thread()
 
 
 def _sheet(sheet: Sheet, name: str) -> Any:
