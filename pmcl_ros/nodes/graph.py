@@ -145,6 +145,14 @@ TOPICS = (
     TopicEntry('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', SMALL, ('all nodes',),
                (_GRASP,), 'rates, latency, drops, errors, back end, once a second'),
 )
+# Published where the packages of their types are installed, which are not on PyPI.
+DETECTIONS = TopicEntry(
+    'detections', 'vision_msgs/msg/Detection3DArray', SMALL, (_PMCL,), (),
+    'what was found: id, class, score, pose with covariance, box; where vision_msgs is installed')
+COLLISION_OBJECT = TopicEntry(
+    'collision_object', 'moveit_msgs/msg/CollisionObject', SMALL, (_PMCL,), (),
+    'the mesh at its pose, added or removed; where moveit_msgs is installed')
+OPTIONAL = DETECTIONS, COLLISION_OBJECT
 
 _CENTRE = ('center/camera_info', 'center/image')
 # What is recorded together: all that the next node, and a person, wants of a stage.

@@ -23,6 +23,7 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
 from pmcl_ros.messages.pose import estimate_to_messages
 from pmcl_ros.nodes.evidence_input import ENDED, EvidenceInput
+from pmcl_ros.nodes.optional_outputs import OptionalOutputs
 from pmcl_ros.nodes.pmcl_outputs import ObjectFrame, ObjectList, Overlays, SeveralObjects
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.posed_views_input import PosedViewsInput
@@ -74,8 +75,11 @@ class PmclNode(StageNode):
             self._several = SeveralObjects(self, settings, paths, settings.broadcast_tf,
                                            self._overlays, self._markers)
             self._work(self._several.localizer, ', '.join(self._several.names))
+            names, models = self._several.names, self._several.models
         else:
             self._set_up_one(settings)
+            names, models = [self._model.name], [self._model]
+        self._optional = OptionalOutputs(self, settings, names, models)
         self._of_views = PosedViewsOutputs(self, self._model if self._posed else None, settings)
 
     def _set_up_one(self, settings: PmclNodeSettings) -> None:
@@ -161,6 +165,7 @@ class PmclNode(StageNode):
     def _reset(self) -> str:
         self._stop()
         self._forget()
+        self._optional.clear()
         if self._input is not None:
             self._input.forget()
         self._worker.resume()
@@ -209,9 +214,11 @@ class PmclNode(StageNode):
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, found)
                 self._publish(found, given, latency)
+                self._optional.publish([found])
                 self._of_views.publish_chart()  # after the pose, which does not wait for it
             elif self._several is not None:
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)
+                self._optional.publish(found.estimates)
 
     # out
 

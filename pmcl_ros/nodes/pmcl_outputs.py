@@ -157,8 +157,8 @@ class SeveralObjects:
         self._node, self._settings, self._overlays = node, settings, overlays
         self._markers = markers
         distinct = {path: ObjectModel.load(path) for path in dict.fromkeys(paths)}
-        self._models = [distinct[path] for path in paths]
-        self.names = distinct_names([each.name for each in self._models], paths)
+        self.models = [distinct[path] for path in paths]
+        self.names = distinct_names([each.name for each in self.models], paths)
         self._list = ObjectList(node, paths)
         self._poses = [(node.publisher(PoseStamped, f'objects/{name}/pose', SMALL),
                         node.publisher(PoseWithCovarianceStamped,
@@ -170,7 +170,7 @@ class SeveralObjects:
 
     def localizer(self) -> SceneLocalizer:
         """A localizer of all of them; call it on the thread that uses it."""
-        return SceneLocalizer(self._models, self._settings)
+        return SceneLocalizer(self.models, self._settings)
 
     def publish(self, scene: SceneEstimate, header: Header, pinhole: Pinhole, latency: float
                 ) -> None:
@@ -189,13 +189,13 @@ class SeveralObjects:
                 self._frames[k].broadcast(each)
         self._list.publish(self.names, scene.estimates)
         there = [(model, each.pose, name) for model, each, name
-                 in zip(self._models, scene.estimates, self.names, strict=True) if not each.lost]
+                 in zip(self.models, scene.estimates, self.names, strict=True) if not each.lost]
         self._overlays.publish(header, pinhole,
                                lambda picture, camera: outlines(picture, camera, there))
         if self._markers.get_subscription_count():
             self._meshes = self._meshes or [
                 mesh_to_marker(replace(model, name=name))
-                for model, name in zip(self._models, self.names, strict=True)]
+                for model, name in zip(self.models, self.names, strict=True)]
             both = zip(self._meshes, scene.estimates, strict=True)
             placed = [place_markers(mesh, self._box, each) for mesh, each in both]
             self._markers.publish(MarkerArray(markers=[

@@ -23,6 +23,12 @@ class PmclNodeSettings(TrackingSettings):
         False, description="publish the frame of the object on /tf, as a child of the camera's, "
         'for each pose; needs tf2_ros (full ROS)')
     object_frame: str = Field('', description='name of that frame; empty: that of the object')
+    detections: Literal['auto', 'always', 'never'] = Field(
+        'auto', description='publish detections (vision_msgs/Detection3DArray); auto: where '
+        'vision_msgs is installed')
+    collision_object: Literal['auto', 'always', 'never'] = Field(
+        'auto', description="publish collision_object (moveit_msgs/CollisionObject), for MoveIt's "
+        'planning scene; auto: where moveit_msgs is installed')
     objects: tuple[str, ...] = Field(
         ('',), description='paths of several objects that are looked for together, instead of '
         'object; a path that is there twice: two copies. Each has its own topics, objects/NAME/'

@@ -14,7 +14,7 @@ import yaml
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
 
-from pmcl_ros.nodes.graph import ALL, GRASPS, SERVICES, SWEEP, TOPICS, NodeEntry
+from pmcl_ros.nodes.graph import ALL, GRASPS, OPTIONAL, SERVICES, SWEEP, TOPICS, NodeEntry
 from pmcl_ros.nodes.runtime.parameters import is_live, ros_type
 from pmcl_ros.runtime.settings import default_of
 
@@ -96,7 +96,7 @@ def parameter_file() -> str:
 
 def _topics() -> Iterator[str]:
     for node in [entry.name for entry in ALL]:
-        for each in TOPICS:
+        for each in (*TOPICS, *OPTIONAL):
             for direction, there in (('out', node in each.publishers),
                                      ('in', node in each.subscribers)):
                 if there:

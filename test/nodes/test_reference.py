@@ -1,5 +1,7 @@
 """docs/reference.md and config/pmcl.yaml are what the code says, and that what the nodes do."""
 
+from importlib.util import find_spec
+
 import pytest
 import rclpy
 from harness import ROOT
@@ -9,7 +11,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
-from pmcl_ros.nodes.graph import ALL, PRESETS, SERVICES, TOPICS
+from pmcl_ros.nodes.graph import ALL, OPTIONAL, PRESETS, SERVICES, TOPICS
 from pmcl_ros.nodes.reference import main
 
 MADE = {'docs/reference.md': [], 'config/pmcl.yaml': ['--parameters']}
@@ -26,6 +28,8 @@ ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml
          'pmcl_node': {'tracking': 'camera', 'track_camera': 'topic'},
          'sweep_driver': {'poses': 'topic'}}
 
+
+INSTALLED = [each for each in OPTIONAL if find_spec(each.type.partition('/')[0])]
 
 # Topics to which a node subscribes in other circumstances.
 # dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map;
@@ -69,7 +73,7 @@ def listed(topics):
 def test_topics_and_services_are_those_of_the_nodes(node):
     name = node.get_name()
     assert ends(node, node.publishers) == listed(
-        each for each in TOPICS if {name, 'all nodes'} & {*each.publishers})
+        each for each in (*TOPICS, *INSTALLED) if {name, 'all nodes'} & {*each.publishers})
     assert ends(node, node.subscriptions) == listed(
         each for each in TOPICS
         if name in each.subscribers and each.name not in CONDITIONAL.get(name, ()))

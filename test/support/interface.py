@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import yaml
 
-from pmcl_ros.nodes.graph import ALL, SERVICES, TOPICS
+from pmcl_ros.nodes.graph import ALL, OPTIONAL, SERVICES, TOPICS
 from pmcl_ros.nodes.runtime.parameters import ros_type
 from pmcl_ros.runtime.start import MODULES
 
@@ -84,7 +84,7 @@ def _launch() -> Iterator[str]:
 
 
 def _topics() -> Iterator[str]:
-    for each in TOPICS:
+    for each in (*TOPICS, *OPTIONAL):
         for node in each.publishers:
             yield f'topic {each.name} {each.type} from {node}'
         for node in each.subscribers:

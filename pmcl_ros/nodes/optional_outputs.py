@@ -1,0 +1,60 @@
+"""Outputs of pmcl_node for other pipelines, where the packages of their messages are installed."""
+
+from collections.abc import Sequence
+
+from rclpy.lifecycle import LifecyclePublisher
+
+from pmcl_ros.messages.optional.collision_object import CollisionObjects
+from pmcl_ros.messages.optional.detection import estimates_to_detections
+from pmcl_ros.messages.types import message_class
+from pmcl_ros.nodes.graph import COLLISION_OBJECT, DETECTIONS, TopicEntry
+from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
+from pmcl_ros.nodes.runtime.base import SMALL, StageNode
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import BagError, SettingsError
+
+
+class OptionalOutputs:
+    """Publishes `detections` and `collision_object`, for `set_up` of a node.
+
+    names: distinct, of the models. Raises SettingsError where one is always to be published and
+    its package is not installed.
+    """
+
+    def __init__(self, node: StageNode, settings: PmclNodeSettings, names: Sequence[str],
+                 models: Sequence[ObjectModel]) -> None:
+        self._names, self._models = names, models
+        self._detections = _publisher(node, DETECTIONS, settings.detections)
+        self._collisions = _publisher(node, COLLISION_OBJECT, settings.collision_object)
+        if self._collisions is not None:
+            self._scene = CollisionObjects(message_class, names, models)
+
+    def publish(self, estimates: Sequence[PoseEstimate]) -> None:
+        """Publish what was found in one capture to whoever listens."""
+        if self._detections is not None and self._detections.get_subscription_count():
+            self._detections.publish(estimates_to_detections(
+                message_class, self._names, self._models, estimates))
+        if self._collisions is not None and self._collisions.get_subscription_count():
+            for each in self._scene.update(estimates):
+                self._collisions.publish(each)
+
+    def clear(self) -> None:
+        """Remove the objects from the planning scene."""
+        if self._collisions is not None:
+            for each in self._scene.clear():
+                self._collisions.publish(each)
+
+
+def _publisher(node: StageNode, topic: TopicEntry, wanted: str) -> LifecyclePublisher | None:
+    """None where it is not wanted, or its package is missing."""
+    if wanted == 'never':
+        return None
+    try:
+        kind = message_class(topic.type)
+    except BagError as error:
+        if wanted == 'always':
+            raise SettingsError(f"parameter {topic.name!r} is 'always', but {error}") from None
+        node.get_logger().debug(f'no {topic.name}: {error}')
+        return None
+    return node.publisher(kind, topic.name, SMALL)

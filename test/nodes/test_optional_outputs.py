@@ -1,0 +1,122 @@
+"""Topics whose packages may be missing: silent, unless they were asked for."""
+
+import sys
+from dataclasses import replace
+from importlib.util import find_spec
+
+import numpy as np
+import pytest
+import rclpy
+from optional_types import STORE, wired
+from pmcl_scenes import cup, model_of
+from rclpy.context import Context
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.nodes import optional_outputs
+from pmcl_ros.nodes.graph import OPTIONAL
+from pmcl_ros.nodes.pmcl_node import PmclNode
+from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
+from pmcl_ros.pmcl.estimate import PoseEstimate
+
+PACKAGES = {each.name: each.type.partition('/')[0] for each in OPTIONAL}
+
+
+@pytest.fixture
+def make(parameters):
+    """A function changes -> a pmcl_node with these parameters."""
+    context = Context()
+    rclpy.init(context=context)
+    nodes = []
+
+    def make(**changes):
+        nodes.append(PmclNode(context=context, parameter_overrides=[
+            Parameter(name, value=value)
+            for name, value in (parameters['pmcl_node'] | changes).items()]))
+        return nodes[-1]
+
+    yield make
+    for each in nodes:
+        each.close()
+    rclpy.shutdown(context=context)
+
+
+def published(node):
+    return {each.topic_name.lstrip('/') for each in node.publishers} & {*PACKAGES}
+
+
+def test_missing_packages_are_told_only_where_they_were_asked_for(make, monkeypatch, capfd):
+    for package in PACKAGES.values():
+        monkeypatch.setitem(sys.modules, package, None)  # as if it were not installed
+    node = make()
+    for topic, package in PACKAGES.items():
+        node.set_parameters([Parameter(topic, value='always')])
+        assert node.trigger_configure() == Result.FAILURE
+        error = capfd.readouterr().err
+        assert error.count(f"parameter '{topic}' is 'always', but message type {package}/") == 1
+        assert f'install ros-jazzy-{package.replace("_", "-")}' in error
+        assert 'Traceback' not in error
+        node.set_parameters([Parameter(topic, value='auto')])
+    assert node.trigger_configure() == Result.SUCCESS
+    assert not published(node)
+    assert 'is not installed' not in capfd.readouterr().err
+
+
+def test_what_is_never_wanted_is_not_published(make):
+    node = make(**dict.fromkeys(PACKAGES, 'never'))
+    assert node.trigger_configure() == Result.SUCCESS
+    assert not published(node)
+
+
+@pytest.mark.skipif(not all(map(find_spec, PACKAGES.values())),
+                    reason='vision_msgs and moveit_msgs are part of a full ROS, not on PyPI')
+def test_what_is_installed_is_published(make):
+    node = make()
+    assert node.trigger_configure() == Result.SUCCESS
+    assert published(node) == {*PACKAGES}
+
+
+class Listener:
+    """In place of a node with one publisher, whose type needs a package: it keeps the messages."""
+
+    def __init__(self):
+        self.heard, self.listening = {}, False
+
+    def publisher(self, kind, topic, _):
+        self.heard[topic] = []
+        said = self.heard[topic]
+
+        class Publisher:
+            def publish(_, message):  # noqa: N805
+                assert isinstance(message, kind)
+                said.append(wired(message))
+
+            def get_subscription_count(_):  # noqa: N805
+                return int(self.listening)
+
+        return Publisher()
+
+
+def test_who_listens_hears_of_each_capture_and_of_a_reset(monkeypatch):
+    monkeypatch.setattr(optional_outputs, 'message_class', STORE.types.__getitem__)
+    node = Listener()
+    outputs = optional_outputs.OptionalOutputs(
+        node, PmclNodeSettings(), ['cup'], [model_of(cup(), name='cup')])
+    found = PoseEstimate(Header(7, 'camera'), np.eye(4), np.eye(6), np.eye(4)[None], np.zeros(1),
+                         1.0, False, 'default')
+
+    def told(*estimates):
+        for said in node.heard.values():
+            said.clear()
+        for each in estimates:
+            outputs.publish([each])
+        return ([[each.id for each in message.detections] for message in node.heard['detections']],
+                [each.operation for each in node.heard['collision_object']])
+
+    assert told(found) == ([], [])
+    node.listening = True
+    assert told(found, replace(found, lost=True)) == ([['cup'], []], [0, 1])
+    assert told(found) == ([['cup']], [0])
+    outputs.clear()
+    assert [each.operation for each in node.heard['collision_object']] == [0, 1]
