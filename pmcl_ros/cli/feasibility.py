@@ -16,15 +16,16 @@ from pmcl_ros.evaluation.feasibility.view_sets import view_sets
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.simulated_captures import simulate
+from pmcl_ros.simulation.simulated_captures import is_there, place_of, simulate
 
 _SEARCH = 2.5  # s: of one set of views, roughly
+_PLAN = 'arc:3:30'
 NAME = 'feasibility.html'
 
 
 @click.command()
 @simulation_options
-@click.option('--cameras', 'plan', default='arc:3:30', show_default=True, metavar='PLAN',
+@click.option('--cameras', 'plan', metavar='PLAN', show_default=_PLAN,
               help='Poses of an ordinary camera: arc:COUNT:DEGREES about the object, '
               'grid:ROWSxCOLUMNS:METRES, or a YAML file with these or poses, and the errors of '
               'the arm that tells them.')
@@ -38,22 +39,25 @@ NAME = 'feasibility.html'
               show_default=True, help='Share of the scenes that has to be good enough.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')
 def feasibility(count: int, millimetres: float, degrees: float, share: float, out: Path, seed: int,
-                plan: str, camera: str, thing: Path, **options: Any) -> None:
+                plan: str | None, camera: str, thing: Path, **options: Any) -> None:
     """Simulate scenes with OBJECT, localise it in each, and write one page.
 
     The page says how often and how exactly it is found, by number of views and how far they are
     apart, by distance and surroundings, and what to mount.
     """
-    wanted = None if camera == 'f01' else plan
+    if camera == 'f01' and plan is not None:
+        raise click.UsageError(f'--cameras {plan}: several poses are of an ordinary camera')
+    wanted = None if camera == 'f01' else plan or _PLAN
     simulated = Simulated.from_options(wanted, thing=thing, camera=camera, seed=seed, **options)
     of = simulated.simulation
     model, sets = ObjectModel.load(thing), view_sets(of.plan)
     searches = _SEARCH * len(sets)
-    drawn = simulated.seconds_a_scene(seed)
-    click.echo(f'{count} scenes: about {minutes(count * (drawn + searches))}, '
-               f'{minutes(count * drawn)} of it for pictures', err=True)
     scenes = out / 'scenes'
     simulated.claim(scenes)
+    drawn = simulated.seconds_a_scene(seed)
+    left = sum(not is_there(place_of(seed + number, scenes)) for number in range(count))
+    click.echo(f'{left} of {count} scenes to make: about {minutes(left * (drawn + searches))}, '
+               f'{minutes(left * drawn)} of it for pictures', err=True)
     trials: dict[str, list[Trial]] = {each.name: [] for each in sets}
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:

@@ -1,6 +1,8 @@
 """What `pmcl simulate` and `pmcl feasibility` have in common: object, camera, scenes, renderer."""
 
+import hashlib
 import json
+import pickle
 import re
 import time
 from collections.abc import Callable
@@ -11,6 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
+from pmcl_ros import __version__
 from pmcl_ros.cli.base import FILE
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import SettingsError
@@ -87,6 +90,16 @@ class Simulated:
     simulation: Simulation
     about: dict[str, str]
 
+    @property
+    def digest(self) -> str:
+        """Of object, camera, plan and settings: other values, another digest."""
+        of = self.simulation
+        assert isinstance(of.draw, Draw)
+        settings = [each.model_dump_json() for each in (of.draw.settings, of.camera, of.plan)
+                    if each is not None]
+        values = of.draw.thing, of.draw.surroundings, settings, of.samples, __version__
+        return hashlib.sha256(pickle.dumps(values)).hexdigest()[:16]
+
     @classmethod
     def from_options(cls, plan: str | None, thing: Path, camera: str, region: str,
                      surroundings: tuple[Surroundings, ...], attitude: str, renderer: str,
@@ -97,6 +110,8 @@ class Simulated:
             raise SettingsError(f'--region {region}: expected NEAR:FAR or NEAR:FAR:SIDE in '
                                 'metres, as 0.35:0.7:0.16')
         near, far, side = limits.groups()
+        if float(near) > float(far):
+            raise SettingsError(f'--region {region}: NEAR is beyond FAR')
         values: dict[str, Any] = {'near': near, 'far': far, 'attitude': attitude, 'empty': 0}
         if side:
             values['roi'] = side
@@ -132,6 +147,7 @@ class Simulated:
         folder.mkdir(parents=True, exist_ok=True)
         note, mine = folder / 'simulation.json', {
             name: value for name, value in self.about.items() if name != 'seeds'}
+        mine['all that is simulated'] = self.digest
         if not note.exists():
             note.write_text(json.dumps(mine, indent=1) + '\n')
             return

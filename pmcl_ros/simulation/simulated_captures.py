@@ -33,6 +33,11 @@ class Simulation:
     samples: int = 8
 
 
+def place_of(seed: int, folder: Path) -> Path:
+    """The folder of a seed's capture."""
+    return folder / f'{seed:06d}'
+
+
 def is_there(folder: Path) -> bool:
     """Whether a capture was written completely: its truth is written last."""
     try:
@@ -49,9 +54,10 @@ def simulate(seed: int, folder: Path, of: Simulation,
     It has the files of `pmcl scenes render`. progress: called with the share done. The same seed
     gives the same capture. Raises SimulationError as the renderer does.
     """
-    place = folder / f'{seed:06d}'
+    place = place_of(seed, folder)
     if is_there(place):
         return place
+    (place / 'trials.json').unlink(missing_ok=True)  # of a picture that is made anew
     rng = np.random.default_rng(seed)
     scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
     if of.camera is None:

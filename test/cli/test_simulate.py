@@ -73,8 +73,8 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     options = ('--renderer', 'fast', '--samples', '2', '--cameras', 'arc:2:30', '-o', str(out))
     made = run(tumbler, 'feasibility', '--scenes', '1', *options)
     assert made.exit_code == 0, made.output
-    assert 'too few' in made.output
-    assert '1 scenes: about' in made.output
+    assert 'Too few scenes' in made.output
+    assert '1 of 1 scenes to make: about' in made.output
     page = (out / 'feasibility.html').read_text()
     assert 'Will it work for tumbler?' in page
     assert page.count('data:image/png') == 3  # curves, scenes, the one that is worst
@@ -87,12 +87,16 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     other = run(tumbler, 'feasibility', '--scenes', '1', '--region', '0.5:0.6', *options)
     assert other.exit_code == 1
     assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
+    tumbler.write_text(tumbler.read_text().replace('0.0025', '0.003'))
+    other = run(tumbler, 'feasibility', '--scenes', '1', *options)
+    assert 'scenes of another simulation: all that is simulated' in other.output
 
 
 def test_what_is_impossible_is_one_line(tumbler: Path) -> None:
     out = ('-o', str(tumbler.parent / 'out'))
     for options, line in (
             (('--region', 'here'), 'expected NEAR:FAR'),
+            (('--region', '0.7:0.35'), 'NEAR is beyond FAR'),
             (('--camera', 'none.yaml'), '--camera none.yaml: there is no such file')):
         made = run(tumbler, 'feasibility', *options, *out)
         assert made.exit_code == 1

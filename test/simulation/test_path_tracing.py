@@ -35,8 +35,10 @@ BLACK = np.zeros((SIZE, SIZE, 3), np.float32)
 LEVEL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # the camera looks along the world's y
 
 
-def sensor(width: int = 96, height: int = 72, focal: float = 120.0) -> Sensor:
-    pinhole = Pinhole(width, height, focal, focal * 1.1, width / 2 + 3, height / 2 - 5)
+def sensor(width: int = 96, height: int = 72, focal: float = 120.0, square: bool = False
+           ) -> Sensor:
+    ratio = 1.0 if square else 1.1
+    pinhole = Pinhole(width, height, focal, focal * ratio, width / 2 + 3, height / 2 - 5)
     grid = ViewGrid(pinhole, 1e-5, nominal_positions(1, 1), np.ones((1, 1), np.float32))
     return Sensor(grid, 0.5, 4.0, 0.5, 0.3, 0.0, 0.0, (1.0, 1.0, 1.0))
 
@@ -91,7 +93,7 @@ def test_textures_lie_where_the_own_renderer_lays_them() -> None:
     assert np.corrcoef(own.ravel(), traced.ravel())[0, 1] > 0.985
     smooth = [cv2.cvtColor(each, cv2.COLOR_RGB2GRAY) for each in (own, traced)]
     shift, response = cv2.phaseCorrelate(*smooth)
-    assert np.hypot(*shift) < 0.05
+    assert np.hypot(*shift) < 0.1
     assert response > 0.8
 
 
@@ -167,12 +169,25 @@ def test_a_label_hides_a_glass_on_its_side_only() -> None:
     assert np.mean(own != traced) < 0.005
 
 
+def test_a_scene_looks_the_same_whatever_was_drawn_before() -> None:
+    body = Solid(Frusta.from_profile(np.array([[0, -0.03], [0.03, -0.03], [0.03, 0.03],
+                                               [0, 0.03]]), 0, 1), (Opaque(BLACK, 0.1, 1.5),),
+                 standing(np.random.default_rng(7)))
+    first = physical(scene((body,)))(sensor(), 0, 0, 0, 8, 1)
+    for _ in range(3):
+        physical(scene((box(0.4, 0.02, Clear(1.5)),)))(sensor(), 0, 0, 0, 8, 1)
+        np.testing.assert_array_equal(physical(scene((body,)))(sensor(), 0, 0, 0, 8, 1), first)
+
+
 def test_without_llvm_it_runs_ray_by_ray() -> None:
     made = subprocess.run(
         [sys.executable, '-c', 'from test_path_tracing import *; from pmcl_ros.simulation.'
          'path_tracing.variant import is_compiled; assert not is_compiled(); '
-         'own, traced = both(scene((box(0.4, 0.01, Clear(1.5)),)), 16); '
-         'assert abs(own - traced).max() < 0.05; print("same")'],
+         'aside = Sheet(pose_of(Rotation.identity(), np.array([0.05, -0.03, 0.5])), (0.1, 0.1), '
+         'BLACK, 1.0); its = sensor(square=True); '
+         'own, traced = both(scene((box(0.7, 0.01, Clear(1.5)),), (aside,)), 16, its); '
+         'assert own.min() < 0.01; assert (abs(own - traced) > 0.2).mean() < 0.01; '
+         'print("same")'],
         env=os.environ | {'DRJIT_LIBLLVM_PATH': os.devnull, 'PYTHONPATH': os.pathsep.join(
             [os.path.dirname(__file__), *sys.path])}, capture_output=True, text=True)
     assert made.stdout == 'same\n', made.stderr[-2000:]

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.recall import coverage, interval, median, present, share
+from pmcl_ros.evaluation.recall import interval, median, present, share
 from pmcl_ros.evaluation.trials import Trial
 
 LEAST = 10  # trials of a cell; fewer say nothing
-_DISTANCES = 3  # ranges of the distance, with as many scenes each
+_DISTANCES = 3  # ranges of the distance at most, with as many scenes each
+_UPSIDE_DOWN, _BESIDE = 150.0, 40.0  # degrees and mm off: the object stands on its head there
 _CLOSE_CALL = 5.0  # nat: poses whose evidence differs by less look alike
 
 
@@ -69,12 +70,14 @@ def row(name: str, trials: Sequence[Trial], aim: Aim) -> list[str]:
     return [name, str(cell(there, aim)), str(Cell(tuple(each.found for each in there))),
             str(sum(each.lost for each in there)),
             str(sum(not each.near and not each.lost for each in there)),
-            f'{median(found, "translation_mm"):.1f}',
-            f'{_median(found, "across_mm"):.1f}, '
-            f'{float(np.median([abs(each.ray_mm) for each in found])) if found else np.nan:.1f}',
-            f'{median(found, "axis_deg"):.1f}', f'{median(found, "told_mm"):.1f}',
-            str(Cell(tuple(each.inside_90 for each in found)))
-            or f'{100 * coverage(found, 0.9):.0f} % of {len(found)}']
+            *(_medians(found) if found else ('',) * 4),
+            str(Cell(tuple(each.inside_90 for each in found)))]
+
+
+def _medians(found: Sequence[Trial]) -> tuple[str, ...]:
+    return (f'{median(found, "translation_mm"):.1f}',
+            f'{_median(found, "across_mm"):.1f}, {_along(found):.1f}',
+            f'{median(found, "axis_deg"):.1f}', f'{median(found, "told_mm"):.1f}')
 
 
 def _median(trials: Sequence[Trial], name: str) -> float:
@@ -87,9 +90,12 @@ Group = tuple[str, Callable[[Trial], bool]]
 def distances(trials: Sequence[Trial]) -> list[Group]:
     """Ranges of the distance of the object, with as many trials each."""
     values = np.array([each.extra['distance'] for each in trials])
-    edges = np.quantile(values, np.linspace(0, 1, _DISTANCES + 1))
-    return [(f'{low:.2f} to {high:.2f} m', _between(low, high, number == _DISTANCES - 1))
-            for number, (low, high) in enumerate(pairwise(edges))]
+    ranges = int(np.clip(len({each.seed for each in trials}) // LEAST, 1, _DISTANCES))
+    edges = np.unique(np.quantile(values, np.linspace(0, 1, ranges + 1)))
+    if len(edges) < 2:
+        return [(f'{edges[0]:.2f} m', lambda _: True)]
+    return [(f'{low:.2f} to {high:.2f} m', _between(low, high, high == edges[-1]))
+            for low, high in pairwise(edges)]
 
 
 def _between(low: float, high: float, last: bool) -> Callable[[Trial], bool]:
@@ -125,12 +131,12 @@ def worst(trials: Sequence[Trial], count: int) -> list[Trial]:
     return sorted(present(trials), key=badness, reverse=True)[:count]
 
 
-def causes(trials: Sequence[Trial]) -> list[str]:
-    """Why poses are not told, or wrong, with how many scenes; most frequent first."""
+def causes(trials: Sequence[Trial], aim: Aim) -> list[str]:
+    """Why poses are not good enough, with how many scenes; most frequent first."""
     counts: Counter[str] = Counter()
     gaps: dict[str, list[float]] = {}
     for each in present(trials):
-        if each.found:
+        if aim.reached(each):
             continue
         cause = _cause(each)
         counts[cause] += 1
@@ -149,9 +155,12 @@ _ALIKE = _FLIPPED, _ELSEWHERE
 
 
 def _cause(trial: Trial) -> str:
+    if trial.found:
+        return 'found, but not exactly enough'
     if trial.near:
         return 'the pose is right, but its contours are too faint to be sure'
-    if trial.flipped and trial.symmetric:
+    if (trial.symmetric and trial.axis_deg > _UPSIDE_DOWN and trial.translation_mm < _BESIDE
+            and abs(trial.extra['gap']) <= _CLOSE_CALL):
         return _FLIPPED
     if trial.extra['gap'] > _CLOSE_CALL:
         return 'something else looks more like the object'
@@ -169,9 +178,10 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
     cells = {each.name: cell(trials[each.name], aim) for each in sets}
     scenes = max(len(each.flags) for each in cells.values())
     if scenes < LEAST:
-        return f'{scenes} scenes are too few to say anything: {LEAST} at least.'
+        return f'Too few scenes to say anything: {scenes}, {LEAST} at least.'
     good = [each for each in sets if share(cells[each.name].flags) >= aim.share]
-    chosen = min(good, key=lambda each: len(each.pictures)) if good else max(
+    chosen = min(good, key=lambda each: (
+        len(each.pictures), -share(cells[each.name].flags))) if good else max(
         sets, key=lambda each: share(cells[each.name].flags))
     name, low = chosen.name, interval(cells[chosen.name].flags)[0]
     text = f'{_capital(name)}: {cells[name]} within {aim}.'
@@ -180,12 +190,12 @@ def recommendation(sets: Sequence[ViewSet], trials: dict[str, list[Trial]], aim:
                 f'{100 * aim.share:.0f} % are asked.')
     elif low < aim.share - 0.1:
         text += ' More scenes would make this surer.'
-    why = causes(trials[name])
+    why = causes(trials[name], aim)
     if why and not good:
         text += f' What fails: {"; ".join(why)}.'
     if not chosen.is_one and sets[0].is_one:
         one = trials[sets[0].name]
-        why = causes(one)
+        why = causes(one, aim)
         text += (f' One view is not enough: {cells[sets[0].name]}'
                  + (f'; {"; ".join(why[:2])}' if why else
                     f', {_median([each for each in one if each.found], "across_mm"):.1f} mm '

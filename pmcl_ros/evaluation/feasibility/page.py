@@ -75,7 +75,7 @@ def page(of: Feasibility) -> str:
         of=of, head=findings.HEAD, rows=of.rows(),
         distances=of.table(findings.distances(first)),
         surroundings=of.table(findings.surroundings(every)),
-        causes=[(each.name, findings.causes(of.trials[each.name])) for each in of.sets],
+        causes=[(each.name, findings.causes(of.trials[each.name], of.aim)) for each in of.sets],
         curves=image(_curves(of), 'share of scenes found, over the error allowed', 'chart'),
         scenes=image(_scenes(of), 'some of the scenes'), worst=_worst(of), least=findings.LEAST,
         version=__version__)

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +33,10 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> l
     """The trials of a scene, one for each set, as last time where folder/trials.json has them.
 
     folder: of a capture with truth. The search has the seed of the scene. Extra of a trial:
-    `distance`, of the object from the first camera [m]; `across_mm`, the error across the line of
-    sight; `gap`, evidence of the pose found less that of the true one [nat]; `truth`, (12,) the
-    true pose in the frame of `pose`; `picture`, the number of the picture whose frame that is.
+    `distance`, of the object from the camera of the first set [m]; `across_mm`, the error across
+    the line of sight; `gap`, evidence of the pose found less that of the true one [nat]; `truth`,
+    (12,) the true pose in the frame of `pose`; `picture`, the number of the picture whose frame
+    that is.
     """
     kept = _read(folder / NAME)
     source, truth = read_source(folder), Truth.load(folder / 'truth.json')
@@ -44,7 +45,10 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> l
         if each.name not in kept:
             kept[each.name] = asdict(_trial(source, truth, model, each, seed))
             (folder / NAME).write_text(json.dumps(kept, indent=1) + '\n')
-    return [Trial(**kept[each.name] | {'pose': tuple(kept[each.name]['pose'])}) for each in sets]
+    trials = [Trial(**kept[each.name] | {'pose': tuple(kept[each.name]['pose'])})
+              for each in sets]
+    distance = trials[0].extra['distance']
+    return [replace(each, extra={**each.extra, 'distance': distance}) for each in trials]
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

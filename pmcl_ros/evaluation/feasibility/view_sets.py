@@ -50,7 +50,11 @@ def _distinct(count: int, reach: Reach) -> tuple[ViewSet, ...]:
     wanted = ((middle,), (middle, middle + 1), (0, last), (0, middle, last), tuple(range(count)))
     sets = dict.fromkeys(numbers for numbers in wanted
                          if numbers[-1] <= last and len(set(numbers)) == len(numbers))
-    return tuple(ViewSet(_name(numbers, reach), numbers) for numbers in sets)
+    named: dict[str, ViewSet] = {}  # of sets that people cannot tell apart, the first
+    for numbers in sets:
+        name = _name(numbers, reach)
+        named.setdefault(name, ViewSet(name, numbers))
+    return tuple(named.values())
 
 
 def _name(numbers: tuple[int, ...], reach: Reach) -> str:

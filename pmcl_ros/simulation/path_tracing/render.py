@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.path_tracing.integrator import radiance
 from pmcl_ros.simulation.path_tracing.translate import to_mitsuba
 from pmcl_ros.simulation.path_tracing.variant import is_compiled, mitsuba
@@ -122,7 +123,10 @@ def _pass(loaded: Any, sensor: Sensor, pinhole: Pinhole,
 
 
 def _perspective(pinhole: Pinhole, place: NDArray[np.float64]) -> dict[str, object]:
-    """A pinhole in Mitsuba's terms; its pixels are square, with the focal length of x."""
+    """A pinhole in Mitsuba's terms; SimulationError unless its pixels are square."""
+    if not np.isclose(pinhole.fx, pinhole.fy):
+        raise SimulationError(f'fx {pinhole.fx:g} and fy {pinhole.fy:g} px: without an LLVM '
+                              'library both must be the same; apt install libllvm15 or newer')
     width, height = pinhole.width, pinhole.height
     turn = np.diag([-1.0, -1, 1, 1])  # Mitsuba's x to the left and y up become right and down
     turn[:2, 3] = place

@@ -56,9 +56,11 @@ def test_lost_and_upside_down_are_not_good_enough() -> None:
 def test_causes_tell_look_alikes_from_faint_contours() -> None:
     some = [trial(0, 2, 178, gap=3.0, flipped=True, symmetric=True),
             trial(1, 2, 179, gap=-5.0, flipped=True, symmetric=True),
-            trial(2, 1, 1, lost=True), trial(3, 80, 60, gap=30.0), trial(4, 80, 60, gap=-30.0),
-            trial(5)]
-    assert causes(some) == [
+            trial(2, 1, 1, lost=True),
+            trial(3, 80, 120, gap=30.0, flipped=True, symmetric=True),
+            trial(4, 80, 60, gap=-30.0), trial(5), trial(6, 8), trial(7, 9), trial(8, 9)]
+    assert causes(some, Aim()) == [
+        'found, but not exactly enough (3)',
         'upright and upside down look alike, within 4 nat (2)',
         'the pose is right, but its contours are too faint to be sure (1)',
         'something else looks more like the object (1)', 'the search missed the true pose (1)']
@@ -77,7 +79,7 @@ def test_the_fewest_views_that_are_good_enough_are_recommended() -> None:
                           Aim()).startswith('One view: 100 %')
     none = recommendation([ONE, THREE], {ONE.name: poor, THREE.name: poor}, Aim())
     assert none.startswith('Not yet: the best is one view, 70 %')
-    assert 'too few' in recommendation([ONE], {ONE.name: good[:3]}, Aim())
+    assert 'Too few' in recommendation([ONE], {ONE.name: good[:3]}, Aim())
 
 
 def test_wrong_poses_are_the_worst_then_lost_ones() -> None:
@@ -92,6 +94,25 @@ def test_groups_are_exhaustive_and_rare_surroundings_are_one() -> None:
         belongs = [[of(each) for _, of in groups] for each in some]
         assert (np.sum(belongs, axis=1) == 1).all()
     assert [name for name, _ in findings.surroundings(some)] == ['table', 'others']
+
+
+def test_sets_of_the_same_name_are_one() -> None:
+    names = [each.name for each in view_sets(CameraPlan(arc=(3, 0.0)))]
+    assert len(names) == len(set(names))
+
+
+def test_twenty_scenes_have_two_ranges_of_distance_and_equal_ones_have_one() -> None:
+    some = [trial(k, distance=0.3 + 0.01 * k) for k in range(20)]
+    groups = findings.distances(some)
+    assert [sum(map(of, some)) for _, of in groups] == [10, 10]
+    assert len(findings.distances([trial(k) for k in range(30)])) == 1
+
+
+def test_of_equally_few_views_the_better_are_recommended() -> None:
+    near, far = ViewSet('two views over 15 degrees', (0, 1)), ViewSet('two over 30', (0, 2))
+    trials = {near.name: [trial(k, 1 if k < 18 else 9) for k in range(20)],
+              far.name: [trial(k) for k in range(20)]}
+    assert recommendation([near, far], trials, Aim()).startswith('Two over 30')
 
 
 def test_the_curve_is_the_share_told_within_each_error() -> None:
