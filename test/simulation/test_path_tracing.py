@@ -176,7 +176,8 @@ def test_a_scene_looks_the_same_whatever_was_drawn_before() -> None:
     first = physical(scene((body,)))(sensor(), 0, 0, 0, 8, 1)
     for _ in range(3):
         physical(scene((box(0.4, 0.02, Clear(1.5)),)))(sensor(), 0, 0, 0, 8, 1)
-        np.testing.assert_array_equal(physical(scene((body,)))(sensor(), 0, 0, 0, 8, 1), first)
+        again = physical(scene((body,)))(sensor(), 0, 0, 0, 8, 1)
+        np.testing.assert_allclose(again, first, atol=1e-5)  # sums are rounded in any order
 
 
 def test_without_llvm_it_runs_ray_by_ray() -> None:
