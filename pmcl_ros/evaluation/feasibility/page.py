@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import jinja2
 import numpy as np
 from markupsafe import Markup
@@ -22,6 +23,7 @@ from pmcl_ros.lightfield.readers.read import read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 _WORST, _SHOWN = 4, 6  # pictures of bad cases, and of scenes
+_WIDTH = 720  # px of a bad case
 _FARTHEST = 20.0  # mm: end of the curves
 
 
@@ -91,7 +93,7 @@ def _curves(of: Feasibility) -> NDArray[np.uint8]:
 
 def _scenes(of: Feasibility) -> NDArray[np.uint8]:
     chosen = of.trials[of.sets[0].name][:_SHOWN]
-    return contact_sheet([_picture(of.folder, each)[0] for each in chosen], 1600)
+    return contact_sheet([_picture(of.folder, each)[0] for each in chosen], 1200)
 
 
 def _worst(of: Feasibility) -> list[tuple[Markup, str]]:
@@ -104,6 +106,8 @@ def _worst(of: Feasibility) -> list[tuple[Markup, str]]:
         drawn = outlines(seen, pinhole, [(of.model, poses[0], 'true'),
                                          (of.model, poses[1], 'found')])
         word = 'lost' if each.lost else 'told' if each.near else 'wrong'
+        drawn = np.asarray(cv2.resize(drawn, (_WIDTH, _WIDTH * len(drawn) // drawn.shape[1]),
+                                      interpolation=cv2.INTER_AREA), np.uint8)
         shown.append((image(drawn, f'scene {each.seed}'),
                       f'Seed {each.seed}, {each.capture}: {word}; {each.translation_mm:.1f} mm, '
                       f'{each.axis_deg:.1f} degrees off.'))
