@@ -69,7 +69,7 @@ def ros(args: list[str] | None = None) -> Iterator[None]:
         pass
     finally:
         core.removeHandler(handler)
-        rclpy.shutdown()
+        rclpy.shutdown(uninstall_handlers=False)  # none are; it would reset ours for a moment
         for each in SIGNALS:  # it is ending: one more must not cut that short
             signal.signal(each, signal.SIG_IGN)
 
