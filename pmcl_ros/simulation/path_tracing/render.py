@@ -13,6 +13,7 @@ from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.path_tracing.integrator import radiance
 from pmcl_ros.simulation.path_tracing.translate import to_mitsuba
 from pmcl_ros.simulation.path_tracing.variant import is_compiled, mitsuba
+from pmcl_ros.simulation.scenes.rays import LightAlong
 from pmcl_ros.simulation.scenes.render import LightOfView
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
@@ -53,6 +54,35 @@ def light_of_view(loaded: Any, targets: Sequence[Target], sensor: Sensor, row: i
     picture = _light(loaded, sensor, pinhole, place, -(-samples // _LESS), rng)
     picture[top:bottom, left:right] = _light(loaded, sensor, inside, place, samples, rng)
     return picture
+
+
+def physical_along(scene: Scene) -> LightAlong:
+    """As `physical`, one path along each given ray, nothing left out.
+
+    Raises SimulationError where Mitsuba is missing or not compiled, and as `to_mitsuba`.
+    """
+    loaded = to_mitsuba(scene)
+    if not is_compiled():
+        raise SimulationError('raw pictures by path tracing need an LLVM library: apt install '
+                              'libllvm15 or newer, or choose --renderer fast')
+    return partial(light_along, loaded)
+
+
+def light_along(loaded: Any, origins: NDArray[np.float64], directions: NDArray[np.float64],
+                seed: int) -> NDArray[np.float32]:
+    """(n, 3) radiance by one path along each ray; loaded: of `to_mitsuba`."""
+    mi = mitsuba()
+    light = np.empty((len(origins), 3), np.float32)
+    for number, start in enumerate(range(0, len(origins), _WAVEFRONT)):
+        part = slice(start, start + _WAVEFRONT)
+        sampler = mi.load_dict({'type': 'independent'})
+        sampler.seed(seed % 2 ** 31 + number, len(light[part]))
+        # Dr.Jit may read arrays later: they are kept until the light has come back.
+        starts, ways = (np.ascontiguousarray(each[part].T, np.float32)
+                        for each in (origins, directions))
+        ray = mi.Ray3f(mi.Point3f(starts), mi.Vector3f(ways))
+        light[part] = np.array(radiance(loaded, sampler, ray)).T
+    return light
 
 
 def _shown(targets: Sequence[Target], pinhole: Pinhole) -> tuple[int, int, int, int]:

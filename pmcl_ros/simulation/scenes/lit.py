@@ -39,6 +39,22 @@ def render_lit(world, numbers, samples, seed, picture):  # type: ignore[no-untyp
                 picture[i, j, channel] = light[channel] / samples
 
 
+@compiled(parallel=True, exact=True)
+def follow_lit(world, origins, directions, block, seed, out):  # type: ignore[no-untyped-def]
+    """Fill out (n, 3) with the radiance along rays; block: rays of one task."""
+    for task in prange(-(-len(out) // block)):
+        state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
+        stack, light, seen = np.zeros(_DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
+        for n in range(task * block, min((task + 1) * block, len(out))):
+            o, d = origins[n], directions[n]
+            light[:] = 0
+            _follow(world, waiting, hit, other, stack, state, seen, light, o[0], o[1], o[2],
+                    d[0], d[1], d[2])
+            for channel in range(3):
+                out[n, channel] = light[channel]
+
+
 @compiled(inner=True, exact=True)
 def _follow(  # type: ignore[no-untyped-def]
         world, waiting, hit, other, stack, state, seen, light, ox, oy, oz, dx, dy, dz):

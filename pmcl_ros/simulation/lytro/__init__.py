@@ -1,0 +1,1 @@
+"""A first-generation Lytro down to its raw Bayer bytes: lenslets, main lens, sensor."""

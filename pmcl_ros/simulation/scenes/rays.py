@@ -1,0 +1,50 @@
+"""The light along given rays, by the package's own renderer."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numba import prange
+from numpy.typing import NDArray
+
+from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.simulation.scenes.lit import follow_lit
+from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.trace import BRANCHES, trace
+from pmcl_ros.simulation.scenes.world import World
+
+_DEPTH = 64  # of a hierarchy of boxes
+_BLOCK = 4096  # rays of one task
+# (origins (n, 3), unit directions (n, 3), seed) to radiances (n, 3) float32; the camera's frame.
+LightAlong = Callable[[NDArray[np.float64], NDArray[np.float64], int], NDArray[np.float32]]
+RayRenderer = Callable[[Scene], LightAlong]
+
+
+def fast_along(scene: Scene) -> LightAlong:
+    """As `render.fast`, along any rays."""
+    return partial(light_along, World.from_scene(scene))
+
+
+def light_along(world: World, origins: NDArray[np.float64], directions: NDArray[np.float64],
+                seed: int) -> NDArray[np.float32]:
+    """(n, 3) radiance that comes to each origin from its direction."""
+    light = np.zeros((len(origins), 3), np.float32)
+    with LOCK:
+        (_follow if len(world.lamps) == 0 else follow_lit)(
+            world, np.ascontiguousarray(origins), np.ascontiguousarray(directions), _BLOCK,
+            np.uint64(seed), light)
+    return light
+
+
+@compiled(parallel=True, exact=True)
+def _follow(world, origins, directions, block, seed, out):  # type: ignore[no-untyped-def]
+    for task in prange(-(-len(out) // block)):
+        state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
+        waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
+        stack, light = np.zeros(_DEPTH, np.int64), np.zeros(3)
+        for n in range(task * block, min((task + 1) * block, len(out))):
+            o, d = origins[n], directions[n]
+            light[:] = 0
+            trace(world, waiting, hit, stack, state, light, o[0], o[1], o[2], d[0], d[1], d[2])
+            for channel in range(3):
+                out[n, channel] = light[channel]
