@@ -45,6 +45,9 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     The page says how often and how exactly it is found, by number of views and how far they are
     apart, by distance and surroundings, and what to mount.
     """
+    if camera == 'f01-raw':
+        raise click.UsageError('--camera f01-raw: a study takes light fields, f01; pmcl simulate '
+                               'and pmcl evaluate take raw pictures')
     if camera == 'f01' and plan is not None:
         raise click.UsageError(f'--cameras {plan}: several poses are of an ordinary camera')
     wanted = None if camera == 'f01' else plan or _PLAN

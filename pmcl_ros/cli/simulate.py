@@ -9,6 +9,8 @@ from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.cli.simulation_options import Simulated, simulation_options
+from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration_pictures
+from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 
@@ -36,6 +38,8 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
     simulated = Simulated.from_options(seed=seed, **options)
     simulation = simulated.simulation
     simulated.claim(out)
+    if isinstance(simulation.camera, LytroCamera):
+        write_calibration_pictures(out, simulation.camera)
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('scenes', total=count)

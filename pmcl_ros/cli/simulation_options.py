@@ -26,24 +26,29 @@ from pmcl_ros.simulation.described.surroundings import (
     Surroundings,
     described_scene,
 )
+from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
-from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.path_tracing.render import physical, physical_along
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.random_scene import random_sensor
+from pmcl_ros.simulation.scenes.rays import RayRenderer, fast_along
 from pmcl_ros.simulation.scenes.render import Renderer, fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.simulated_captures import Simulation
 
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
-_F01 = 'f01'
+_ALONG: dict[str, RayRenderer] = {'fast': fast_along, 'physical': physical_along}
+_RAW_SAMPLES = 4  # of a raw pixel: a pixel of a view gathers a hundred times as many
+_F01, _RAW = 'f01', 'f01-raw'
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
 
 _OPTIONS = (
     click.argument('thing', metavar='OBJECT', type=FILE),
     click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as of '
-                 f'`pmcl scenes render`; or {_F01}: light fields of a camera like it.'),
+                 f'`pmcl scenes render`; or {_F01}: light fields of a camera like it; or '
+                 f'{_RAW}: its raw pictures.'),
     click.option('--region', default='0.35:0.7', show_default=True, metavar='NEAR:FAR[:SIDE]',
                  help='Distances of the object from the camera, and the side of the box that the '
                  'search is told holds its origin (default 0.16) [m].'),
@@ -56,7 +61,8 @@ _OPTIONS = (
                  show_default=True, help="physical: path tracing, extra 'simulate'; fast: the "
                  "package's own renderer."),
     click.option('--samples', type=click.IntRange(1), show_default=', '.join(
-        f'{name} {samples}' for name, (_, samples) in RENDERERS.items()),
+        f'{name} {samples}' for name, (_, samples) in RENDERERS.items())
+        + f', {_RAW} {_RAW_SAMPLES}',
         help='Rays or paths of a pixel: four times as many halve the noise.'),
     click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
                  help='Scene k is that of seed + k.'))
@@ -115,24 +121,27 @@ class Simulated:
         values: dict[str, Any] = {'near': near, 'far': far, 'attitude': attitude, 'empty': 0}
         if side:
             values['roi'] = side
-        if camera == _F01:
-            ordinary = None
+        draws, usual = RENDERERS[renderer]
+        seen_by: OrdinaryCamera | LytroCamera | None = None
+        pictures = 'light fields'
+        if camera in (_F01, _RAW):
             values |= {'views': 9}
             if plan is not None:
                 raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
+            if camera == _RAW:
+                seen_by, usual, pictures = LytroCamera(), _RAW_SAMPLES, 'raw pictures'
+                values |= {'field': seen_by.field}
         else:
             if not Path(camera).is_file():
                 raise SettingsError(f'--camera {camera}: there is no such file; a YAML with '
-                                    f'width, height, fx, cx, cy, or {_F01}')
-            ordinary = OrdinaryCamera.load(Path(camera))
-            values |= {'field': min(ordinary.field, 1.5)}
+                                    f'width, height, fx, cx, cy, or {_F01} or {_RAW}')
+            seen_by = OrdinaryCamera.load(Path(camera))
+            values |= {'field': min(seen_by.field, 1.5)}
+            pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
-        draws, usual = RENDERERS[renderer]
         draw = Draw(load_object(thing), surroundings, settings)
-        simulation = Simulation(draw, ordinary, None if plan is None else CameraPlan.parse(plan),
-                                draws, samples or usual)
-        pictures = 'light fields' if ordinary is None else (
-            f'{ordinary.width} x {ordinary.height} px, {plan or "one picture"}')
+        simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
+                                draws, samples or usual, _ALONG[renderer])
         return cls(simulation, {
             'object': thing.name, 'camera': f'{Path(camera).name}: {pictures}',
             'distance': f'{near} to {far} m', 'surroundings': ', '.join(surroundings),

@@ -11,6 +11,8 @@ import trimesh
 import yaml
 from numpy.typing import NDArray
 
+from pmcl_ros.camera.files import write_raw_frame
+from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers import posed_views
@@ -40,6 +42,13 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
     write_npz(folder / 'views.npz', replace(light_field, views=light_field.views.astype('f2')))
     write_png(folder / 'centre.png', light_field.picture())
     np.savez_compressed(folder / 'depth.npz', depth=capture.depth, labels=capture.labels)
+    _write_targets(folder, scene, seed)
+
+
+def write_raw(folder: Path, scene: Scene, frame: RawFrame, seed: int) -> None:
+    """Write IMG.RAW, IMG.TXT, model.obj, truth.json into a folder, as `write_capture` does."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_raw_frame(folder / 'IMG.RAW', frame, force=True)
     _write_targets(folder, scene, seed)
 
 

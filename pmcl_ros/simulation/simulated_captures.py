@@ -9,8 +9,11 @@ import numpy as np
 from pmcl_ros.runtime.errors import FileError
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
-from pmcl_ros.simulation.files import write_capture, write_view, write_views
+from pmcl_ros.simulation.files import write_capture, write_raw, write_view, write_views
+from pmcl_ros.simulation.lytro.camera import LytroCamera
+from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.scenes.rays import RayRenderer, fast_along
 from pmcl_ros.simulation.scenes.render import Renderer, fast, render, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
@@ -21,16 +24,18 @@ class Simulation:
     """What is simulated.
 
     draw: a scene from its seed, random numbers and the camera; None: one like an F01 is drawn.
-    camera: an ordinary one; None: a light-field camera. plan: where an ordinary camera takes its
-    pictures; None: one picture. renderer: `scenes.render.fast` or `path_tracing.render.physical`.
+    camera: an ordinary one, or a Lytro whose raw pictures are taken; None: light fields, rendered
+    directly. plan: where an ordinary camera takes its pictures; None: one picture. renderer:
+    `scenes.render.fast` or `path_tracing.render.physical`. along: the same for raw pictures.
     samples: rays, or paths, of a pixel.
     """
 
     draw: Callable[[int, np.random.Generator, Sensor | None], Scene]
-    camera: OrdinaryCamera | None
+    camera: OrdinaryCamera | LytroCamera | None
     plan: CameraPlan | None = None
     renderer: Renderer = fast
     samples: int = 8
+    along: RayRenderer = fast_along
 
 
 def place_of(seed: int, folder: Path) -> Path:
@@ -62,6 +67,10 @@ def simulate(seed: int, folder: Path, of: Simulation,
     scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
     if of.camera is None:
         write_capture(place, scene, render(scene, rng, of.samples, progress, of.renderer), seed)
+    elif isinstance(of.camera, LytroCamera):
+        frame = raw_picture(of.camera, of.along(scene), rng, of.samples, scene.sensor.level,
+                            progress=progress)
+        write_raw(place, scene, frame, seed)
     elif of.plan is None:
         picture = take_picture(scene, of.camera, rng, of.samples, of.renderer)
         write_view(place, scene, picture, of.camera, seed)

@@ -33,7 +33,8 @@ class LytroCamera(Settings):
     The optical frame's origin is the middle of the aperture. The lenslets focus the aperture on
     the sensor, so that a point of a pixel receives one point of it. Raw pictures are upright:
     their +x is the optical frame's. Vignetting is the aperture's edge and the fourth power of the
-    cosine at the sensor; there is no diffraction, no aberration, no light between lenslets.
+    cosine under which light from the main lens meets a lenslet; there is no diffraction, no
+    aberration, no light between lenslets.
     Numbers are those of an F01 (lytro_f01.md, B3) at twice its widest zoom, its exit pupil
     as far away.
     """
@@ -125,6 +126,12 @@ class LytroCamera(Settings):
             width=self.width // RAW_PITCH, height=self.height // RAW_PITCH, fx=focal, fy=focal,
             cx=cx, cy=cy, baseline=self.baseline, focus_distance=self.focus, lattice=self.lattice,
             serial=self.serial, zoom=_ZOOM, focus=_FOCUS)
+
+    @property
+    def field(self) -> float:
+        """The smaller side of a view over its focal length."""
+        calibration = self.calibration
+        return min(calibration.width, calibration.height) / calibration.fx
 
     @property
     def response(self) -> NDArray[np.float64]:
@@ -230,6 +237,6 @@ def _rays(pixels, starts, steps, numbers, origins,  # type: ignore[no-untyped-de
             origins[n, k, 0], origins[n, k, 1], origins[n, k, 2] = px, py, 0.0
             directions[n, k, 0], directions[n, k, 1] = dx / length, dy / length
             directions[n, k, 2] = focus / length
-            aside = ((x - ax) * size - lx) ** 2 + ((y - ay) * size - ly) ** 2
+            tx, ty = (x - mx) * size / gap + lx / pupil, (y - my) * size / gap + ly / pupil
             inside = px * px + py * py <= aperture * aperture
-            weights[n, k] = (gap * gap / (gap * gap + aside)) ** 2 if inside else 0.0
+            weights[n, k] = (1 + tx * tx + ty * ty) ** -2 if inside else 0.0

@@ -1,5 +1,7 @@
 """Raw pictures of scenes by a simulated Lytro: exposure, Bayer filter, noise, 12 bits."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,14 +19,16 @@ _MOST = 4.0  # that a ray counts [1 at the sensor's white]
 
 
 def raw_picture(camera: LytroCamera, light: LightAlong, rng: np.random.Generator,
-                samples: int = 4, level: float = 0.3, is_white: bool = False) -> RawFrame:
+                samples: int = 4, level: float = 0.3, is_white: bool = False,
+                progress: Callable[[float], None] = lambda _: None) -> RawFrame:
     """The raw picture of a scene.
 
     light: along rays, of `fast_along` or `physical_along`. samples: rays of a raw pixel; the
     decoder averages over about ten raw pixels, and the views of a pixel. level: mean of the
     sensor's colours that the exposure aims at, under the lenslets' centres, as of
-    `sensor.exposure`. The same scene and generator state give the same picture. No ray counts as
-    more than four times white: light that a few paths find by chance would shine as dots.
+    `sensor.exposure`. progress: called with the share done. The same scene and generator state
+    give the same picture. No ray counts as more than four times white: light that a few paths find
+    by chance would shine as dots.
     """
     gain = _metered(camera, light, rng, level)
     counts = np.empty((camera.height, camera.width), np.uint16)
@@ -34,6 +38,7 @@ def raw_picture(camera: LytroCamera, light: LightAlong, rng: np.random.Generator
         values = _values(camera, light, np.stack([x, y], axis=-1).reshape(-1, 2), samples, gain,
                          rng).reshape(x.shape)
         counts[top:top + rows] = _counts(camera, values, rng)
+        progress(min(top + rows, camera.height) / camera.height)
     metadata = CameraMetadata.parse(camera.text(is_white))
     return RawFrame(Header(), counts, metadata)
 
