@@ -38,8 +38,9 @@ from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.simulated_captures import Simulation
 
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
-_ALONG: dict[str, RayRenderer] = {'fast': fast_along, 'physical': physical_along}
-_RAW_SAMPLES = 4  # of a raw pixel: a pixel of a view gathers a hundred times as many
+# Samples are of a raw pixel: one view's pixel gathers those of some ten.
+_ALONG: dict[str, tuple[RayRenderer, int]] = {
+    'fast': (fast_along, 4), 'physical': (physical_along, 16)}
 _F01, _RAW = 'f01', 'f01-raw'
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
@@ -62,7 +63,8 @@ _OPTIONS = (
                  "package's own renderer."),
     click.option('--samples', type=click.IntRange(1), show_default=', '.join(
         f'{name} {samples}' for name, (_, samples) in RENDERERS.items())
-        + f', {_RAW} {_RAW_SAMPLES}',
+        + '; of a raw pixel ' + ', '.join(
+            f'{name} {samples}' for name, (_, samples) in _ALONG.items()),
         help='Rays or paths of a pixel: four times as many halve the noise.'),
     click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
                  help='Scene k is that of seed + k.'))
@@ -122,6 +124,7 @@ class Simulated:
         if side:
             values['roi'] = side
         draws, usual = RENDERERS[renderer]
+        along, usual_raw = _ALONG[renderer]
         seen_by: OrdinaryCamera | LytroCamera | None = None
         pictures = 'light fields'
         if camera in (_F01, _RAW):
@@ -129,7 +132,7 @@ class Simulated:
             if plan is not None:
                 raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
             if camera == _RAW:
-                seen_by, usual, pictures = LytroCamera(), _RAW_SAMPLES, 'raw pictures'
+                seen_by, usual, pictures = LytroCamera(), usual_raw, 'raw pictures'
                 values |= {'field': seen_by.field}
         else:
             if not Path(camera).is_file():
@@ -141,7 +144,7 @@ class Simulated:
         settings = DescribedSettings.make(values, '--region')
         draw = Draw(load_object(thing), surroundings, settings)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
-                                draws, samples or usual, _ALONG[renderer])
+                                draws, samples or usual, along)
         return cls(simulation, {
             'object': thing.name, 'camera': f'{Path(camera).name}: {pictures}',
             'distance': f'{near} to {far} m', 'surroundings': ', '.join(surroundings),

@@ -23,8 +23,8 @@ def raw_picture(camera: LytroCamera, light: LightAlong, rng: np.random.Generator
                 progress: Callable[[float], None] = lambda _: None) -> RawFrame:
     """The raw picture of a scene.
 
-    light: along rays, of `fast_along` or `physical_along`. samples: rays of a raw pixel; the
-    decoder averages over about ten raw pixels, and the views of a pixel. level: mean of the
+    light: along rays, of `fast_along` or `physical_along`. samples: rays of a raw pixel; a
+    decoder sums some ten of them for a pixel of a view. level: mean of the
     sensor's colours that the exposure aims at, under the lenslets' centres, as of
     `sensor.exposure`. progress: called with the share done. The same scene and generator state
     give the same picture. No ray counts as more than four times white: light that a few paths find
