@@ -45,7 +45,7 @@ def sink(rng: np.random.Generator, place: Place) -> Furnished:
     half = np.maximum(rng.uniform([0.17, 0.15], [0.28, 0.21]), place.reach + 0.03)
     middle = rng.uniform(-1, 1, 2) * (half - place.reach - 0.025)
     low, high = middle - half, middle + half
-    metal = _finish(rng)
+    metal = random_finish(rng)
     water = max(_SHALLOW, rng.uniform(0.15, 0.75) * min(place.top, 0.75 * depth))
     stands = not place.empty and place.stands and place.top > 2 * _SHALLOW and can_stand_in_water(
         place.thing)
@@ -68,12 +68,12 @@ def sink(rng: np.random.Generator, place: Place) -> Furnished:
         at = Frame(frame.pose @ pose_of(Rotation.identity(), np.append(jet, 0)))
         outlet = rim + rng.uniform(0.05, 0.15)
         solids += [at.solid(water_jet(rng, rng.uniform(0.003, 0.007), level + 0.001, outlet)),
-                   *_tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
-    sheets = _basin(frame, low, high, (floor, rim), metal, place.palette)
+                   *tap(at, outlet, high[1] + 0.1 - float(jet[1]), metal)]
+    sheets = basin(frame, low, high, (floor, rim), metal, place.palette)
     return Furnished(target, tuple(solids), tuple(sheets))
 
 
-def _finish(rng: np.random.Generator) -> Opaque:
+def random_finish(rng: np.random.Generator) -> Opaque:
     """Steel or ceramic."""
     if rng.random() < _STEEL:
         tone, coat, rough = rng.uniform(0.35, 0.6), 2.5, rng.uniform(0.05, 0.3)
@@ -83,8 +83,8 @@ def _finish(rng: np.random.Generator) -> Opaque:
     return Opaque(colour, 0.3, coat, float(rough))
 
 
-def _basin(frame: Frame, low: NDArray[np.floating], high: NDArray[np.floating],
-           heights: tuple[float, float], of: Opaque, palette: Palette) -> list[Sheet]:
+def basin(frame: Frame, low: NDArray[np.floating], high: NDArray[np.floating],
+          heights: tuple[float, float], of: Opaque, palette: Palette) -> list[Sheet]:
     """A floor and four walls between two corners (x, y), a counter around and a wall behind it.
 
     heights: of the floor and of the counter [m].
@@ -112,7 +112,7 @@ def _free_spot(rng: np.random.Generator, low: NDArray[np.floating], high: NDArra
     return None
 
 
-def _tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
+def tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
     """A spout above the origin, and its arm to a wall behind it [m]."""
     profile = np.array([[0, outlet + 0.0005], [0.011, outlet + 0.0005], [0.012, outlet + 0.04],
                         [0, outlet + 0.04]])

@@ -1,0 +1,245 @@
+"""A simulated robot as a ROS node: a planner, an arm, a gripper and a camera at its wrist."""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import SetBool, Trigger
+
+from pmcl_ros.evaluation.manipulation.trial import Grip, Picture, Trial
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import inverse, transform
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.messages.camera_info import pinhole_to_message
+from pmcl_ros.messages.header import header_to_message
+from pmcl_ros.messages.image import picture_to_message
+from pmcl_ros.messages.pose import pose_from, pose_to_message
+from pmcl_ros.nodes.runtime.base import SMALL
+from pmcl_ros.nodes.runtime.running import pause, ros
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.manipulation.workcell import Workcell
+from pmcl_ros.simulation.manipulation.workplace import draw_task
+from pmcl_ros.simulation.manipulation.workplace_scene import WorkplaceLook
+from pmcl_ros.simulation.manipulation.wrist_camera import MOUNT, WristCamera, read_joints
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.scenes.poses import Pose
+from pmcl_ros.simulation.scenes.render import fast
+
+RENDERERS = {'fast': fast, 'physical': physical}
+BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_link'
+_WRIST = transform((-0.16645, 0.0, 0.0))  # in gripper_link, which the physics moves
+_TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
+_PERIOD = 0.05  # s: between poses that are published around a picture
+_LIFTED = 0.1, 3.0  # m above the water, and for how long [s], that count in a tank
+
+
+class SimulatedRobot(Node):
+    """It does what it is told; what is true goes into `trial`, not into messages.
+
+    `~/plan` (nav_msgs/GetPlan): can the link start.header.frame_id come to `goal`, in base_link?
+    An empty path: no. tolerance 0: along a straight line; else anywhere. `~/execute` does the
+    last plan; once the camera has been moved and is at rest, a picture is published: `image`,
+    `camera_info`, `camera_pose`. `~/grip`: true closes, and tells whether something is held.
+    `~/holds`. Planning avoids the object where `pose` says it is, until it is gripped.
+    """
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        super().__init__('robot')
+        self._out, self._samples = options.out, options.samples
+        self._renderer = RENDERERS[options.renderer]
+        self._rng = np.random.default_rng([options.seed, 1])
+        self._model = ObjectModel.load(options.object)
+        self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
+        self._cell = Workcell(self._task, self._model, options.mass)
+        self._camera = OrdinaryCamera.load(options.camera)
+        self._sensor = self._camera.sensor(np.random.default_rng([options.seed, 2]))
+        self._wrist_camera = WristCamera.draw(self._rng)
+        self._look = WorkplaceLook(self._task.place, load_object(options.object), options.seed)
+        self._believed: Pose | None = None
+        self._planned: tuple[str, Pose, bool] | None = None
+        self._gripped = False
+        self._began = time.monotonic()
+        self._spent = {'rendering': 0.0, 'physics': 0.0}
+        self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
+        reliable = QoSProfile(depth=10)
+        self._image = self.create_publisher(Image, 'image', reliable)
+        self._info = self.create_publisher(CameraInfo, 'camera_info', reliable)
+        self._pose = self.create_publisher(PoseStamped, 'camera_pose', reliable)
+        self._truth = self.create_publisher(PoseStamped, 'truth', reliable)
+        self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
+        self.create_service(GetPlan, '~/plan', self._plan)
+        self.create_service(Trigger, '~/execute', self._execute)
+        self.create_service(SetBool, '~/grip', self._grip)
+        self.create_service(Trigger, '~/holds', self._holds)
+
+    # in
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        header, pose = pose_from(message)
+        if header.frame_id == BASE and not self._gripped:
+            self._believed = pose
+            self._note(poses=(*self.trial.poses, self._error(pose)))
+
+    def _plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+        link, goal = request.start.header.frame_id, pose_from(request.goal)[1]
+        self._planned = None
+        if link not in _TIPS or request.goal.header.frame_id != BASE:
+            self.get_logger().error(f'~/plan is for {", ".join(_TIPS)} in {BASE}')
+            return response
+        is_straight = request.tolerance == 0
+        if is_straight or self._cell.solve(goal, _TIPS[link], self._avoided) is not None:
+            self._planned = link, goal, is_straight
+            response.plan.header.frame_id = BASE
+            response.plan.poses = [request.goal]
+        return response
+
+    def _execute(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._planned is None:
+            response.message = 'there is no plan: call ~/plan'
+            return response
+        (link, goal, is_straight), self._planned = self._planned, None
+        began = time.monotonic()
+        try:
+            self._cell.move(goal, _TIPS[link], straight=is_straight,
+                            avoid=None if is_straight else self._avoided)
+        except PmclError as error:
+            response.message = str(error)
+            return response
+        finally:
+            self._spent['physics'] += time.monotonic() - began
+        if link == CAMERA:
+            self._cell.wait(0.5)
+            self._take_picture()
+        response.success, response.message = True, f'{link} is there'
+        return response
+
+    def _grip(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        if request.data and not self.trial.grips:
+            spent = sum(self._spent.values())
+            self._note(times={'to the grasp': time.monotonic() - self._began - spent})
+        off = None if self._believed is None else self._error(self._believed)
+        began = time.monotonic()
+        gap = self._cell.grip(request.data)
+        self._spent['physics'] += time.monotonic() - began
+        self._gripped = request.data and self._cell.held
+        if request.data:
+            self._note(grips=(*self.trial.grips, Grip(gap=gap, held=self._gripped, off=off)),
+                       largest_touch=float(self._cell.largest_touch))
+        response.success = self._gripped == request.data
+        response.message = f'gap {1e3 * gap:.1f} mm, ' + ('holds' if self._gripped else 'empty')
+        return response
+
+    def _holds(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._gripped = response.success = bool(self._cell.held)
+        response.message = 'holds' if response.success else 'empty'
+        return response
+
+    # out
+
+    def _take_picture(self) -> None:
+        began, number = time.monotonic(), len(self.trial.pictures)
+        wrist = self._cell.tool @ _WRIST
+        camera = self._wrist_camera.seen_from(wrist)
+        joints = read_joints(self._rng, self._cell.joints)
+        told = self._wrist_camera.told(self._cell.forward(joints) @ _WRIST)
+        scene = self._look.scene(camera, self._cell.thing, self._sensor, number)
+        picture = take_picture(scene, self._camera, self._rng, self._samples, self._renderer)
+        self._spent['rendering'] += time.monotonic() - began
+        name = f'{number:03d}.png'
+        cv2.imwrite(str(self._out / name), picture[..., ::-1])
+        off = pose_error(told, camera, Symmetry(None))
+        self._note(pictures=(*self.trial.pictures, Picture(
+            file=name, camera=tuple(told.ravel().tolist()),
+            error=(1e3 * off.translation, float(np.rad2deg(off.rotation))))))
+        now = self.get_clock().now().nanoseconds
+        self._info.publish(pinhole_to_message(Header(now, CAMERA), self._camera.pinhole))
+        for step in (-1, 0, 1):
+            self._publish(self._pose, told, now + round(step * _PERIOD * 1e9))
+        self._publish(self._truth, self._cell.thing, now)
+        self._image.publish(picture_to_message(Header(now, CAMERA), picture))
+
+    def _publish(self, publisher: object, pose: Pose, stamp_ns: int) -> None:
+        publisher.publish(PoseStamped(  # type: ignore[attr-defined]
+            header=header_to_message(Header(stamp_ns, BASE)), pose=pose_to_message(pose)))
+
+    # what is true
+
+    @property
+    def _avoided(self) -> Pose | None:
+        return None if self._gripped else self._believed
+
+    def _error(self, pose: NDArray[np.float64]) -> tuple[float, float]:
+        """Of a pose of the object [mm], [degrees]."""
+        off = pose_error(pose, self._cell.thing, Symmetry(self._model.axis))
+        return 1e3 * off.translation, float(np.rad2deg(off.rotation))
+
+    def _note(self, **what: object) -> None:
+        self.trial = self.trial.model_copy(update=what)
+
+    def judge(self) -> Trial:
+        """The trial, once the executive has ended."""
+        cell, place = self._cell, self._task.place
+        if place.kind == 'sink':
+            cell.wait(1.0)
+            done = bool(cell.standing_on_tray)
+        else:
+            height, seconds = _LIFTED
+            done = True
+            for _ in range(6):
+                lowest = (self._model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
+                done &= bool(cell.held and lowest > place.level + height)
+                cell.wait(seconds / 6)
+        times = self.trial.times | self._spent
+        return self.trial.model_copy(update={'done': done, 'times': times})
+
+
+def main() -> int:
+    """Run a robot with one task until a signal comes; then write OUT/trial.json."""
+    parser = argparse.ArgumentParser(prog='simulated_robot', description=__doc__)
+    parser.add_argument('--place', choices=['sink', 'tank'], default='sink')
+    parser.add_argument('--object', type=Path, required=True, help='YAML with appearance')
+    parser.add_argument('--mass', type=float, default=0.25, help='of the object [kg]')
+    parser.add_argument('--camera', type=Path, required=True, help='camera.yaml')
+    parser.add_argument('--renderer', choices=list(RENDERERS), default='fast')
+    parser.add_argument('--samples', type=int, default=8, help='of a pixel')
+    parser.add_argument('--seed', type=int, default=0)
+    parser.add_argument('--out', type=Path, required=True, help='folder')
+    from rclpy.utilities import remove_ros_args
+    options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    options.out.mkdir(parents=True, exist_ok=True)
+    robot = None
+    try:
+        with ros(sys.argv):
+            from rclpy.executors import SingleThreadedExecutor
+            robot = SimulatedRobot(options)
+            executor = SingleThreadedExecutor()
+            executor.add_node(robot)
+            sys.stdout.write('ready\n')
+            sys.stdout.flush()
+            while True:
+                executor.spin_once(0.1)
+                pause(0)
+    except PmclError as error:
+        sys.stderr.write(f'simulated_robot: {error}\n')
+        return 1
+    finally:
+        if robot is not None:
+            (options.out / 'trial.json').write_text(robot.judge().model_dump_json(indent=1))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,75 @@
+"""What happened in one trial, as a JSON file."""
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import Field
+
+from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.text_file import read_json
+
+Cause = Literal['', 'not found', 'not sure', 'wrong pose', 'no reachable grasp', 'slip',
+                'not upright', 'touched', 'program']
+CLEAR, TURN = 0.01, 10.0  # m, degrees: a pose that is further off is wrong
+TOUCH = 10.0  # N: more than this before the grasp closes breaks a glass
+
+
+class Picture(Settings):
+    """One picture of the wrist camera."""
+
+    file: str = Field(description='beside the trial')
+    camera: tuple[float, ...] = Field(description='where the robot believes the camera to be: '
+                                      'its pose in base_link, row by row')
+    error: tuple[float, float] = Field(description='of that belief [mm], [degrees]')
+
+
+class Grip(Settings):
+    """One closing of the fingers."""
+
+    gap: float = Field(description='that was left between the fingers [m]')
+    held: bool = Field(description='whether the object was between them')
+    off: tuple[float, float] | None = Field(description='the error of the last pose that was '
+                                            'told [mm], [degrees]; none was told: null')
+
+
+class Trial(Settings):
+    """One trial. All of it is the simulator's truth, which the nodes never see."""
+
+    seed: int
+    place: str
+    stands: bool = Field(description='how the object was at the beginning')
+    by_truth: bool = Field(False, description='whether the robot was told the true pose')
+    pictures: tuple[Picture, ...] = ()
+    poses: tuple[tuple[float, float], ...] = Field((), description='errors of the poses that were '
+                                                   'told [mm], [degrees]')
+    grips: tuple[Grip, ...] = ()
+    largest_touch: float = Field(0.0, description='before the first grip closed [N]')
+    done: bool = Field(False, description='in a sink: upright on the tray; in a tank: held clear '
+                       'of the water')
+    said: str = Field('', description='what the executive said at the end')
+    status: int = Field(0, description="of the executive's process")
+    times: dict[str, float] = Field({}, description='[s]: rendering, physics, to the first grasp '
+                                    'command without these')
+
+    @classmethod
+    def read(cls, path: Path) -> 'Trial':
+        """FileError and SettingsError for what is no trial."""
+        return cls.make(read_json(path), str(path))
+
+    @property
+    def cause(self) -> Cause:
+        """Why it failed; empty: it did not."""
+        wrong = [each for each in self.grips if each.off is not None
+                 and (each.off[0] > 1e3 * CLEAR or each.off[1] > TURN)]
+        if self.largest_touch > TOUCH:
+            return 'touched'
+        if self.done:
+            return ''
+        if wrong:
+            return 'wrong pose'
+        if self.grips:
+            return 'not upright' if self.status == 0 else 'slip'
+        for cause in ('not found', 'not sure', 'no reachable grasp'):
+            if cause in self.said:
+                return cause
+        return 'program'
