@@ -65,7 +65,8 @@ $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg
 	$(PIP) --no-deps --editable . && touch $@ && \
 	echo "installed in $$(( $$(date +%s) - start )) s"
 
-$(TEST): requirements-test.txt requirements-docs.txt requirements-simulate.txt $(RUN)
+$(TEST): requirements-test.txt requirements-docs.txt requirements-simulate.txt \
+		requirements-manipulate.txt $(RUN)
 	@echo 'installing the test packages ...' && $(PIP) -r requirements-test.txt && touch $@
 
 $(DOCS): requirements-docs.txt $(RUN)

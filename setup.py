@@ -40,7 +40,8 @@ setup(
     install_requires=requirements('requirements.txt'),
     extras_require={'ros': requirements('requirements-ros.txt'),
                     'learn': requirements('requirements-learn.txt'),
-                    'simulate': requirements('requirements-simulate.txt')},
+                    'simulate': requirements('requirements-simulate.txt'),
+                    'manipulate': requirements('requirements-manipulate.txt')},
     zip_safe=True,
     entry_points={'console_scripts': [f'{name} = {NAME}.runtime.start:{name}' for name in (
         'lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node', 'sweep_driver', 'grasp_node',

@@ -1,0 +1,32 @@
+"""MuJoCo, which computes the motion, and mink, which solves inverse kinematics."""
+
+from functools import cache
+from types import ModuleType
+
+from pmcl_ros.runtime.errors import SimulationError
+
+_NEEDED = "a simulated arm needs MuJoCo and mink: pip install 'pmcl_ros[manipulate]'"
+
+
+class MotionError(SimulationError):
+    """The arm cannot reach what it was asked to."""
+
+
+@cache
+def mujoco() -> ModuleType:
+    """The module mujoco. Raises SimulationError where it is not installed."""
+    try:
+        import mujoco as module
+    except ImportError:
+        raise SimulationError(_NEEDED) from None
+    return module
+
+
+@cache
+def mink() -> ModuleType:
+    """The module mink. Raises SimulationError where it is not installed."""
+    try:
+        import mink as module
+    except ImportError:
+        raise SimulationError(_NEEDED) from None
+    return module

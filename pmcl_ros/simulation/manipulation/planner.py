@@ -1,0 +1,187 @@
+"""Paths of the arm that touch nothing."""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.se3 import interpolate, rotation_angle
+from pmcl_ros.grasps.settings import GripperSettings
+from pmcl_ros.simulation.manipulation.fetch_arm import ARM, FIXED, HOME, THING
+from pmcl_ros.simulation.manipulation.inverse_kinematics import InverseKinematics
+from pmcl_ros.simulation.manipulation.physics import MotionError, mujoco
+
+Array = NDArray[np.float64]
+
+_STEP = 0.02  # rad: between postures of a path that are looked at
+_LINE = 0.005  # m: between poses of a straight line
+_TURN = 0.05  # rad: likewise
+_JUMP = 0.3  # rad: more between neighbours of a line is another posture
+_CLOSER = 3e-3  # m: to be kept from everything
+_RAISED = 0.12, 0.22, 0.32, 0.06  # m: by which a tool is raised to go over things
+_AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
+
+
+@dataclass(frozen=True)
+class Belief:
+    """Where the planner takes the object to be.
+
+    avoid: (4, 4) the object in base_link, where the arm must not touch it. carried: (4, 4) the
+    object in gripper_link, where it must not touch the place. None: there is none.
+    """
+
+    avoid: Array | None = None
+    carried: Array | None = None
+
+
+class Planner:
+    """Plans in a copy of the world: fixed things are known exactly, the object as believed.
+
+    model: the world of a Workcell, the joints of the arm first, then those of the fingers, then
+    the free joint of the object.
+    """
+
+    def __init__(self, model: Any, gripper: GripperSettings) -> None:
+        self._model, self._gripper = model, gripper
+        self._data = mujoco().MjData(model)
+        self._model.geom_margin[:] = _CLOSER
+        self._kinematics = InverseKinematics(gripper)
+        self._fixed = model.geom_contype == FIXED
+        self._thing = model.geom_contype == THING
+        self.gap = gripper.opening
+
+    def forward(self, joints: Array) -> Array:
+        """(4, 4) gripper_link in base_link for angles (7,) [rad]."""
+        return self._kinematics.forward(joints)
+
+    def struck(self, joints: Array, belief: Belief) -> str | None:
+        """What the arm, or the object in it, touches in a posture."""
+        mj, data, n = mujoco(), self._data, len(ARM)
+        data.qpos[:n], data.qpos[n:n + 2] = joints, self.gap / 2
+        data.qpos[n + 2:] = _AWAY
+        if belief.avoid is not None:
+            data.qpos[n + 2:] = to_free(belief.avoid)
+        elif belief.carried is not None:
+            data.qpos[n + 2:] = to_free(self.forward(joints) @ belief.carried)
+        mj.mj_kinematics(self._model, data)
+        mj.mj_collision(self._model, data)
+        if not data.ncon:
+            return None
+        pairs = data.contact.geom
+        thing, fixed = self._thing[pairs].any(axis=1), self._fixed[pairs].any(axis=1)
+        # The object may touch the robot that carries it, or else what it is on.
+        matters = ~thing | (fixed if belief.carried is not None else ~fixed)
+        if not matters.any():
+            return None
+        first, second = pairs[np.argmax(matters)]
+        name = self._model.geom(int(first if self._fixed[first] else second)).name
+        return str(name)
+
+    def goal(self, tool: Array, start: Array, belief: Belief) -> Array:
+        """Angles that bring gripper_link to a pose; MotionError where there are none."""
+        return self._goals(tool, start, belief)[0]
+
+    def path(self, tool: Array, start: Array, belief: Belief) -> Array:
+        """(n, 7) a path to a pose of gripper_link, straight in joint space or by way of raised
+        poses; MotionError where none was found.
+        """
+        goals = self._goals(tool, start, belief)
+        for goal in goals:
+            direct = _between(start, goal)
+            if self._blocked(direct, belief) is None:
+                return direct
+        for goal in goals:
+            over = self._over(start, goal, belief)
+            if over is not None:
+                return over
+        raise MotionError(f'no path to {_words(tool)}: blocked by '
+                          f'{self._blocked(_between(start, goals[0]), belief)}')
+
+    def line(self, tool: Array, start: Array, belief: Belief) -> Array:
+        """(n, 7) a path on which gripper_link moves straight to a pose; MotionError when the arm
+        cannot, or touches something.
+        """
+        first = self.forward(start)
+        count = 1 + int(max(np.linalg.norm(tool[:3, 3] - first[:3, 3]) / _LINE,
+                            float(rotation_angle(first[None], tool)[0]) / _TURN))
+        path = [start]
+        for part in np.arange(1, count + 1) / count:
+            step = interpolate(first, tool, float(part))
+            joints = self._kinematics.near(step, path[-1])
+            if joints is None or abs(joints - path[-1]).max() > _JUMP:
+                raise MotionError(f'no inverse kinematics on the line to {_words(tool)}')
+            struck = self.struck(joints, belief)
+            if struck is not None:
+                raise MotionError(f'the line to {_words(tool)} is blocked by {struck}')
+            path.append(joints)
+        return np.array(path)
+
+    def _goals(self, tool: Array, start: Array, belief: Belief) -> list[Array]:
+        """Postures at a pose that touch nothing, the one that is reached soonest first."""
+        found = self._kinematics.solutions(tool, start)
+        if not found:
+            raise MotionError(f'no inverse kinematics for {_words(tool)}')
+        struck = [self.struck(each, belief) for each in found]
+        free = [each for each, what in zip(found, struck, strict=True) if what is None]
+        if not free:
+            raise MotionError(f'{_words(tool)} is blocked by {struck[0]}')
+        return _distinct(free)
+
+    def _blocked(self, path: Array, belief: Belief) -> str | None:
+        """What a path strikes first; its start, where the arm is, does not count."""
+        return next((what for joints in path[1:]
+                     if (what := self.struck(joints, belief)) is not None), None)
+
+    def _over(self, start: Array, goal: Array, belief: Belief) -> Array | None:
+        """Up from the start, over, and down to the goal."""
+        ups = self._raised(start, belief)
+        downs = self._raised(goal, belief)
+        for up in ups:
+            for down in downs:
+                for stops in ((), (HOME,)):
+                    posts = [up[-1], *stops, down[-1]]
+                    across = [_between(a, b) for a, b in pairwise(posts)]
+                    if all(self._blocked(each, belief) is None for each in across):
+                        return np.concatenate([up, *across, down[::-1]])
+        return None
+
+    def _raised(self, joints: Array, belief: Belief) -> list[Array]:
+        """Lines straight up from a posture, as far as they go."""
+        found = [joints[None]]
+        for height in _RAISED:
+            tool = self.forward(joints)
+            tool[2, 3] += height
+            try:
+                found.append(self.line(tool, joints, belief))
+            except MotionError:
+                continue
+        return found[1:] + found[:1]
+
+
+def to_free(pose: Array) -> Array:
+    """(7,) the coordinates of a free joint: position, quaternion w, x, y, z."""
+    quaternion = np.empty(4)
+    mujoco().mju_mat2Quat(quaternion, np.ascontiguousarray(pose[:3, :3]).ravel())
+    return np.concatenate([pose[:3, 3], quaternion])
+
+
+def _between(start: Array, goal: Array) -> Array:
+    """(n, 7) postures evenly from one to another."""
+    count = 1 + int(abs(goal - start).max() / _STEP)
+    return start + (goal - start) * np.arange(count + 1)[:, None] / count
+
+
+def _distinct(postures: list[Array]) -> list[Array]:
+    """Without those that are like an earlier one."""
+    kept: list[Array] = []
+    for each in postures:
+        if all(abs(each - other).max() > 10 * _STEP for other in kept):
+            kept.append(each)
+    return kept
+
+
+def _words(tool: Array) -> str:
+    x, y, z = np.round(tool[:3, 3], 3).tolist()
+    return f'gripper at ({x}, {y}, {z})'
