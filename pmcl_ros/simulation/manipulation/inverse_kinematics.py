@@ -26,7 +26,8 @@ class InverseKinematics:
                                        lm_damping=1e-3)
         self._limit = library.ConfigurationLimit(model)
         rng = np.random.default_rng(0)
-        self._starts = (HOME, *rng.uniform(*_LIMITS.T, size=(_STARTS, len(ARM))))
+        low, high = _LIMITS.T
+        self._starts = HOME, *rng.uniform(low, high, (_STARTS, len(ARM)))
 
     def forward(self, joints: NDArray[np.float64]) -> NDArray[np.float64]:
         """(4, 4) the pose of gripper_link."""

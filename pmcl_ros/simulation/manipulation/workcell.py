@@ -101,11 +101,18 @@ class Workcell:
         """Where gripper_link would be for angles (7,) [rad]."""
         return self._planner.forward(joints)
 
-    def solve(self, goal: Array, tip: Array | None = None, avoid: Array | None = None,
-              carried: Array | None = None) -> Array | None:
-        """(7,) angles that bring the tip to a goal and touch nothing, or None; as of `move`."""
+    def solve(self, goal: Array, tip: Array | None = None, straight: bool = False,
+              avoid: Array | None = None, carried: Array | None = None,
+              start: Array | None = None) -> Array | None:
+        """(7,) angles that bring the tip to a goal and touch nothing, or None; as of `move`.
+
+        start: (7,) angles from which the arm would move, None: from here. Of a straight line the
+        whole is tried, else the goal only.
+        """
+        plan = self._planner.line if straight else self._planner.goal
+        begin = self._command if start is None else start
         try:
-            return self._planner.goal(_tool(goal, tip), self._command, Belief(avoid, carried))
+            return np.atleast_2d(plan(_tool(goal, tip), begin, Belief(avoid, carried)))[-1]
         except MotionError:
             return None
 

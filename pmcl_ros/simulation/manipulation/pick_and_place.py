@@ -1,0 +1,183 @@
+"""Take an object, and put it upright on the tray, or hold it above the water."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.grasps.ranking import Candidate
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.simulation.manipulation.physics import MotionError
+from pmcl_ros.simulation.manipulation.workcell import Workcell
+from pmcl_ros.simulation.manipulation.workplace import Workplace
+from pmcl_ros.simulation.scenes.poses import pose_of
+
+Array = NDArray[np.float64]
+
+APPROACH = 0.10  # m: straight, before a grasp and after the object is put down
+LIFT = 0.15  # m: straight up from where the object was
+CLEAR = 0.10  # m: above the water
+_HOLD = 3.0  # s: for which it is held there
+_ABOVE = 0.002  # m: over the tray, where the object is let go
+_RESTS = 1.0  # s: after which it stands still
+_SPINS = 24
+_TRIES = 2
+_NEARER = 0.0, 0.06, 0.12, 0.18, 0.24  # m: towards the robot, where it is held
+
+
+@dataclass(frozen=True)
+class Sight:
+    """An object as the robot sees it: its pose (4, 4) in base_link, and its grasps, best first."""
+
+    pose: Array
+    candidates: Sequence[Candidate]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of a trial.
+
+    held: the object was lifted. placed: it stands upright on the tray, or was held above the
+    water. cause: of a failure, else empty. largest_touch: force of the robot on the object before
+    the fingers first closed [N].
+    """
+
+    held: bool
+    placed: bool
+    cause: str
+    largest_touch: float
+
+
+def pick_and_place(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> Outcome:
+    """Take the object and put it on the tray, or out of a tank; once more after a slip.
+
+    look: is called before each try, with the arm anywhere.
+    """
+    for _ in range(_TRIES):
+        sight = look()
+        try:
+            tool, carried = _take(cell, model, sight)
+        except MotionError as error:
+            return Outcome(False, False, f'no reachable grasp: {error}', cell.largest_touch)
+        if cell.held:
+            cause = _finish(cell, model, tool, carried)
+            return Outcome(True, not cause, cause, cell.largest_touch)
+        cell.grip(close=False)
+    return Outcome(False, False, 'slip', cell.largest_touch)
+
+
+def raised(pose: Array, height: float) -> Array:
+    """A pose (4, 4) higher by a height [m]."""
+    pose = pose.copy()
+    pose[2, 3] += height
+    return pose
+
+
+def back(tool: Array, distance: float) -> Array:
+    """A pose (4, 4) of the gripper, a distance [m] back along its approach."""
+    tool = tool.copy()
+    tool[:3, 3] -= distance * tool[:3, 0]
+    return tool
+
+
+def goals(place: Workplace, model: ObjectModel, tool: Array, carried: Array) -> Iterator[Array]:
+    """Poses (4, 4) of gripper_link that bring a carried object to its end, the likeliest first.
+
+    tool: (4, 4) gripper_link now. carried: (4, 4) the object in it. In a sink: upright, just above
+    the tray. In a tank: turned as it is, clear of the water.
+    """
+    if place.kind == 'tank':
+        now = tool @ carried
+        lowest = (model.vertices @ now[2, :3]).min() + now[2, 3]
+        for nearer in _NEARER:
+            goal = raised(tool, place.level + CLEAR + 0.01 - lowest)
+            goal[0, 3] -= nearer
+            yield goal
+        return
+    x, y, z = place.tray
+    spot = np.array([x, y, z + _ABOVE - model.vertices[:, 2].min()])
+    spins = Rotation.from_euler('z', 2 * np.pi * np.arange(_SPINS)[:, None] / _SPINS)
+    tools = [pose_of(each, spot) @ inverse(carried) for each in spins]
+    # A gripper that points outwards is reached best; one that points down anyhow.
+    yield from sorted(tools, key=lambda tool: -float(tool[:2, 0] @ spot[:2]))
+
+
+def _take(cell: Workcell, model: ObjectModel, sight: Sight) -> tuple[Array, Array]:
+    """Grasp and lift the object; returns where the gripper took it, and its pose in gripper_link.
+
+    Raises MotionError when no candidate can be reached.
+    """
+    cause = MotionError('of no candidates' if not sight.candidates else 'all are blocked')
+    for candidate in sight.candidates:
+        tool = candidate.pose
+        carried = inverse(tool) @ sight.pose
+        if not _can(cell, model, tool, carried, sight.pose):
+            continue
+        try:
+            cell.move(back(tool, APPROACH), avoid=sight.pose)
+            cell.move(tool, straight=True)
+        except MotionError as error:
+            cause = error
+            continue
+        cell.grip(close=True)
+        cell.move(raised(tool, LIFT), straight=True)
+        return tool, carried
+    raise cause
+
+
+def _can(cell: Workcell, model: ObjectModel, tool: Array, carried: Array, pose: Array) -> bool:
+    """Whether the arm reaches a grasp, lifts the object, and gets it to its end."""
+    joints = cell.solve(back(tool, APPROACH), avoid=pose)
+    for goal in (tool, raised(tool, LIFT)):
+        if joints is None:
+            return False
+        joints = cell.solve(goal, straight=True, start=joints)
+    return joints is not None and _end(cell, model, tool, carried, joints) is not None
+
+
+def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array,
+         start: Array | None = None) -> Array | None:
+    """The first of `goals` that the arm reaches, and from which it draws back."""
+    place = cell.task.place
+    for goal in goals(place, model, tool, carried):
+        if place.kind == 'tank':
+            if cell.solve(goal, carried=carried, start=start) is not None:
+                return goal
+            continue
+        joints = cell.solve(raised(goal, APPROACH), carried=carried, start=start)
+        for step in (goal, back(goal, APPROACH)):
+            if joints is not None:
+                joints = cell.solve(step, straight=True, start=joints)
+        if joints is not None:
+            return goal
+    return None
+
+
+def _finish(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> str:
+    """Bring the held object to its end; returns the cause of a failure, or nothing.
+
+    tool: (4, 4) where gripper_link took it.
+    """
+    goal = _end(cell, model, tool, carried)
+    if goal is None:
+        return 'no reachable place'
+    try:
+        if cell.task.place.kind == 'tank':
+            cell.move(goal, carried=carried)
+            cell.wait(_HOLD)
+            lowest = (model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
+            clear = cell.held and lowest > cell.task.place.level + CLEAR
+            return '' if clear else 'slip while held'
+        cell.move(raised(goal, APPROACH), carried=carried)
+        if not cell.held:
+            return 'slip on the way'
+        cell.move(goal, straight=True)
+        cell.grip(close=False)
+        cell.move(back(goal, APPROACH), straight=True)
+    except MotionError as error:
+        return f'no path: {error}'
+    cell.wait(_RESTS)
+    return '' if cell.standing_on_tray else 'not upright on the tray'
