@@ -1,1 +1,1 @@
-"""A simulated robot takes objects from water through the real nodes: trials, and what they show."""
+"""A simulated robot takes objects from water through the real nodes: trials, a report."""

@@ -63,7 +63,8 @@ class SimulatedRobot(Node):
         self._rng = np.random.default_rng([options.seed, 1])
         self._model = ObjectModel.load(options.object)
         self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
-        self._cell = Workcell(self._task, self._model, options.mass)
+        self._cell = Workcell(self._task, self._model, options.mass,
+                              np.random.default_rng([options.seed, 3]))
         self._camera = OrdinaryCamera.load(options.camera)
         self._sensor = self._camera.sensor(np.random.default_rng([options.seed, 2]))
         self._wrist_camera = WristCamera.draw(self._rng)
@@ -71,6 +72,7 @@ class SimulatedRobot(Node):
         self._believed: Pose | None = None
         self._planned: tuple[str, Pose, bool] | None = None
         self._gripped = False
+        self._carried: Pose | None = None
         self._began = time.monotonic()
         self._spent = {'rendering': 0.0, 'physics': 0.0}
         self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
@@ -100,7 +102,8 @@ class SimulatedRobot(Node):
             self.get_logger().error(f'~/plan is for {", ".join(_TIPS)} in {BASE}')
             return response
         is_straight = request.tolerance == 0
-        if is_straight or self._cell.solve(goal, _TIPS[link], self._avoided) is not None:
+        belief = {} if is_straight else {'avoid': self._avoided, 'carried': self._carried}
+        if self._cell.solve(goal, _TIPS[link], is_straight, **belief) is not None:
             self._planned = link, goal, is_straight
             response.plan.header.frame_id = BASE
             response.plan.poses = [request.goal]
@@ -114,7 +117,8 @@ class SimulatedRobot(Node):
         began = time.monotonic()
         try:
             self._cell.move(goal, _TIPS[link], straight=is_straight,
-                            avoid=None if is_straight else self._avoided)
+                            avoid=None if is_straight else self._avoided,
+                            carried=None if is_straight else self._carried)
         except PmclError as error:
             response.message = str(error)
             return response
@@ -135,6 +139,8 @@ class SimulatedRobot(Node):
         gap = self._cell.grip(request.data)
         self._spent['physics'] += time.monotonic() - began
         self._gripped = request.data and self._cell.held
+        self._carried = (inverse(self._cell.tool) @ self._believed
+                         if self._gripped and self._believed is not None else None)
         if request.data:
             self._note(grips=(*self.trial.grips, Grip(gap=gap, held=self._gripped, off=off)),
                        largest_touch=float(self._cell.largest_touch))
@@ -144,6 +150,8 @@ class SimulatedRobot(Node):
 
     def _holds(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._gripped = response.success = bool(self._cell.held)
+        if not self._gripped:
+            self._carried = None
         response.message = 'holds' if response.success else 'empty'
         return response
 
@@ -160,7 +168,7 @@ class SimulatedRobot(Node):
         self._spent['rendering'] += time.monotonic() - began
         name = f'{number:03d}.png'
         cv2.imwrite(str(self._out / name), picture[..., ::-1])
-        off = pose_error(told, camera, Symmetry(None))
+        off = pose_error(told, camera, Symmetry())
         self._note(pictures=(*self.trial.pictures, Picture(
             file=name, camera=tuple(told.ravel().tolist()),
             error=(1e3 * off.translation, float(np.rad2deg(off.rotation))))))

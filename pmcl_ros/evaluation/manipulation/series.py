@@ -1,0 +1,187 @@
+"""Trials of a simulated robot, one after the other, through the real nodes over DDS."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from signal import SIGINT
+
+import numpy as np
+import yaml
+
+from pmcl_ros.evaluation.manipulation.trial import Grip, Trial
+from pmcl_ros.grasps.grasp import GraspFile
+from pmcl_ros.grasps.ranking import Ranker
+from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.errors import FileError, SimulationError
+from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
+from pmcl_ros.simulation.manipulation.workcell import Workcell
+from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
+
+SHOULDER = (0.033, 0.0, 1.086)  # m: of a Fetch whose torso is 0.3 m up
+_EXECUTIVE = Path(__file__).parents[3] / 'examples' / 'pick_from_water.py'
+_PATIENCE = 300.0  # s: until the nodes are active; the first run compiles
+_END = 60.0  # s: for the robot to judge
+_SHOWN = 800  # characters of a log
+_EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
+
+
+@dataclass(frozen=True)
+class Series:
+    """What is tried.
+
+    thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera:
+    camera.yaml. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
+    """
+
+    place: WorkplaceKind
+    thing: Path
+    mass: float
+    camera: Path
+    renderer: str
+    samples: int
+    out: Path
+
+    @property
+    def grasps(self) -> Path:
+        """The grasp file of the object."""
+        return self.thing.with_suffix('.grasps.yaml')
+
+    def run(self, seeds: Sequence[int]) -> Iterator[Trial]:
+        """The trials of seeds; those that are there already are read.
+
+        Raises SimulationError when a program ends that should not.
+        """
+        missing = [seed for seed in seeds if not self.file(seed).is_file()]
+        if not missing:
+            yield from (Trial.read(self.file(seed)) for seed in seeds)
+            return
+        with self._graph() as graph:
+            for seed in seeds:
+                if seed not in missing:
+                    yield Trial.read(self.file(seed))
+                    continue
+                if graph.poll() is not None:
+                    raise SimulationError(f'the nodes ended with {graph.returncode}: see '
+                                          f'{self.out / "nodes.log"}')
+                yield self._trial(seed)
+
+    def run_by_truth(self, seed: int) -> Trial:
+        """The same task where the robot is told the true pose: what physics and planner allow."""
+        began = time.monotonic()
+        model, gripper, grasps = GraspFile.read(self.grasps)
+        task = draw_task(np.random.default_rng(seed), self.place, model)
+        cell = Workcell(task, model, self.mass, np.random.default_rng([seed, 3]))
+        ranker = Ranker(model, gripper, grasps, GraspSettings(shoulder=SHOULDER))
+
+        def look() -> Sight:
+            return Sight(cell.thing, ranker.rank(cell.thing, _EXACT).candidates)
+
+        outcome = pick_and_place(cell, model, look)
+        return Trial(seed=seed, place=self.place, stands=task.stands, by_truth=True,
+                     grips=(Grip(gap=cell.gap, held=outcome.held, off=(0.0, 0.0)),)
+                     if outcome.held or outcome.cause == 'slip' else (),
+                     largest_touch=outcome.largest_touch, done=outcome.placed,
+                     said=outcome.cause, status=0 if outcome.placed else 1,
+                     times={'physics': time.monotonic() - began})
+
+    def file(self, seed: int) -> Path:
+        """Where the trial of a seed is."""
+        return self.out / f'{seed:06d}' / 'trial.json'
+
+    @contextmanager
+    def _graph(self) -> Iterator[subprocess.Popen[bytes]]:
+        """The nodes of the package, active."""
+        self.out.mkdir(parents=True, exist_ok=True)
+        file, log = self.out / 'nodes.yaml', self.out / 'nodes.log'
+        file.write_text(yaml.safe_dump(
+            {name: {'ros__parameters': values} for name, values in self._parameters().items()}))
+        with log.open('w') as output:
+            nodes = subprocess.Popen(
+                [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
+                 '--views', 'rest', '--grasps', str(self.grasps)],
+                stdout=output, stderr=subprocess.STDOUT)
+        try:
+            _wait(nodes, log, 'active: ')
+            yield nodes
+        finally:
+            nodes.send_signal(SIGINT)
+            nodes.wait(_END)
+
+    def _parameters(self) -> dict[str, dict[str, object]]:
+        middle, size = region_of(self.place)
+        return {
+            'sweep_driver': {  # patience: DDS sends what was lost again after 3 s
+                'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link', 'most_views': 12, 'near': 0.3,
+                'sigma_position': 0.0011, 'sigma_rotation': 0.0036, 'common': 0.9},
+            'pmcl_node': {'object': str(self.thing), 'roi_center': middle, 'roi_size': size},
+            'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed', 'shoulder': list(SHOULDER)}}
+
+    def _trial(self, seed: int) -> Trial:
+        place = self.file(seed).parent
+        place.mkdir(exist_ok=True)
+        log = place / 'robot.log'
+        with log.open('w') as output:
+            robot = subprocess.Popen(
+                [sys.executable, '-m', 'pmcl_ros.evaluation.manipulation.simulated_robot',
+                 '--place', self.place, '--object', str(self.thing), '--mass', str(self.mass),
+                 '--camera', str(self.camera), '--renderer', self.renderer,
+                 '--samples', str(self.samples), '--seed', str(seed), '--out', str(place)],
+                stdout=output, stderr=subprocess.STDOUT)
+        try:
+            _wait(robot, log, 'ready')
+            status, said = self._executive(seed, place)
+        finally:
+            robot.send_signal(SIGINT)
+            robot.wait(_END)
+        try:
+            trial = Trial.read(self.file(seed))
+        except FileError:
+            raise SimulationError(f'the robot wrote no trial: {_tail(log)}') from None
+        trial = trial.model_copy(update={'status': status, 'said': said})
+        self.file(seed).write_text(trial.model_dump_json(indent=1))
+        return trial
+
+    def _executive(self, seed: int, place: Path) -> tuple[int, str]:
+        """Its status and its last line."""
+        task = self._task(seed)
+        middle, _ = region_of(self.place)
+        arguments = ['--aim', *map(str, middle), '--tray', *map(str, task.place.tray),
+                     '--bottom', str(float(self._model.vertices[:, 2].min()))]
+        if self.place == 'tank':
+            arguments.append('--lift-only')
+        with (place / 'executive.log').open('w') as output:
+            done = subprocess.run([sys.executable, str(_EXECUTIVE), *arguments], stdout=output,
+                                  stderr=subprocess.STDOUT, check=False)
+        return done.returncode, _tail(place / 'executive.log').splitlines()[-1]
+
+    @property
+    def _model(self) -> ObjectModel:
+        return ObjectModel.load(self.thing)
+
+    def _task(self, seed: int) -> Task:
+        return draw_task(np.random.default_rng(seed), self.place, self._model)
+
+
+def region_of(place: WorkplaceKind) -> tuple[list[float], list[float]]:
+    """Middle and size of the box of a place in which the object's origin is sought [m]."""
+    if place == 'sink':
+        return [0.65, 0.0, 0.64], [0.3, 0.3, 0.13]
+    return [0.65, 0.0, 0.85], [0.24, 0.24, 0.2]
+
+
+def _wait(process: subprocess.Popen[bytes], log: Path, word: str) -> None:
+    """Until a word is in a log; SimulationError when its process ends before."""
+    deadline = time.monotonic() + _PATIENCE
+    while word not in log.read_text(errors='replace'):
+        if process.poll() is not None or time.monotonic() > deadline:
+            raise SimulationError(f'a program ended before it was ready: {_tail(log)}')
+        time.sleep(0.1)
+
+
+def _tail(log: Path) -> str:
+    return log.read_text(errors='replace')[-_SHOWN:].strip() or 'nothing was printed'
