@@ -12,7 +12,7 @@ _PITCH = 0.008  # m: between sample points
 _WATER, _GRAVITY = 1000.0, 9.81  # kg/m^3, m/s^2
 _DRAG = np.array([1.5, 1.5, 6.0])  # N s/m, of an immersed object; heaving makes waves
 _TURNING = 0.02  # N m s
-_DRIFT, _FASTEST = 0.004, 0.01  # m/s: of the water, standard deviation and largest
+_DRIFT, _FASTEST = 0.003, 0.01  # m/s: of the water, standard deviation and largest
 _CHANGES = 8.0  # s: over which the drift changes
 _RETURNS = 15.0  # s: in which the water would bring the object back
 

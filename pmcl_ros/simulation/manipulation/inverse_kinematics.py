@@ -62,3 +62,9 @@ def nearest_turn(joints: NDArray[np.float64], other: NDArray[np.float64]) -> NDA
     """The same posture with each free joint within half a turn of the other's."""
     away = joints - other
     return joints - np.where(_FREE, 2 * np.pi * np.round(away / (2 * np.pi)), 0)
+
+
+def limits(joints: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(7, 2) of the joints [rad]; of a free one, a turn either way from its angle."""
+    around = joints[:, None] + np.array([-2 * np.pi, 2 * np.pi])
+    return np.where(_FREE[:, None], around, _LIMITS)

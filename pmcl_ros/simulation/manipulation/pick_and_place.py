@@ -54,12 +54,12 @@ class Outcome:
 def pick_and_place(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> Outcome:
     """Take the object and put it on the tray, or out of a tank; once more after a slip.
 
-    look: is called before each try, with the arm anywhere.
+    look: is called before each try, with the arm anywhere, and again before it approaches what
+    floats.
     """
     for _ in range(_TRIES):
-        sight = look()
         try:
-            tool, carried = _take(cell, model, sight)
+            tool, carried = _take(cell, model, look)
         except MotionError as error:
             return Outcome(False, False, f'no reachable grasp: {error}', cell.largest_touch)
         if cell.held:
@@ -105,54 +105,60 @@ def goals(place: Workplace, model: ObjectModel, tool: Array, carried: Array) -> 
     yield from sorted(tools, key=lambda tool: -float(tool[:2, 0] @ spot[:2]))
 
 
-def _take(cell: Workcell, model: ObjectModel, sight: Sight) -> tuple[Array, Array]:
+def _take(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> tuple[Array, Array]:
     """Grasp and lift the object; returns where the gripper took it, and its pose in gripper_link.
 
     Raises MotionError when no candidate can be reached.
     """
-    cause = MotionError('of no candidates' if not sight.candidates else 'all are blocked')
+    sight = look()
+    cause = MotionError('all are blocked' if sight.candidates else 'there are no candidates')
     for candidate in sight.candidates:
-        tool = candidate.pose
-        carried = inverse(tool) @ sight.pose
-        if not _can(cell, model, tool, carried, sight.pose):
+        tool, carried = candidate.pose, inverse(candidate.pose) @ sight.pose
+        posture = _posture(cell, tool)
+        if posture is None or _end(cell, model, tool, carried) is None:
             continue
         try:
-            cell.move(back(tool, APPROACH), avoid=sight.pose)
+            cell.move(back(tool, APPROACH), avoid=sight.pose, like=posture)
+            if cell.task.place.kind == 'tank':  # it has drifted meanwhile
+                tool = tool.copy()
+                tool[:3, 3] += look().pose[:3, 3] - sight.pose[:3, 3]
             cell.move(tool, straight=True)
         except MotionError as error:
             cause = error
             continue
         cell.grip(close=True)
-        cell.move(raised(tool, LIFT), straight=True)
+        try:
+            cell.move(raised(tool, LIFT), straight=True)
+        except MotionError:
+            cell.move(raised(tool, LIFT), carried=carried)
         return tool, carried
     raise cause
 
 
-def _can(cell: Workcell, model: ObjectModel, tool: Array, carried: Array, pose: Array) -> bool:
-    """Whether the arm reaches a grasp, lifts the object, and gets it to its end."""
-    joints = cell.solve(back(tool, APPROACH), avoid=pose)
-    for goal in (tool, raised(tool, LIFT)):
-        if joints is None:
-            return False
-        joints = cell.solve(goal, straight=True, start=joints)
-    return joints is not None and _end(cell, model, tool, carried, joints) is not None
+def _posture(cell: Workcell, tool: Array) -> Array | None:
+    """Angles before a grasp, from which the arm can approach; afterwards it can lift."""
+    for grasp in cell.postures(tool):
+        if cell.postures(raised(tool, LIFT), straight=True, start=grasp):
+            for before in cell.postures(back(tool, APPROACH), straight=True, start=grasp):
+                return before
+    return None
 
 
-def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array,
-         start: Array | None = None) -> Array | None:
-    """The first of `goals` that the arm reaches, and from which it draws back."""
+def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array
+         ) -> tuple[Array, Array] | None:
+    """The first of `goals` that the arm reaches and from which it draws back; its posture there,
+    or above the tray.
+    """
     place = cell.task.place
     for goal in goals(place, model, tool, carried):
         if place.kind == 'tank':
-            if cell.solve(goal, carried=carried, start=start) is not None:
-                return goal
+            for held in cell.postures(goal, carried=carried):
+                return goal, held
             continue
-        joints = cell.solve(raised(goal, APPROACH), carried=carried, start=start)
-        for step in (goal, back(goal, APPROACH)):
-            if joints is not None:
-                joints = cell.solve(step, straight=True, start=joints)
-        if joints is not None:
-            return goal
+        for down in cell.postures(goal):
+            if cell.postures(back(goal, APPROACH), straight=True, start=down):
+                for over in cell.postures(raised(goal, APPROACH), straight=True, start=down):
+                    return goal, over
     return None
 
 
@@ -161,17 +167,15 @@ def _finish(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> 
 
     tool: (4, 4) where gripper_link took it.
     """
-    goal = _end(cell, model, tool, carried)
-    if goal is None:
+    end = _end(cell, model, tool, carried)
+    if end is None:
         return 'no reachable place'
+    goal, posture = end
     try:
         if cell.task.place.kind == 'tank':
-            cell.move(goal, carried=carried)
-            cell.wait(_HOLD)
-            lowest = (model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
-            clear = cell.held and lowest > cell.task.place.level + CLEAR
-            return '' if clear else 'slip while held'
-        cell.move(raised(goal, APPROACH), carried=carried)
+            cell.move(goal, carried=carried, like=posture)
+            return _hold(cell, model)
+        cell.move(raised(goal, APPROACH), carried=carried, like=posture)
         if not cell.held:
             return 'slip on the way'
         cell.move(goal, straight=True)
@@ -181,3 +185,11 @@ def _finish(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> 
         return f'no path: {error}'
     cell.wait(_RESTS)
     return '' if cell.standing_on_tray else 'not upright on the tray'
+
+
+def _hold(cell: Workcell, model: ObjectModel) -> str:
+    """Keep the object above the water for a while."""
+    cell.wait(_HOLD)
+    lowest = (model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
+    clear = cell.held and lowest > cell.task.place.level + CLEAR
+    return '' if clear else 'slip while held'

@@ -1,5 +1,6 @@
 """Paths of the arm that touch nothing."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -9,18 +10,18 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import interpolate, rotation_angle
 from pmcl_ros.grasps.settings import GripperSettings
-from pmcl_ros.simulation.manipulation.fetch_arm import ARM, FIXED, HOME, THING
-from pmcl_ros.simulation.manipulation.inverse_kinematics import InverseKinematics
+from pmcl_ros.simulation.manipulation.fetch_arm import ARM, FIXED, THING
+from pmcl_ros.simulation.manipulation.inverse_kinematics import InverseKinematics, limits
 from pmcl_ros.simulation.manipulation.physics import MotionError, mujoco
+from pmcl_ros.simulation.manipulation.roadmap import connect
 
 Array = NDArray[np.float64]
 
-_STEP = 0.02  # rad: between postures of a path that are looked at
+_STEP = 0.015  # rad: between postures of a path that are looked at
 _LINE = 0.005  # m: between poses of a straight line
 _TURN = 0.05  # rad: likewise
 _JUMP = 0.3  # rad: more between neighbours of a line is another posture
 _CLOSER = 3e-3  # m: to be kept from everything
-_RAISED = 0.12, 0.22, 0.32, 0.06  # m: by which a tool is raised to go over things
 _AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
 
 
@@ -79,23 +80,27 @@ class Planner:
         name = self._model.geom(int(first if self._fixed[first] else second)).name
         return str(name)
 
-    def goal(self, tool: Array, start: Array, belief: Belief) -> Array:
-        """Angles that bring gripper_link to a pose; MotionError where there are none."""
-        return self._goals(tool, start, belief)[0]
+    def path(self, tool: Array, start: Array, belief: Belief, like: Array | None = None) -> Array:
+        """(n, 7) a path to a pose of gripper_link: if something is carried on a line if that is
+        free, else straight in joint space, else around what is in the way.
 
-    def path(self, tool: Array, start: Array, belief: Belief) -> Array:
-        """(n, 7) a path to a pose of gripper_link, straight in joint space or by way of raised
-        poses; MotionError where none was found.
+        like: (7,) the posture at the goal, None: any. Raises MotionError where there is none.
         """
-        goals = self._goals(tool, start, belief)
+        if belief.carried is not None:
+            with suppress(MotionError):
+                return self.line(tool, start, belief)
+        if like is None:
+            goals = self.postures(tool, start, belief)
+        else:
+            goals = self.postures(tool, like, belief)[:1]
         for goal in goals:
             direct = _between(start, goal)
             if self._blocked(direct, belief) is None:
                 return direct
         for goal in goals:
-            over = self._over(start, goal, belief)
-            if over is not None:
-                return over
+            around = self._around(start, goal, belief)
+            if around is not None:
+                return around
         raise MotionError(f'no path to {_words(tool)}: blocked by '
                           f'{self._blocked(_between(start, goals[0]), belief)}')
 
@@ -118,8 +123,11 @@ class Planner:
             path.append(joints)
         return np.array(path)
 
-    def _goals(self, tool: Array, start: Array, belief: Belief) -> list[Array]:
-        """Postures at a pose that touch nothing, the one that is reached soonest first."""
+    def postures(self, tool: Array, start: Array, belief: Belief) -> list[Array]:
+        """Angles (7,) at a pose of gripper_link that touch nothing, the nearest to `start` first.
+
+        Raises MotionError where there are none.
+        """
         found = self._kinematics.solutions(tool, start)
         if not found:
             raise MotionError(f'no inverse kinematics for {_words(tool)}')
@@ -134,30 +142,14 @@ class Planner:
         return next((what for joints in path[1:]
                      if (what := self.struck(joints, belief)) is not None), None)
 
-    def _over(self, start: Array, goal: Array, belief: Belief) -> Array | None:
-        """Up from the start, over, and down to the goal."""
-        ups = self._raised(start, belief)
-        downs = self._raised(goal, belief)
-        for up in ups:
-            for down in downs:
-                for stops in ((), (HOME,)):
-                    posts = [up[-1], *stops, down[-1]]
-                    across = [_between(a, b) for a, b in pairwise(posts)]
-                    if all(self._blocked(each, belief) is None for each in across):
-                        return np.concatenate([up, *across, down[::-1]])
-        return None
-
-    def _raised(self, joints: Array, belief: Belief) -> list[Array]:
-        """Lines straight up from a posture, as far as they go."""
-        found = [joints[None]]
-        for height in _RAISED:
-            tool = self.forward(joints)
-            tool[2, 3] += height
-            try:
-                found.append(self.line(tool, joints, belief))
-            except MotionError:
-                continue
-        return found[1:] + found[:1]
+    def _around(self, start: Array, goal: Array, belief: Belief) -> Array | None:
+        """A path with corners, around what is in the way."""
+        corners = connect(start, goal, limits(start),
+                          lambda a, b: self._blocked(_between(a, b), belief) is None,
+                          np.random.default_rng(0))
+        if corners is None:
+            return None
+        return np.concatenate([_between(a, b) for a, b in pairwise(corners)])
 
 
 def to_free(pose: Array) -> Array:

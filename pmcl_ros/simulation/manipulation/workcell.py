@@ -101,35 +101,44 @@ class Workcell:
         """Where gripper_link would be for angles (7,) [rad]."""
         return self._planner.forward(joints)
 
-    def solve(self, goal: Array, tip: Array | None = None, straight: bool = False,
-              avoid: Array | None = None, carried: Array | None = None,
-              start: Array | None = None) -> Array | None:
-        """(7,) angles that bring the tip to a goal and touch nothing, or None; as of `move`.
+    def solve(self, goal: Array, tip: Array | None = None, avoid: Array | None = None,
+              carried: Array | None = None) -> Array | None:
+        """(7,) angles that bring the tip to a goal and touch nothing, or None; as of `move`."""
+        found = self.postures(goal, tip, avoid=avoid, carried=carried)
+        return found[0] if found else None
+
+    def postures(self, goal: Array, tip: Array | None = None, straight: bool = False,
+                 avoid: Array | None = None, carried: Array | None = None,
+                 start: Array | None = None) -> list[Array]:
+        """All that `solve` finds, the nearest to `start` first; [] for none.
 
         start: (7,) angles from which the arm would move, None: from here. Of a straight line the
-        whole is tried, else the goal only.
+        whole is tried, and its end is the only one; else the goal only.
         """
-        plan = self._planner.line if straight else self._planner.goal
+        belief = Belief(avoid, carried)
         begin = self._command if start is None else start
         try:
-            return np.atleast_2d(plan(_tool(goal, tip), begin, Belief(avoid, carried)))[-1]
+            if straight:
+                return [self._planner.line(_tool(goal, tip), begin, belief)[-1]]
+            return self._planner.postures(_tool(goal, tip), begin, belief)
         except MotionError:
-            return None
+            return []
 
     def move(self, goal: Array, tip: Array | None = None, straight: bool = False,
              speed: float | None = None, avoid: Array | None = None,
-             carried: Array | None = None) -> None:
+             carried: Array | None = None, like: Array | None = None) -> None:
         """Bring a frame on the gripper to a goal, and come to rest.
 
         tip: the frame in gripper_link, None: gripper_link itself. straight: on a line. speed:
         share of the joints' velocity limits, 0 to 1; None: 0.5, or 0.15 straight. avoid: where
         the object is believed to be, which the arm must not touch. carried: the object's pose in
-        gripper_link while it is held, so that it strikes nothing. Raises MotionError where there
-        is no way.
+        gripper_link while it is held, so that it strikes nothing. like: (7,) a posture of `solve`
+        to end in, None: any. Raises MotionError where there is no way.
         """
-        plan = self._planner.line if straight else self._planner.path
+        tool, belief = _tool(goal, tip), Belief(avoid, carried)
         self._planner.gap = self.gap
-        path = plan(_tool(goal, tip), self._command, Belief(avoid, carried))
+        path = (self._planner.line(tool, self._command, belief) if straight
+                else self._planner.path(tool, self._command, belief, like))
         for posture in timed(path, speed or (_SLOW if straight else _SPEED)):
             self._data.ctrl[_ARM] = posture
             self._step()
