@@ -114,8 +114,8 @@ def _take(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> tupl
     cause = MotionError('all are blocked' if sight.candidates else 'there are no candidates')
     for candidate in sight.candidates:
         tool, carried = candidate.pose, inverse(candidate.pose) @ sight.pose
-        posture = _posture(cell, tool)
-        if posture is None or _end(cell, model, tool, carried) is None:
+        posture = _posture(cell, model, tool, carried)
+        if posture is None:
             continue
         try:
             cell.move(back(tool, APPROACH), avoid=sight.pose, like=posture)
@@ -135,12 +135,17 @@ def _take(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> tupl
     raise cause
 
 
-def _posture(cell: Workcell, tool: Array) -> Array | None:
-    """Angles before a grasp, from which the arm can approach; afterwards it can lift."""
+def _posture(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> Array | None:
+    """Angles before a grasp, from which the arm can approach, lift, and bring the object on."""
+    is_sink = cell.task.place.kind == 'sink'
+    if is_sink and _end(cell, model, tool, carried) is None:
+        return None
     for grasp in cell.postures(tool):
-        if cell.postures(raised(tool, LIFT), straight=True, start=grasp):
-            for before in cell.postures(back(tool, APPROACH), straight=True, start=grasp):
-                return before
+        for lifted in cell.postures(raised(tool, LIFT), straight=True, start=grasp):
+            if is_sink or any(cell.postures(goal, straight=True, carried=carried, start=lifted)
+                              for goal in goals(cell.task.place, model, tool, carried)):
+                for before in cell.postures(back(tool, APPROACH), straight=True, start=grasp):
+                    return before
     return None
 
 
@@ -150,11 +155,13 @@ def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array
     or above the tray.
     """
     place = cell.task.place
-    for goal in goals(place, model, tool, carried):
-        if place.kind == 'tank':
-            for held in cell.postures(goal, carried=carried):
-                return goal, held
-            continue
+    ends = list(goals(place, model, tool, carried))
+    if place.kind == 'tank':
+        # On a line the object hangs as it did.
+        found = ((goal, posture) for straight in (True, False) for goal in ends
+                 for posture in cell.postures(goal, straight=straight, carried=carried))
+        return next(found, None)
+    for goal in ends:
         for down in cell.postures(goal):
             if cell.postures(back(goal, APPROACH), straight=True, start=down):
                 for over in cell.postures(raised(goal, APPROACH), straight=True, start=down):

@@ -1,7 +1,7 @@
 """Paths of the arm that touch nothing."""
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -22,6 +22,7 @@ _LINE = 0.005  # m: between poses of a straight line
 _TURN = 0.05  # rad: likewise
 _JUMP = 0.3  # rad: more between neighbours of a line is another posture
 _CLOSER = 3e-3  # m: to be kept from everything
+_LEAN = 0.3  # rad: more than at its start and its end, on the way of what is carried
 _AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
 
 
@@ -30,11 +31,19 @@ class Belief:
     """Where the planner takes the object to be.
 
     avoid: (4, 4) the object in base_link, where the arm must not touch it. carried: (4, 4) the
-    object in gripper_link, where it must not touch the place. None: there is none.
+    object in gripper_link, where it must not touch the place. None: there is none. lean: by which
+    the z of what is carried may be away from up [rad].
     """
 
     avoid: Array | None = None
     carried: Array | None = None
+    lean: float = np.pi
+
+    def tilt(self, tool: Array) -> float:
+        """By which the z of what is carried is away from up [rad]."""
+        if self.carried is None:
+            return 0.0
+        return float(np.arccos(np.clip(tool[2, :3] @ self.carried[:3, 2], -1, 1)))
 
 
 class Planner:
@@ -58,14 +67,17 @@ class Planner:
         return self._kinematics.forward(joints)
 
     def struck(self, joints: Array, belief: Belief) -> str | None:
-        """What the arm, or the object in it, touches in a posture."""
+        """What the arm, or the object in it, touches in a posture; or that the object leans."""
         mj, data, n = mujoco(), self._data, len(ARM)
         data.qpos[:n], data.qpos[n:n + 2] = joints, self.gap / 2
         data.qpos[n + 2:] = _AWAY
         if belief.avoid is not None:
             data.qpos[n + 2:] = to_free(belief.avoid)
         elif belief.carried is not None:
-            data.qpos[n + 2:] = to_free(self.forward(joints) @ belief.carried)
+            tool = self.forward(joints)
+            if belief.tilt(tool) > belief.lean:
+                return 'the lean of what it carries'
+            data.qpos[n + 2:] = to_free(tool @ belief.carried)
         mj.mj_kinematics(self._model, data)
         mj.mj_collision(self._model, data)
         if not data.ncon:
@@ -89,6 +101,9 @@ class Planner:
         if belief.carried is not None:
             with suppress(MotionError):
                 return self.line(tool, start, belief)
+            # What leans more than it must is heavy to hold.
+            belief = replace(belief, lean=_LEAN + max(belief.tilt(tool), belief.tilt(
+                self.forward(start))))
         if like is None:
             goals = self.postures(tool, start, belief)
         else:
