@@ -103,7 +103,7 @@ class SimulatedRobot(Node):
             return response
         is_straight = request.tolerance == 0
         belief = {} if is_straight else {'avoid': self._avoided, 'carried': self._carried}
-        if self._cell.solve(goal, _TIPS[link], is_straight, **belief) is not None:
+        if self._cell.postures(goal, _TIPS[link], is_straight, **belief):
             self._planned = link, goal, is_straight
             response.plan.header.frame_id = BASE
             response.plan.poses = [request.goal]
