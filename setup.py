@@ -33,7 +33,8 @@ setup(
     maintainer_email='maintainers@pmcl-ros.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={f'{NAME}.evaluation.report': ['page.html', 'page.css'],
-                  f'{NAME}.evaluation.feasibility': ['feasibility.html']},
+                  f'{NAME}.evaluation.feasibility': ['feasibility.html'],
+                  f'{NAME}.evaluation.manipulation': ['manipulation.html']},
     data_files=data_files(),
     python_requires='>=3.10',
     # The ROS wheels are an extra: they must not be pulled into a machine that has /opt/ros.

@@ -10,7 +10,7 @@ from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'bag', 'bench', 'decode', 'doctor', 'evaluate', 'feasibility', 'grasps', 'learn', 'localize',
-    'report', 'scenes', 'simulate')}
+    'manipulate', 'report', 'scenes', 'simulate')}
 _MODULES |= {name: f'pmcl_ros.cli.cameras.{name}' for name in (
     'calibrate', 'camera', 'lattice', 'lfp', 'sweep')}
 _MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track', 'view-gain'),

@@ -18,12 +18,13 @@ from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SimulationError
+from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
 
 SHOULDER = (0.033, 0.0, 1.086)  # m: of a Fetch whose torso is 0.3 m up
-_EXECUTIVE = Path(__file__).parents[3] / 'examples' / 'pick_from_water.py'
+_EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 300.0  # s: until the nodes are active; the first run compiles
 _END = 60.0  # s: for the robot to judge
 _SHOWN = 800  # characters of a log
@@ -154,8 +155,9 @@ class Series:
                      '--bottom', str(float(self._model.vertices[:, 2].min()))]
         if self.place == 'tank':
             arguments.append('--lift-only')
+        executive = resolve(_EXECUTIVE, 'executive')
         with (place / 'executive.log').open('w') as output:
-            done = subprocess.run([sys.executable, str(_EXECUTIVE), *arguments], stdout=output,
+            done = subprocess.run([sys.executable, str(executive), *arguments], stdout=output,
                                   stderr=subprocess.STDOUT, check=False)
         return done.returncode, _tail(place / 'executive.log').splitlines()[-1]
 

@@ -134,7 +134,8 @@ class SimulatedRobot(Node):
         if request.data and not self.trial.grips:
             spent = sum(self._spent.values())
             self._note(times={'to the grasp': time.monotonic() - self._began - spent})
-        off = None if self._believed is None else self._error(self._believed)
+        told = self._believed
+        off = None if told is None else self._error(told)
         began = time.monotonic()
         gap = self._cell.grip(request.data)
         self._spent['physics'] += time.monotonic() - began
@@ -142,7 +143,9 @@ class SimulatedRobot(Node):
         self._carried = (inverse(self._cell.tool) @ self._believed
                          if self._gripped and self._believed is not None else None)
         if request.data:
-            self._note(grips=(*self.trial.grips, Grip(gap=gap, held=self._gripped, off=off)),
+            self._note(grips=(*self.trial.grips, Grip(
+                gap=gap, held=self._gripped, off=off,
+                pose=None if told is None else tuple(told.ravel().tolist()))),
                        largest_touch=float(self._cell.largest_touch))
         response.success = self._gripped == request.data
         response.message = f'gap {1e3 * gap:.1f} mm, ' + ('holds' if self._gripped else 'empty')

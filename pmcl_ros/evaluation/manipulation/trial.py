@@ -10,6 +10,7 @@ from pmcl_ros.runtime.text_file import read_json
 
 Cause = Literal['', 'not found', 'not sure', 'wrong pose', 'no reachable grasp', 'slip',
                 'not upright', 'touched', 'program']
+_SAID: tuple[Cause, ...] = ('not found', 'not sure', 'no reachable grasp')
 CLEAR, TURN = 0.01, 10.0  # m, degrees: a pose that is further off is wrong
 TOUCH = 10.0  # N: more than this before the grasp closes breaks a glass
 
@@ -28,6 +29,8 @@ class Grip(Settings):
 
     gap: float = Field(description='that was left between the fingers [m]')
     held: bool = Field(description='whether the object was between them')
+    pose: tuple[float, ...] | None = Field(None, description='that was told last: object to '
+                                           'base_link, row by row')
     off: tuple[float, float] | None = Field(description='the error of the last pose that was '
                                             'told [mm], [degrees]; none was told: null')
 
@@ -57,19 +60,23 @@ class Trial(Settings):
         return cls.make(read_json(path), str(path))
 
     @property
+    def wrong_grips(self) -> int:
+        """How often it grasped at a pose that is more than 1 cm or 10 degrees off."""
+        return sum(each.off is not None and (each.off[0] > 1e3 * CLEAR or each.off[1] > TURN)
+                   for each in self.grips)
+
+    @property
     def cause(self) -> Cause:
         """Why it failed; empty: it did not."""
-        wrong = [each for each in self.grips if each.off is not None
-                 and (each.off[0] > 1e3 * CLEAR or each.off[1] > TURN)]
         if self.largest_touch > TOUCH:
             return 'touched'
         if self.done:
             return ''
-        if wrong:
+        if self.wrong_grips:
             return 'wrong pose'
         if self.grips:
             return 'not upright' if self.status == 0 else 'slip'
-        for cause in ('not found', 'not sure', 'no reachable grasp'):
+        for cause in _SAID:
             if cause in self.said:
                 return cause
         return 'program'

@@ -1,0 +1,67 @@
+"""`pmcl manipulate`: a simulated robot takes an object from water, by what its camera sees."""
+
+from pathlib import Path
+
+import click
+from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
+from pmcl_ros.evaluation.manipulation.page import page
+from pmcl_ros.evaluation.manipulation.series import Series
+from pmcl_ros.evaluation.results import table
+from pmcl_ros.nodes.runtime.running import own_domain
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
+
+NAME = 'manipulation.html'
+
+
+@click.command()
+@click.argument('place', type=click.Choice(list(OBJECTS)))
+@click.option('--trials', 'count', type=click.IntRange(1), default=10, show_default=True,
+              help='Those that are in --out are kept.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Trial k is that of seed + k.')
+@click.option('--camera', type=FILE, help='At the wrist, YAML as of `pmcl simulate`; default: '
+              '640x480, 56 degrees wide.')
+@click.option('--renderer', type=click.Choice(['physical', 'fast']), default='physical',
+              show_default=True, help="physical: path tracing, extra 'simulate'; fast: the "
+              "package's own.")
+@click.option('--samples', type=click.IntRange(1), default=16, show_default=True,
+              help='Rays or paths of a pixel.')
+@click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
+def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None, renderer: str,
+               samples: int, out: Path) -> None:
+    """Let a simulated robot take a glass out of a sink, or a bottle out of a tank, and count.
+
+    The nodes of this package run as they do on a robot; arm and gripper are simulated by MuJoCo
+    (extra 'manipulate'). Every task is tried again by a robot that is told the true pose.
+    """
+    own_domain()
+    name, mass = OBJECTS[place]
+    camera = camera or resolve('package://pmcl_ros/config/cameras/ordinary.yaml', 'camera')
+    series = Series(place, resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object'), mass,
+                    camera.resolve(), renderer, samples, out.resolve())
+    seeds = range(seed, seed + count)
+    seen, told = [], []
+    with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
+                  TimeRemainingColumn(), console=STDERR, transient=True) as bar:
+        task = bar.add_task('trials', total=count)
+        for trial in series.run(seeds):
+            seen.append(trial)
+            told.append(series.run_by_truth(trial.seed))
+            click.echo(f'{trial.seed}: {trial.cause or "done"}', err=True)
+            bar.advance(task)
+    click.echo(table(HEAD, rows(seen) + rows(told)))
+    for each in causes(seen):
+        click.echo(each)
+    about = {'object': name, 'pictures': f'{renderer}, {samples} samples of a pixel',
+             'seeds': f'{seed} to {seed + count - 1}'}
+    (out / NAME).write_text(page(
+        f'{name.capitalize()} out of a {place}', about, seen, told,
+        [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
+        OrdinaryCamera.load(camera).pinhole))
+    click.echo(out / NAME)

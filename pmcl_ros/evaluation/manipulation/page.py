@@ -1,0 +1,73 @@
+"""Trials of a simulated robot as one HTML page that loads nothing from outside."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import cv2
+import jinja2
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from pmcl_ros import __version__
+from pmcl_ros.drawing.pictures import outlines
+from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
+from pmcl_ros.evaluation.manipulation.trial import Trial
+from pmcl_ros.evaluation.report.page import image
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.lightfield.readers.pictures import read_picture
+from pmcl_ros.pmcl.object_model import ObjectModel
+
+_HEIGHT = 180  # px of a picture
+
+
+def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequence[Trial],
+         folders: Sequence[Path], model: ObjectModel, pinhole: Pinhole) -> str:
+    """The text of the HTML file.
+
+    seen: trials by what the robot saw, folders: of each. told: of the same seeds, where it was
+    told the true pose.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.ChoiceLoader([jinja2.PackageLoader('pmcl_ros.evaluation.manipulation', ''),
+                                    jinja2.PackageLoader('pmcl_ros.evaluation.report', '')]),
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
+    shown = [{'seed': each.seed, 'words': _words(each), 'caption': _caption(each),
+              'picture': _pictures(each, folder, model, pinhole)}
+             for each, folder in zip(seen, folders, strict=True)]
+    return environment.get_template('manipulation.html').render(
+        title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
+        trials=shown, version=__version__)
+
+
+def _words(trial: Trial) -> str:
+    start = 'standing' if trial.stands else 'lying'
+    return f'{start}, {trial.cause or "done"}'
+
+
+def _caption(trial: Trial) -> str:
+    told = [f'{mm:.1f} mm, {degrees:.1f} degrees' for mm, degrees in trial.poses]
+    return (f'What the camera saw; the outline is of the pose at which it grasped. Errors of the '
+            f'poses from two views on: {"; ".join(told) or "none was told"}. {trial.said}')
+
+
+def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole) -> Markup:
+    """All pictures of a trial in a row."""
+    pose = np.reshape(trial.grips[-1].pose, (4, 4)) if (
+        trial.grips and trial.grips[-1].pose is not None) else None
+    row = []
+    for each in trial.pictures:
+        picture = read_picture(folder / each.file)
+        if pose is not None:
+            camera = np.reshape(each.camera, (4, 4))
+            picture = outlines(picture, pinhole, [(model, inverse(camera) @ pose, '')])
+        row.append(_reduced(picture))
+    if not row:
+        return Markup('')
+    return image(np.concatenate(row, axis=1), f'trial {trial.seed}')
+
+
+def _reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    size = _HEIGHT * picture.shape[1] // picture.shape[0], _HEIGHT
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.uint8)
