@@ -56,7 +56,7 @@ ARM = (
     Joint('forearm_roll', (0.197, 0, 0), _X, None, 29.35, 1.571, 1.66, 0.1245, 0.055, 0.5),
     Joint('wrist_flex', (0.1245, 0, 0), _Y, (-2.16, 2.16), 25.7, 2.268, 1.73, 0.1385, 0.055, 0.3),
     Joint('wrist_roll', (0.1385, 0, 0), _X, None, 7.36, 2.268, 0.14, 0.0, 0.0, 0.1))
-HOME = np.array([0.0, -0.9, 0.0, 1.8, 0.0, -0.9, 0.0])  # above what is before the robot
+HOME = np.array([0.0, -1.1, 0.0, 2.0, 0.0, -0.9, 0.0])  # above what is before the robot
 VELOCITIES = np.array([each.velocity for each in ARM])
 _BODY = {  # what the arm must not strike of the robot itself: lower and upper corners
     'base': ((-0.28, -0.28, 0.0), (0.28, 0.28, 0.36)),

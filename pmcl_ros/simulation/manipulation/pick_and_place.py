@@ -140,11 +140,12 @@ def _posture(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) ->
     is_sink = cell.task.place.kind == 'sink'
     if is_sink and _end(cell, model, tool, carried) is None:
         return None
-    for grasp in cell.postures(tool):
-        for lifted in cell.postures(raised(tool, LIFT), straight=True, start=grasp):
-            if is_sink or any(cell.postures(goal, straight=True, carried=carried, start=lifted)
-                              for goal in goals(cell.task.place, model, tool, carried)):
-                for before in cell.postures(back(tool, APPROACH), straight=True, start=grasp):
+    ends = list(goals(cell.task.place, model, tool, carried))
+    for before in cell.postures(back(tool, APPROACH), avoid=tool @ carried):
+        for grasp in cell.postures(tool, straight=True, start=before):
+            for lifted in cell.postures(raised(tool, LIFT), straight=True, start=grasp):
+                if is_sink or any(cell.postures(goal, straight=True, carried=carried, start=lifted)
+                                  for goal in ends):
                     return before
     return None
 

@@ -21,7 +21,8 @@ _STEP = 0.015  # rad: between postures of a path that are looked at
 _LINE = 0.005  # m: between poses of a straight line
 _TURN = 0.05  # rad: likewise
 _JUMP = 0.3  # rad: more between neighbours of a line is another posture
-_CLOSER = 3e-3  # m: to be kept from everything
+_CLEAR = 5e-3  # m: to be kept from everything
+ROOM = 0.025  # m: to be kept from an object, but on the line to it
 _LEAN = 0.3  # rad: more than at its start and its end, on the way of what is carried
 _AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
 
@@ -31,12 +32,14 @@ class Belief:
     """Where the planner takes the object to be.
 
     avoid: (4, 4) the object in base_link, where the arm must not touch it. carried: (4, 4) the
-    object in gripper_link, where it must not touch the place. None: there is none. lean: by which
-    the z of what is carried may be away from up [rad].
+    object in gripper_link, where it must not touch the place. None: there is none. room: to be kept
+    from what is avoided [m]. lean: by which the z of what is carried may be away from
+    up [rad].
     """
 
     avoid: Array | None = None
     carried: Array | None = None
+    room: float = _CLEAR
     lean: float = np.pi
 
     def tilt(self, tool: Array) -> float:
@@ -56,7 +59,7 @@ class Planner:
     def __init__(self, model: Any, gripper: GripperSettings) -> None:
         self._model, self._gripper = model, gripper
         self._data = mujoco().MjData(model)
-        self._model.geom_margin[:] = _CLOSER
+        self._model.geom_margin[:] = ROOM
         self._kinematics = InverseKinematics(gripper)
         self._fixed = model.geom_contype == FIXED
         self._thing = model.geom_contype == THING
@@ -86,6 +89,8 @@ class Planner:
         thing, fixed = self._thing[pairs].any(axis=1), self._fixed[pairs].any(axis=1)
         # The object may touch the robot that carries it, or else what it is on.
         matters = ~thing | (fixed if belief.carried is not None else ~fixed)
+        room = np.where(thing & ~fixed, belief.room, _CLEAR)
+        matters &= data.contact.dist < room
         if not matters.any():
             return None
         first, second = pairs[np.argmax(matters)]
@@ -98,6 +103,8 @@ class Planner:
 
         like: (7,) the posture at the goal, None: any. Raises MotionError where there is none.
         """
+        if self.struck(start, belief) is not None:  # it is near already
+            belief = replace(belief, room=_CLEAR)
         if belief.carried is not None:
             with suppress(MotionError):
                 return self.line(tool, start, belief)

@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 _REACH = 0.3  # rad: of one branch
 _AROUND = 1.5  # rad: beyond start and goal that is searched
-_BRANCHES = 3000
+_BRANCHES = 1500
 _SHORTCUTS = 60
 
 

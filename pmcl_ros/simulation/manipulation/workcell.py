@@ -21,7 +21,7 @@ from pmcl_ros.simulation.manipulation.fetch_arm import (
     fetch_arm,
 )
 from pmcl_ros.simulation.manipulation.physics import MotionError, mujoco
-from pmcl_ros.simulation.manipulation.planner import Belief, Planner, to_free
+from pmcl_ros.simulation.manipulation.planner import ROOM, Belief, Planner, to_free
 from pmcl_ros.simulation.manipulation.trajectory import timed
 from pmcl_ros.simulation.manipulation.workplace import Task
 
@@ -115,7 +115,7 @@ class Workcell:
         start: (7,) angles from which the arm would move, None: from here. Of a straight line the
         whole is tried, and its end is the only one; else the goal only.
         """
-        belief = Belief(avoid, carried)
+        belief = _belief(avoid, carried, straight)
         begin = self._command if start is None else start
         try:
             if straight:
@@ -135,7 +135,7 @@ class Workcell:
         gripper_link while it is held, so that it strikes nothing. like: (7,) a posture of `solve`
         to end in, None: any. Raises MotionError where there is no way.
         """
-        tool, belief = _tool(goal, tip), Belief(avoid, carried)
+        tool, belief = _tool(goal, tip), _belief(avoid, carried, straight)
         self._planner.gap = self.gap
         path = (self._planner.line(tool, self._command, belief) if straight
                 else self._planner.path(tool, self._command, belief, like))
@@ -226,6 +226,11 @@ class Workcell:
             self._step()
             if abs(self._data.qvel[:len(ARM) + 2]).max() < _STILL:
                 return
+
+
+def _belief(avoid: Array | None, carried: Array | None, straight: bool) -> Belief:
+    """Only on a line may the arm come near to the object."""
+    return Belief(avoid, carried) if straight else Belief(avoid, carried, ROOM)
 
 
 def _tool(goal: Array, tip: Array | None) -> Array:
