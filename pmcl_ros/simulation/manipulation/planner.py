@@ -32,8 +32,8 @@ class Belief:
     """Where the planner takes the object to be.
 
     avoid: (4, 4) the object in base_link, where the arm must not touch it. carried: (4, 4) the
-    object in gripper_link, where it must not touch the place. None: there is none. room: to be kept
-    from what is avoided [m]. lean: by which the z of what is carried may be away from
+    object in gripper_link, where it must not touch the place. None: there is none. room: to be
+    kept from what is avoided [m]. lean: by which the z of what is carried may be away from
     up [rad].
     """
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.simulation.described.place import Frame
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
@@ -51,7 +52,7 @@ class WorkplaceLook:
         """
         rng = np.random.default_rng(self.seed)
         palette, metal, light = Palette(rng), random_finish(rng), random_lit_environment(rng)
-        to_camera = np.linalg.inv(camera)
+        to_camera: Pose = inverse(camera)
         waves = np.random.default_rng([self.seed, number if self.place.jet else 0])
         make = self._sink if self.place.kind == 'sink' else self._tank
         target, solids, sheets = make(rng, waves, to_camera, pose, palette, metal)
