@@ -27,10 +27,10 @@ NAME = 'manipulation.html'
               help='Trial k is that of seed + k.')
 @click.option('--camera', type=FILE, help='At the wrist, YAML as of `pmcl simulate`; default: '
               '640x480, 56 degrees wide.')
-@click.option('--renderer', type=click.Choice(['physical', 'fast']), default='physical',
-              show_default=True, help="physical: path tracing, extra 'simulate'; fast: the "
-              "package's own.")
-@click.option('--samples', type=click.IntRange(1), default=16, show_default=True,
+@click.option('--renderer', type=click.Choice(['fast', 'physical']), default='fast',
+              show_default=True, help="fast: the package's own; physical: path tracing, extra "
+              "'simulate', which needs hundreds of samples below water.")
+@click.option('--samples', type=click.IntRange(1), default=4, show_default=True,
               help='Rays or paths of a pixel.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
 def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None, renderer: str,
@@ -43,8 +43,8 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     own_domain()
     name, mass = OBJECTS[place]
     camera = camera or resolve('package://pmcl_ros/config/cameras/ordinary.yaml', 'camera')
-    series = Series(place, resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object'), mass,
-                    camera.resolve(), renderer, samples, out.resolve())
+    thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
+    series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve())
     seeds = range(seed, seed + count)
     seen, told = [], []
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),

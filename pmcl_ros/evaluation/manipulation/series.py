@@ -118,7 +118,8 @@ class Series:
         return {
             'sweep_driver': {  # patience: DDS sends what was lost again after 3 s
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
-                'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011, 'sigma_rotation': 0.0036, 'common': 0.9},
+                'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
+                'sigma_rotation': 0.0036, 'common': 0.9},
             'pmcl_node': {'object': str(self.thing), 'roi_center': middle, 'roi_size': size},
             'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed', 'shoulder': list(SHOULDER)}}
 
