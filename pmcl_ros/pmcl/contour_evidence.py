@@ -12,6 +12,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.estimator import Contour
@@ -22,7 +23,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
-from pmcl_ros.pmcl.render.level_of_detail import simplified
+from pmcl_ros.pmcl.render.level_of_detail import simplified, subdivided
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.raster import LARGEST
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -48,7 +49,7 @@ class ContourEvidence:
     edges: the evidence of the picture. profile: log odds by its energies. error: of the model.
     creases: None to ignore them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides
     being in the region. detail: tolerance of the simplified mesh at the resolution of the image
-    [image px].
+    [image px]. interface: of water, in the camera's frame.
     """
 
     renderer: Renderer
@@ -61,15 +62,18 @@ class ContourEvidence:
     creases: Creases | None
     constraint: Feasible | None = None
     detail: float = 0.0
+    interface: Interface | None = None
 
     @classmethod
     def from_edges(cls, edges: EvidenceVolume, renderer: Renderer, model: ObjectModel,
                    settings: PmclSettings, profile: ContourProfile | None,
                    error: ModelError | None,
-                   creases: Creases | None, region: Region | None = None) -> 'ContourEvidence':
+                   creases: Creases | None, region: Region | None = None,
+                   camera: NDArray[np.float64] | None = None) -> 'ContourEvidence':
         """The evidence in an edge volume or a contour map.
 
         profile, error: None for those of `edges`. region: by default that of the settings.
+        camera: (4, 4) to the frame of the settings' interface; by default it is that frame.
         Creases were learned on refocused edges: they are ignored where the evidence has none.
         """
         if profile is None or not edges.shows_creases:
@@ -81,9 +85,16 @@ class ContourEvidence:
         if isinstance(edges, ContourMap) and renderer.name != 'numba':
             _LOG.info('contour maps are scored on the processor')
             renderer = NumbaRenderer()
+        interface = settings.interface
+        if interface is not None:
+            interface = interface if camera is None else interface.seen_from(camera)
+            creases = None  # they are drawn as if there were no water
+            if renderer.name != 'numba':
+                _LOG.info('what is seen through water is scored on the processor')
+                renderer = NumbaRenderer()
         region = region or Region(settings.roi_center, settings.roi_size)
         return cls(renderer, model, settings, region, edges, profile, error or edges.model_error,
-                   creases)
+                   creases, interface=interface)
 
     @property
     def window(self) -> Window:
@@ -145,11 +156,11 @@ class ContourEvidence:
 
     def _scene(self, window: Window) -> Scene:
         return scene(self.model, self.region, self.edges.pinhole, window,
-                     _DETAIL if window.scale > 1 else self.detail)
+                     _DETAIL if window.scale > 1 else self.detail, self.interface)
 
 
 def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
-          detail: float = 0.0) -> Scene:
+          detail: float = 0.0, interface: Interface | None = None) -> Scene:
     """An object anywhere in a region; detail: tolerance of its simplified mesh [image px]."""
     near, far = region.grown(model.radius)
     if detail > 0:
@@ -157,7 +168,9 @@ def scene(model: ObjectModel, region: Region, camera: Pinhole, window: Window,
         octaves = np.log2(detail * near / max(camera.fx, camera.fy))
         model = simplified(model, float(2 ** (np.floor(_STEPS_OF_DETAIL * octaves)
                                               / _STEPS_OF_DETAIL)))
-    return Scene(model, camera, window, near, far)
+    if interface is not None:  # straight edges seem bent
+        model = subdivided(model)
+    return Scene(model, camera, window, near, far, interface)
 
 
 def refinement(gauss_newton: GaussNewton, feasible: Feasible, tries: int | None = None,

@@ -2,9 +2,11 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+import numpy as np
+from pydantic import Field, model_validator
 
 from pmcl_ros.evidence.learned import learned_contour
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.runtime.settings import Settings
 
@@ -30,6 +32,13 @@ class PmclSettings(Settings):
         description='centre of the box that holds the origin of the object, camera frame [m]')
     roi_size: tuple[_Size, _Size, _Size] = Field(
         (0.16, 0.16, 0.16), description='size of that box [m]')
+    interface_index: float = Field(
+        1.0, ge=1, le=3, description='refractive index of a liquid between the camera and the '
+        'object, whose surface is flat: 1.33 for water; 1: there is none')
+    interface_point: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description='any point of that surface, frame of roi_center [m]')
+    interface_normal: tuple[float, float, float] = Field(
+        (0.0, 0.0, 1.0), description='its direction towards the air and the camera')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
         'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
@@ -58,3 +67,18 @@ class PmclSettings(Settings):
         0.005, gt=0, le=1, description='faithful mode: of the perturbation along x, y, z [m]')
     faithful_sigma_rotation: float = Field(
         0.05, gt=0, le=3, description='faithful mode: of the perturbation about x, y, z [rad]')
+
+    @property
+    def interface(self) -> Interface | None:
+        """The surface of the liquid, if there is one."""
+        if self.interface_index == 1:
+            return None
+        normal = np.array(self.interface_normal)
+        return Interface(np.array(self.interface_point), normal / np.linalg.norm(normal),
+                         self.interface_index)
+
+    @model_validator(mode='after')
+    def _directed(self) -> 'PmclSettings':
+        if not any(self.interface_normal):
+            raise ValueError('interface_normal has no direction')
+        return self

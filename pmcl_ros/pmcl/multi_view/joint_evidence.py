@@ -70,7 +70,7 @@ class JointEvidence:
             depths = depth_labels(*region.grown(model.radius), len(each.evidence.depths))
             edges = replace(each.evidence.on(grid), depths=depths)
             views.append(ContourEvidence.from_edges(edges, renderer, model, settings, None, None,
-                                                    None, region))
+                                                    None, region, each.camera_to_reference))
         first = posed[0].camera_to_reference
         cameras = np.linalg.inv(first) @ np.array([each.camera_to_reference for each in posed])
         into = first.copy()

@@ -17,6 +17,7 @@ _FEWEST = 1000  # faces that are not worth simplifying, and the first try
 _PIECES = 64  # of the model's diameter: faces are cut to such pieces, to be found by their centres
 _NEAR = 16  # pieces whose faces are tried for the nearest
 _ROUNDS = 3
+_FINER = 8  # a model of so many to its radius shows what refraction bends
 _FEW = 4000  # points that a try must pass first
 
 
@@ -42,6 +43,17 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
                            closed=model.closed and bool(mesh.is_volume))
         wanted = wanted * 3 // 2
     return model
+
+
+@lru_cache(maxsize=8)
+def subdivided(model: ObjectModel) -> ObjectModel:
+    """The model with edges of at most an eighth of its radius: straight edges can then bend."""
+    vertices, faces = trimesh.remesh.subdivide_to_size(model.vertices, model.faces,
+                                                       model.radius / _FINER)
+    merged = trimesh.Trimesh(vertices, faces, process=False)
+    merged.merge_vertices()
+    return replace(model, vertices=np.asarray(merged.vertices, np.float64),
+                   faces=np.asarray(merged.faces, np.int64))
 
 
 def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:

@@ -8,6 +8,7 @@ A z-buffer holds 1/z of the nearest surface [1/m], zero where there is none, les
 outside the window. It is as large as the object's box (`Box`) with `MARGIN` pixels around.
 """
 
+import math
 from typing import NamedTuple
 
 import numba
@@ -24,6 +25,7 @@ _HALF = 128  # half a pixel, in the units of corners
 _EXTENT = 2040  # px: edges of triangles up to this size fit 32 bits
 LARGEST = 1800  # px: of a window
 _SLIVER = np.float32(1 / 256)  # px: so narrow that rounding the corners may turn it round
+_SNELL = 4  # steps of Newton's method for where a ray meets the water
 _CORNERS = 8  # that a triangle has at most, clipped by five planes
 
 
@@ -32,7 +34,8 @@ class Drawing(NamedTuple):
 
     vertices: (3, n) float32 [m]. faces: (m, 3) int32. closed: back faces are not drawn.
     camera: (4,) float32 fx, fy, cx, cy of the window [px]. width, height: of the window [px].
-    near, far: what is drawn [m].
+    near, far: what is drawn [m]. water: (5,) float32, of an interface of water: its normal, the
+    camera's height above it [m], the index; all zero: there is none.
     """
 
     vertices: NDArray[np.float32]
@@ -43,6 +46,7 @@ class Drawing(NamedTuple):
     height: int
     near: float
     far: float
+    water: NDArray[np.float32]
 
     @classmethod
     def from_scene(cls, scene: Scene) -> 'Drawing':
@@ -51,11 +55,14 @@ class Drawing(NamedTuple):
             width, height = scene.window.size
             raise RenderError(f'a window of {width}x{height} pixels is drawn on the processor up '
                               f'to {LARGEST} a side; choose a smaller region of interest')
-        camera = scene.camera
+        camera, interface = scene.camera, scene.interface
+        water = np.zeros(5, np.float32)
+        if interface is not None and interface.height > 0:
+            water[:] = *interface.normal, interface.height, interface.index
         return cls(np.ascontiguousarray(scene.model.vertices.T, np.float32),
                    np.ascontiguousarray(scene.model.faces, np.int32), scene.model.closed,
                    np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
-                   *scene.window.size, scene.near, scene.far)
+                   *scene.window.size, scene.near, scene.far, water)
 
 
 class Room(NamedTuple):
@@ -91,11 +98,11 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
     """
     vertices, faces, closed = drawing.vertices, drawing.faces, drawing.closed
     camera, near, far = drawing.camera, drawing.near, drawing.far
-    width, height = drawing.width, drawing.height
+    width, height, water = drawing.width, drawing.height, drawing.water
     if not np.isfinite(pose).all():
         return 0, 0, 0, 0
     count = vertices.shape[1]
-    _project(vertices, pose, camera, near, corners, exact)
+    _project(vertices, pose, camera, near, water, corners, exact)
     inverse = exact[2]
     most, least = np.float32(0), np.float32(np.inf)
     left, top, right, bottom = int64(1 << 40), int64(1 << 40), int64(-1 << 40), int64(-1 << 40)
@@ -124,14 +131,36 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
                      and _usual(corners[:, c], inverse[c], width, height, guard)):
             _fill(corners, exact, a, b, c, closed, window, stride, z)
         else:
-            _clipped(vertices, faces[face], pose, camera, width, height, near, guard, closed,
-                     window, stride, z)
+            _clipped(vertices, faces[face], pose, camera, width, height, near, water, guard,
+                     closed, window, stride, z)
     if not least * far >= 1:
         for i in range(stride * (bottom - top + 2 * MARGIN)):
             if z[i] * far < 1:
                 z[i] = 0
     _frame(window, width, height, stride, z)
     return window
+
+
+@compiled(inner=True)
+def raised(x, y, z, water):  # type: ignore[no-untyped-def]
+    """How far below the interface a point seems to be raised [m], as of `Interface.apparent`."""
+    height, index = float(water[3]), float(water[4])
+    along = float(water[0]) * x + float(water[1]) * y + float(water[2]) * z
+    depth = -height - along
+    if depth <= 0:
+        return 0.0
+    across = math.sqrt(max(float(x) * x + float(y) * y + float(z) * z - along * along, 0.0))
+    if across < 1e-6 * height:
+        return depth - depth / index
+    meets = across * height / (height + depth / index)
+    for _ in range(_SNELL):
+        rest = across - meets
+        above, under = math.sqrt(meets * meets + height * height), math.sqrt(
+            rest * rest + depth * depth)
+        off = meets / above - index * rest / under
+        slope = height * height / above ** 3 + index * depth * depth / under ** 3
+        meets -= off / slope
+    return depth - height * (across - meets) / meets
 
 
 @compiled(inner=True)
@@ -159,7 +188,8 @@ def _usual(corner, inverse, width, height, guard):  # type: ignore[no-untyped-de
 
 
 @compiled(inlined=True, inner=True)
-def _project(vertices, pose, camera, near, corners, exact):  # type: ignore[no-untyped-def]
+def _project(vertices, pose, camera, near, water,  # type: ignore[no-untyped-def]
+             corners, exact):
     """Project into the window, from its own corner (`Room`)."""
     fx, fy, cx, cy = camera
     half, scale, limit = np.float32(0.5), np.float32(256), np.float32(1 << 14)
@@ -169,12 +199,18 @@ def _project(vertices, pose, camera, near, corners, exact):  # type: ignore[no-u
     xs, ys, zs = vertices[0], vertices[1], vertices[2]
     across, down = corners[0], corners[1]
     us, vs, inverse = exact[0], exact[1], exact[2]
+    is_wet = water[4] > 0
     for i in range(len(xs)):
         x, y, z = xs[i], ys[i], zs[i]
+        right = r00 * x + r01 * y + r02 * z + tx
+        below = r10 * x + r11 * y + r12 * z + ty
         depth = r20 * x + r21 * y + r22 * z + tz
+        if is_wet:
+            up = np.float32(raised(right, below, depth, water))
+            right, below, depth = right + up * water[0], below + up * water[1], depth + up * water[2]
         one = np.float32(1) / depth
-        u = fx * (r00 * x + r01 * y + r02 * z + tx) * one + (cx + half)
-        v = fy * (r10 * x + r11 * y + r12 * z + ty) * one + (cy + half)
+        u = fx * right * one + (cx + half)
+        v = fy * below * one + (cy + half)
         across[i] = int32(np.floor(scale * max(min(u, limit), -limit) + half))
         down[i] = int32(np.floor(scale * max(min(v, limit), -limit) + half))
         us[i], vs[i] = u, v
@@ -258,7 +294,7 @@ def _edge(ax, ay, bx, by, x, y):  # type: ignore[no-untyped-def]
 
 @compiled(inner=True)
 def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[no-untyped-def]
-             guard, closed, window, stride, z):
+             water, guard, closed, window, stride, z):
     """Draw what of a triangle is beyond `near` and within the guard band around the window."""
     fx, fy, cx, cy = camera
     polygon = np.zeros((_CORNERS, 3), np.float64)
@@ -268,6 +304,10 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
             polygon[k, axis] = pose[axis, 3]
             for j in range(3):
                 polygon[k, axis] += float(pose[axis, j]) * vertices[j, face[k]]
+        if water[4] > 0:
+            up = raised(polygon[k, 0], polygon[k, 1], polygon[k, 2], water)
+            for axis in range(3):
+                polygon[k, axis] += up * water[axis]
     count = 3
     reach = guard / 256 - 1
     for plane in range(5):

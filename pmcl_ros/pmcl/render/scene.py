@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import RenderError
@@ -44,6 +45,8 @@ class Scene:
 
     model: its mesh. image: the whole image's camera. window: the part that is drawn. near, far:
         depths between which surfaces are drawn [m]; those of every pose should be.
+    interface: a surface of water between the camera and the object, in the camera's frame; only
+        what is drawn by the processor is drawn through it.
     Raises RenderError when the object could be at the camera.
     """
 
@@ -52,6 +55,7 @@ class Scene:
     window: Window
     near: float
     far: float
+    interface: Interface | None = None
 
     def __post_init__(self) -> None:
         if not 0 < self.near < self.far:
