@@ -32,9 +32,11 @@ NAME = 'manipulation.html'
               "'simulate', which needs hundreds of samples below water.")
 @click.option('--samples', type=click.IntRange(1), default=4, show_default=True,
               help='Rays or paths of a pixel.')
+@click.option('--undeclared', is_flag=True, help='Do not tell pmcl_node where the surface of the '
+              'water is.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
 def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None, renderer: str,
-               samples: int, out: Path) -> None:
+               samples: int, undeclared: bool, out: Path) -> None:
     """Let a simulated robot take a glass out of a sink, or a bottle out of a tank, and count.
 
     The nodes of this package run as they do on a robot; arm and gripper are simulated by MuJoCo
@@ -44,21 +46,23 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     name, mass = OBJECTS[place]
     camera = camera or resolve('package://pmcl_ros/config/cameras/ordinary.yaml', 'camera')
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
-    series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve())
+    series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve(),
+                    not undeclared)
     seeds = range(seed, seed + count)
     seen, told = [], []
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('trials', total=count)
-        for trial in series.run(seeds):
-            seen.append(trial)
-            told.append(series.run_by_truth(trial.seed))
-            click.echo(f'{trial.seed}: {trial.cause or "done"}', err=True)
+        for each in seeds:
+            seen.append(series.run(each))
+            told.append(series.run_by_truth(each))
+            click.echo(f'{each}: {seen[-1].cause or "done"}', err=True)
             bar.advance(task)
     click.echo(table(HEAD, rows(seen) + rows(told)))
     for each in causes(seen):
         click.echo(each)
     about = {'object': name, 'pictures': f'{renderer}, {samples} samples of a pixel',
+             'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}
     (out / NAME).write_text(page(
         f'{name.capitalize()} out of a {place}', about, seen, told,

@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,7 @@ from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SimulationError
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
@@ -37,6 +38,7 @@ class Series:
 
     thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera:
     camera.yaml. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
+    declared: whether pmcl_node is told where the water's surface is.
     """
 
     place: WorkplaceKind
@@ -46,30 +48,24 @@ class Series:
     renderer: str
     samples: int
     out: Path
+    declared: bool = True
 
     @property
     def grasps(self) -> Path:
         """The grasp file of the object."""
         return self.thing.with_suffix('.grasps.yaml')
 
-    def run(self, seeds: Sequence[int]) -> Iterator[Trial]:
-        """The trials of seeds; those that are there already are read.
+    def run(self, seed: int) -> Trial:
+        """The trial of a seed, with nodes of its own; one that is there already is read.
 
         Raises SimulationError when a program ends that should not.
         """
-        missing = [seed for seed in seeds if not self.file(seed).is_file()]
-        if not missing:
-            yield from (Trial.read(self.file(seed)) for seed in seeds)
-            return
-        with self._graph() as graph:
-            for seed in seeds:
-                if seed not in missing:
-                    yield Trial.read(self.file(seed))
-                    continue
-                if graph.poll() is not None:
-                    raise SimulationError(f'the nodes ended with {graph.returncode}: see '
-                                          f'{self.out / "nodes.log"}')
-                yield self._trial(seed)
+        if self.file(seed).is_file():
+            return Trial.read(self.file(seed))
+        place = self.file(seed).parent
+        place.mkdir(parents=True, exist_ok=True)
+        with self._graph(seed, place):
+            return self._trial(seed, place)
 
     def run_by_truth(self, seed: int) -> Trial:
         """The same task where the robot is told the true pose: what physics and planner allow."""
@@ -95,12 +91,11 @@ class Series:
         return self.out / f'{seed:06d}' / 'trial.json'
 
     @contextmanager
-    def _graph(self) -> Iterator[subprocess.Popen[bytes]]:
+    def _graph(self, seed: int, place: Path) -> Iterator[None]:
         """The nodes of the package, active."""
-        self.out.mkdir(parents=True, exist_ok=True)
-        file, log = self.out / 'nodes.yaml', self.out / 'nodes.log'
-        file.write_text(yaml.safe_dump(
-            {name: {'ros__parameters': values} for name, values in self._parameters().items()}))
+        file, log = place / 'nodes.yaml', place / 'nodes.log'
+        file.write_text(yaml.safe_dump({name: {'ros__parameters': values} for name, values
+                                        in self._parameters(seed).items()}))
         with log.open('w') as output:
             nodes = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
@@ -108,24 +103,26 @@ class Series:
                 stdout=output, stderr=subprocess.STDOUT)
         try:
             _wait(nodes, log, 'active: ')
-            yield nodes
+            yield
         finally:
             nodes.send_signal(SIGINT)
             nodes.wait(_END)
 
-    def _parameters(self) -> dict[str, dict[str, object]]:
+    def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
         middle, size = region_of(self.place)
+        search = {'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
+        if self.declared:
+            search |= {'interface_index': WATER.index,
+                       'interface_point': [0.0, 0.0, self._task(seed).place.level]}
         return {
             'sweep_driver': {  # patience: DDS sends what was lost again after 3 s
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9},
-            'pmcl_node': {'object': str(self.thing), 'roi_center': middle, 'roi_size': size},
+            'pmcl_node': search,
             'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed', 'shoulder': list(SHOULDER)}}
 
-    def _trial(self, seed: int) -> Trial:
-        place = self.file(seed).parent
-        place.mkdir(exist_ok=True)
+    def _trial(self, seed: int, place: Path) -> Trial:
         log = place / 'robot.log'
         with log.open('w') as output:
             robot = subprocess.Popen(
