@@ -94,7 +94,7 @@ def add_box(body: Any, name: str, low: NDArray[np.float64], high: NDArray[np.flo
     """A box between two corners, of a body; returns its geom. kind, touches: bits of contacts."""
     return body.add_geom(name=name, type=mujoco().mjtGeom.mjGEOM_BOX, pos=(low + high) / 2,
                          size=(high - low) / 2, contype=kind, conaffinity=touches,
-                         rgba=(0.75, 0.77, 0.8, 1))
+                         rgba=(0.6, 0.6, 0.62, 1))
 
 
 def _set_options(mj: Any, spec: Any) -> None:

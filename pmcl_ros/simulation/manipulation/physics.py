@@ -1,5 +1,6 @@
 """MuJoCo, which computes the motion, and mink, which solves inverse kinematics."""
 
+import os
 from functools import cache
 from types import ModuleType
 
@@ -15,6 +16,7 @@ class MotionError(SimulationError):
 @cache
 def mujoco() -> ModuleType:
     """The module mujoco. Raises SimulationError where it is not installed."""
+    os.environ.setdefault('MUJOCO_GL', 'egl')  # for pictures without a screen
     try:
         import mujoco as module
     except ImportError:

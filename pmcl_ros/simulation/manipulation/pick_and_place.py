@@ -163,7 +163,7 @@ def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array
                  for posture in cell.postures(goal, straight=straight, carried=carried))
         return next(found, None)
     for goal in ends:
-        for down in cell.postures(goal):
+        for down in cell.postures(raised(goal, -_ABOVE)):
             if cell.postures(back(goal, APPROACH), straight=True, start=down):
                 for over in cell.postures(raised(goal, APPROACH), straight=True, start=down):
                     return goal, over

@@ -33,8 +33,8 @@ class Belief:
 
     avoid: (4, 4) the object in base_link, where the arm must not touch it. carried: (4, 4) the
     object in gripper_link, where it must not touch the place. None: there is none. room: to be
-    kept from what is avoided [m]. lean: by which the z of what is carried may be away from
-    up [rad].
+    kept from what is avoided [m]. lean: by which the z of what is carried may be away from up
+    [rad].
     """
 
     avoid: Array | None = None

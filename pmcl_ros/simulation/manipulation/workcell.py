@@ -1,5 +1,8 @@
 """A simulated arm at a workplace: it moves, grips and lifts, by MuJoCo's physics."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,10 +23,11 @@ from pmcl_ros.simulation.manipulation.fetch_arm import (
     add_box,
     fetch_arm,
 )
+from pmcl_ros.simulation.manipulation.film import Film
 from pmcl_ros.simulation.manipulation.physics import MotionError, mujoco
 from pmcl_ros.simulation.manipulation.planner import ROOM, Belief, Planner, to_free
 from pmcl_ros.simulation.manipulation.trajectory import timed
-from pmcl_ros.simulation.manipulation.workplace import Task
+from pmcl_ros.simulation.manipulation.workplace import Task, Workplace
 
 Array = NDArray[np.float64]
 
@@ -33,6 +37,7 @@ _STILL = 0.01  # rad/s, m/s
 _SETTLES = 1.0  # s: in which an arm comes to rest at most
 _CLOSING = 0.05  # m/s: speed of the gap
 _LOW = 0.23  # of its height: the centre of mass of what floats, so that it floats upright
+_WATCH_STEPS = 50  # of the physics, between two calls of `watch`
 _WATER_STEPS = 5  # of the physics, between two forces of the water
 _UPRIGHT = np.cos(np.radians(15))
 
@@ -41,8 +46,9 @@ class Workcell:
     """A Fetch's arm, the fixed things of a workplace, and one object. It begins at `HOME`, open.
 
     mass: of the object [kg]. rng: of the drift of an object that floats. gripper: its sizes. All
-    poses are (4, 4), to base_link [m]. Time passes only in `move`, `grip` and `wait`. Raises
-    SimulationError where MuJoCo or mink is not installed.
+    poses are (4, 4), to base_link [m]. Time passes only in `move`, `grip` and `wait`; `watch`,
+    where it is set, is then called every 0.1 s. Raises SimulationError where MuJoCo or mink is not
+    installed.
     """
 
     def __init__(self, task: Task, model: ObjectModel, mass: float,
@@ -52,6 +58,7 @@ class Workcell:
         spec = fetch_arm(self._gripper)
         for box in task.place.boxes:
             add_box(spec.worldbody, box.name, np.array(box.low), np.array(box.high), FIXED, ROBOT)
+        _draw_water(spec, task.place)
         floats = task.place.kind == 'tank'
         heights = model.vertices[:, 2]
         low = float((1 - _LOW) * heights.min() + _LOW * heights.max()) if floats else None
@@ -64,6 +71,7 @@ class Workcell:
         self._thing_geoms = self._model.geom_contype == THING
         self._robot_geoms = (self._model.geom_contype & ROBOT).astype(bool)
         self._steps, self._has_closed = 0, False
+        self.watch: Callable[[], None] | None = None
         self.largest_touch = 0.0
         self._command = HOME.copy()
         self._data.qpos[_ARM] = self._data.ctrl[_ARM] = HOME
@@ -167,6 +175,10 @@ class Workcell:
         for _ in range(round(seconds / STEP)):
             self._step()
 
+    def film(self, size: tuple[int, int] = (480, 360)) -> Film:
+        """For pictures of the present state; size: width and height [pixels]."""
+        return Film(self._model, self._data, size)
+
     @property
     def standing_on_tray(self) -> bool:
         """The object touches the tray and nothing of the robot, upright and at rest."""
@@ -188,6 +200,8 @@ class Workcell:
             data.xfrc_applied[body.id] = self._water.force(
                 self._pose(thing.NAME), body.xipos, *self._velocity(), _WATER_STEPS * STEP)
         self._steps += 1
+        if self.watch is not None and self._steps % _WATCH_STEPS == 0:
+            self.watch()
         mujoco().mj_step(self._model, data)
         if not self._has_closed and data.ncon:
             self._feel()
@@ -226,6 +240,15 @@ class Workcell:
             self._step()
             if abs(self._data.qvel[:len(ARM) + 2]).max() < _STILL:
                 return
+
+
+def _draw_water(spec: Any, place: Workplace) -> None:
+    """What nothing touches, and lights."""
+    spec.visual.headlight.ambient[:] = spec.visual.headlight.diffuse[:] = (0.4, 0.4, 0.4)
+    spec.worldbody.add_light(pos=(0.3, -0.8, 2.5), dir=(0.1, 0.4, -1), castshadow=True)
+    water = add_box(spec.worldbody, 'water', np.array([*place.low, place.floor]),
+                    np.array([*place.high, place.level]), 0, 0)
+    water.rgba = (0.3, 0.5, 0.9, 0.35)
 
 
 def _belief(avoid: Array | None, carried: Array | None, straight: bool) -> Belief:

@@ -1,0 +1,38 @@
+"""Pictures of a workcell from beside it, for people."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.simulation.manipulation.physics import mujoco
+
+_LOOK_AT, _DISTANCE = (0.5, 0.0, 0.85), 1.9  # m
+_AZIMUTH, _ELEVATION = 215.0, -25.0  # degrees: from behind the place, to its left
+
+
+class Film:
+    """Draws the present state of MuJoCo's model and data. `close` frees its OpenGL context.
+
+    size: width and height [pixels]. Raises RenderError where there is no OpenGL.
+    """
+
+    def __init__(self, model: Any, data: Any, size: tuple[int, int] = (480, 360)) -> None:
+        mj = mujoco()
+        try:
+            self._renderer = mj.Renderer(model, size[1], size[0])
+        except Exception as error:  # of many kinds, by the library that is missing
+            raise RenderError(f'no OpenGL context for MuJoCo: {error}') from error
+        self._data, self._camera = data, mj.MjvCamera()
+        self._camera.lookat[:], self._camera.distance = _LOOK_AT, _DISTANCE
+        self._camera.azimuth, self._camera.elevation = _AZIMUTH, _ELEVATION
+
+    def picture(self) -> NDArray[np.uint8]:
+        """(height, width, 3) RGB."""
+        self._renderer.update_scene(self._data, self._camera)
+        return np.array(self._renderer.render())
+
+    def close(self) -> None:
+        """Free what OpenGL holds."""
+        self._renderer.close()
