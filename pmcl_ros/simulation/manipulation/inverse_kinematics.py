@@ -10,7 +10,7 @@ from pmcl_ros.simulation.manipulation.physics import mink
 _FREE = np.array([each.limits is None for each in ARM])
 _LIMITS = np.array([(-np.pi, np.pi) if each.limits is None else each.limits for each in ARM])
 _NEAR, _PARALLEL = 2e-4, 1e-3  # m, rad: of a solution
-_ITERATIONS = 60
+_ITERATIONS = 30
 _STARTS = 10
 _DAMPING = 1e-4
 

@@ -23,7 +23,7 @@ CLEAR = 0.10  # m: above the water
 _HOLD = 3.0  # s: for which it is held there
 _ABOVE = 0.002  # m: over the tray, where the object is let go
 _RESTS = 1.0  # s: after which it stands still
-_SPINS = 24
+_SPINS = 12
 _TRIES = 2
 _NEARER = 0.0, 0.06, 0.12, 0.18, 0.24  # m: towards the robot, where it is held
 
@@ -84,7 +84,7 @@ def back(tool: Array, distance: float) -> Array:
 
 
 def goals(place: Workplace, model: ObjectModel, tool: Array, carried: Array) -> Iterator[Array]:
-    """Poses (4, 4) of gripper_link that bring a carried object to its end, the likeliest first.
+    """Poses (4, 4) of gripper_link that bring a carried object to its end.
 
     tool: (4, 4) gripper_link now. carried: (4, 4) the object in it. In a sink: upright, just above
     the tray. In a tank: turned as it is, clear of the water.
@@ -99,10 +99,8 @@ def goals(place: Workplace, model: ObjectModel, tool: Array, carried: Array) -> 
         return
     x, y, z = place.tray
     spot = np.array([x, y, z + _ABOVE - model.vertices[:, 2].min()])
-    spins = Rotation.from_euler('z', 2 * np.pi * np.arange(_SPINS)[:, None] / _SPINS)
-    tools = [pose_of(each, spot) @ inverse(carried) for each in spins]
-    # A gripper that points outwards is reached best; one that points down anyhow.
-    yield from sorted(tools, key=lambda tool: -float(tool[:2, 0] @ spot[:2]))
+    for spin in Rotation.from_euler('z', 2 * np.pi * np.arange(_SPINS)[:, None] / _SPINS):
+        yield pose_of(spin, spot) @ inverse(carried)
 
 
 def _take(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> tuple[Array, Array]:
@@ -137,23 +135,22 @@ def _take(cell: Workcell, model: ObjectModel, look: Callable[[], Sight]) -> tupl
 
 def _posture(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> Array | None:
     """Angles before a grasp, from which the arm can approach, lift, and bring the object on."""
-    is_sink = cell.task.place.kind == 'sink'
-    if is_sink and _end(cell, model, tool, carried) is None:
-        return None
     ends = list(goals(cell.task.place, model, tool, carried))
     for before in cell.postures(back(tool, APPROACH), avoid=tool @ carried):
         for grasp in cell.postures(tool, straight=True, start=before):
             for lifted in cell.postures(raised(tool, LIFT), straight=True, start=grasp):
-                if is_sink or any(cell.postures(goal, straight=True, carried=carried, start=lifted)
-                                  for goal in ends):
+                if cell.task.place.kind == 'sink':
+                    return before if _end(cell, model, tool, carried) is not None else None
+                if any(cell.postures(goal, straight=True, carried=carried, start=lifted)
+                       for goal in ends):
                     return before
     return None
 
 
 def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array
          ) -> tuple[Array, Array] | None:
-    """The first of `goals` that the arm reaches and from which it draws back; its posture there,
-    or above the tray.
+    """One of `goals` that the arm reaches soonest and draws back from; its posture there, or above
+    the tray.
     """
     place = cell.task.place
     ends = list(goals(place, model, tool, carried))
@@ -162,11 +159,11 @@ def _end(cell: Workcell, model: ObjectModel, tool: Array, carried: Array
         found = ((goal, posture) for straight in (True, False) for goal in ends
                  for posture in cell.postures(goal, straight=straight, carried=carried))
         return next(found, None)
-    for goal in ends:
-        for down in cell.postures(raised(goal, -_ABOVE)):
-            if cell.postures(back(goal, APPROACH), straight=True, start=down):
-                for over in cell.postures(raised(goal, APPROACH), straight=True, start=down):
-                    return goal, over
+    downs = [(goal, down) for goal in ends for down in cell.postures(raised(goal, -_ABOVE))]
+    for goal, down in sorted(downs, key=lambda each: float(abs(each[1] - cell.joints).max())):
+        if cell.postures(back(goal, APPROACH), straight=True, start=down):
+            for over in cell.postures(raised(goal, APPROACH), straight=True, start=down):
+                return goal, over
     return None
 
 

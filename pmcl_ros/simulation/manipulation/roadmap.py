@@ -70,11 +70,15 @@ class _Tree:
 
 def _shortened(corners: Array, is_free: Callable[[Array, Array], bool],
                rng: np.random.Generator) -> Array:
-    """Without corners that can be left out."""
+    """With straight ways between points of it, where these are free."""
     for _ in range(_SHORTCUTS):
         if len(corners) < 3:
             break
-        first, last = np.sort(rng.choice(len(corners), 2, replace=False))
-        if last - first > 1 and is_free(corners[first], corners[last]):
-            corners = np.delete(corners, np.arange(first + 1, last), axis=0)
+        lengths = abs(np.diff(corners, axis=0)).max(axis=1)
+        at = np.concatenate([[0.0], np.cumsum(lengths)])
+        cuts = np.sort(rng.uniform(0, at[-1], 2))
+        first, last = np.searchsorted(at, cuts)
+        ends = np.stack([np.interp(cuts, at, joint) for joint in corners.T], axis=1)
+        if last > first and is_free(ends[0], ends[1]):
+            corners = np.concatenate([corners[:first], ends, corners[last:]])
     return corners

@@ -13,7 +13,7 @@ from pmcl_ros.simulation.scenes.poses import Pose, pose_of
 WorkplaceKind = Literal['sink', 'tank']
 # What is taken there, of config/objects, and its mass [kg].
 OBJECTS: dict[WorkplaceKind, tuple[str, float]] = {'sink': ('tumbler', 0.2),
-                                                   'tank': ('bottle', 0.45)}
+                                                   'tank': ('bottle', 0.83)}
 Corner = tuple[float, float, float]
 
 _THICK = 0.02  # m: of walls, tray and shelf
