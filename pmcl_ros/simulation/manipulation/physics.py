@@ -27,6 +27,7 @@ def mujoco() -> ModuleType:
 @cache
 def mink() -> ModuleType:
     """The module mink. Raises SimulationError where it is not installed."""
+    mujoco()  # first: it chooses how pictures are drawn
     try:
         import mink as module
     except ImportError:
