@@ -59,8 +59,8 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
             click.echo(f'{each}: {seen[-1].cause or "done"}', err=True)
             bar.advance(task)
     click.echo(table(HEAD, rows(seen) + rows(told)))
-    for each in causes(seen):
-        click.echo(each)
+    for line in causes(seen):
+        click.echo(line)
     about = {'object': name, 'pictures': f'{renderer}, {samples} samples of a pixel',
              'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}

@@ -19,7 +19,6 @@ from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SimulationError
 from pmcl_ros.runtime.resources import resolve
-from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
@@ -29,6 +28,7 @@ _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 300.0  # s: until the nodes are active; the first run compiles
 _END = 60.0  # s: for the robot to judge
 _SHOWN = 800  # characters of a log
+_WATER = 1.333  # refractive index
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
 
@@ -110,9 +110,9 @@ class Series:
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
         middle, size = region_of(self.place)
-        search = {'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
+        search: dict[str, object] = {'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
         if self.declared:
-            search |= {'interface_index': WATER.index,
+            search |= {'interface_index': _WATER,
                        'interface_point': [0.0, 0.0, self._task(seed).place.level]}
         return {
             'sweep_driver': {  # patience: DDS sends what was lost again after 3 s

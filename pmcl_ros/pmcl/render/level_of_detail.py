@@ -48,8 +48,8 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
 @lru_cache(maxsize=8)
 def subdivided(model: ObjectModel) -> ObjectModel:
     """The model with edges of at most an eighth of its radius: straight edges can then bend."""
-    vertices, faces = trimesh.remesh.subdivide_to_size(model.vertices, model.faces,
-                                                       model.radius / _FINER)
+    subdivide: Any = trimesh.remesh.subdivide_to_size
+    vertices, faces = subdivide(model.vertices, model.faces, model.radius / _FINER)
     merged = trimesh.Trimesh(vertices, faces, process=False)
     merged.merge_vertices()
     return replace(model, vertices=np.asarray(merged.vertices, np.float64),

@@ -207,7 +207,9 @@ def _project(vertices, pose, camera, near, water,  # type: ignore[no-untyped-def
         depth = r20 * x + r21 * y + r22 * z + tz
         if is_wet:
             up = np.float32(raised(right, below, depth, water))
-            right, below, depth = right + up * water[0], below + up * water[1], depth + up * water[2]
+            right += up * water[0]
+            below += up * water[1]
+            depth += up * water[2]
         one = np.float32(1) / depth
         u = fx * right * one + (cx + half)
         v = fy * below * one + (cy + half)
