@@ -25,7 +25,7 @@ from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw
 
 SHOULDER = (0.033, 0.0, 1.086)  # m: of a Fetch whose torso is 0.3 m up
 _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
-_PATIENCE = 300.0  # s: until the nodes are active; the first run compiles
+_PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 60.0  # s: for the robot to judge
 _SHOWN = 800  # characters of a log
 _WATER = 1.333  # refractive index
@@ -99,7 +99,7 @@ class Series:
         with log.open('w') as output:
             nodes = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
-                 '--views', 'rest', '--grasps', str(self.grasps)],
+                 '--views', 'rest', '--grasps', str(self.grasps), '--without', 'dlv_node'],
                 stdout=output, stderr=subprocess.STDOUT)
         try:
             _wait(nodes, log, 'active: ')
@@ -110,7 +110,8 @@ class Series:
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
         middle, size = region_of(self.place)
-        search: dict[str, object] = {'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
+        search: dict[str, object] = {
+            'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
         if self.declared:
             search |= {'interface_index': _WATER,
                        'interface_point': [0.0, 0.0, self._task(seed).place.level]}

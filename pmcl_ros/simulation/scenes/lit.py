@@ -104,7 +104,8 @@ def _follow(  # type: ignore[no-untyped-def]
                 green *= np.exp(-medium[3] * t)
                 blue *= np.exp(-medium[4] * t)
                 clear, rough = body[0] == 1, max(body[7], medium[7])
-                index = body[1] / medium[1]
+                # what has no coat reflects nothing, under water neither
+                index = body[1] / medium[1] if clear or body[1] > 1 else 1.0
                 if clear and index == 1:
                     continue
                 if clear and outside == 0:

@@ -158,6 +158,8 @@ def trace(  # type: ignore[no-untyped-def]
             if body[0] == 1 and body[1] == medium[1]:
                 continue
             share, within = fresnel(cosine, medium[1], body[1])
+            if body[0] == 0 and body[1] <= 1:  # it has no coat
+                share = 0.0
             rx, ry, rz = reflected(dx, dy, dz, nx, ny, nz)
             if body[0] == 0:  # opaque
                 u, v = place(world, number, hit, nx, ny, nz)

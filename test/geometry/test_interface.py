@@ -1,0 +1,84 @@
+"""Where things under water seem to be: Snell's law, and the kernel that draws them there."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from pmcl_ros.geometry.interface import Interface
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.level_of_detail import subdivided
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
+from pmcl_ros.pmcl.render.scene import Scene, Window
+
+CAMERA = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
+UP = np.array([0, -np.sqrt(0.5), -np.sqrt(0.5)])  # of a camera that looks down at 45 degrees
+WATER = Interface(-0.3 * UP, UP, 1.33)
+
+
+def test_rays_to_where_things_appear_obey_snells_law():
+    points = np.random.default_rng(0).uniform([-0.5, -0.5, 0], [0.5, 0.5, 1.5], (500, 3))
+    seen = WATER.apparent(points)
+    below = points @ UP < -0.3
+    assert 100 < below.sum() < 450
+    np.testing.assert_array_equal(seen[~below], points[~below])
+    points, seen = points[below], seen[below]
+    np.testing.assert_allclose(np.cross(seen - points, UP), 0, atol=1e-12)  # straight above
+    meets = seen * (-0.3 / (seen @ UP))[:, None]  # the ray from the origin, at the water
+    into = points - meets
+    above = np.linalg.norm(np.cross(meets, UP), axis=1) / np.linalg.norm(meets, axis=1)
+    under = np.linalg.norm(np.cross(into, UP), axis=1) / np.linalg.norm(into, axis=1)
+    np.testing.assert_allclose(above, 1.33 * under, atol=1e-6)
+
+
+def test_straight_down_depths_are_divided_by_the_index():
+    seen = WATER.apparent(-0.7 * UP[None])
+    np.testing.assert_allclose(seen[0], -(0.3 + 0.4 / 1.33) * UP, atol=1e-9)
+
+
+def test_in_the_water_nothing_is_bent():
+    flipped = Interface(0.3 * UP, UP, 1.33)
+    points = np.random.default_rng(1).normal(size=(20, 3))
+    assert flipped.height < 0
+    np.testing.assert_array_equal(flipped.apparent(points), points)
+
+
+def test_an_interface_moves_with_the_camera():
+    angle = 0.4
+    camera = np.eye(4)
+    camera[:2, :2] = [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    camera[:3, 3] = 0.1, -0.2, 0.7
+    points = np.random.default_rng(2).normal(size=(50, 3))
+    moved = WATER.seen_from(camera)
+    into = np.linalg.inv(camera)
+    there = points @ into[:3, :3].T + into[:3, 3]
+    np.testing.assert_allclose((there - moved.point) @ moved.normal,
+                               (points - WATER.point) @ WATER.normal, atol=1e-12)
+
+
+@pytest.mark.parametrize('place', [(0.02, 0.03, 0.5), (0.02, -0.02, 0.42), (-0.26, 0.1, 0.5)],
+                         ids=['below', 'half below', 'at the edge of the picture'])
+def test_the_processor_draws_what_is_below_where_it_appears(place):
+    ball = trimesh.creation.icosphere(4, 0.04)
+    model = ObjectModel('ball', np.asarray(ball.vertices), np.asarray(ball.faces), None, True)
+    pose = np.eye(4)
+    pose[:3, 3] = place
+    window = Window(0, 0, (320, 240))
+    drawn = NumbaRenderer().depths(Scene(model, CAMERA, window, 0.1, 1.0, WATER), pose[None])[0]
+    raised = ObjectModel('ball', WATER.apparent(model.vertices + pose[:3, 3]), model.faces, None,
+                         True)
+    expected = NumbaRenderer().depths(Scene(raised, CAMERA, window, 0.1, 1.0), np.eye(4)[None])[0]
+    assert (drawn > 0).sum() > 500
+    assert ((drawn > 0) != (expected > 0)).sum() <= 2
+    both = (drawn > 0) & (expected > 0)
+    np.testing.assert_allclose(drawn[both], expected[both], atol=1e-4)
+
+
+def test_a_finer_mesh_is_the_same_surface():
+    tube = trimesh.creation.cylinder(0.03, 0.1, sections=16)
+    model = ObjectModel('tube', np.asarray(tube.vertices), np.asarray(tube.faces), None, True)
+    fine = subdivided(model)
+    mesh = trimesh.Trimesh(fine.vertices, fine.faces, process=False)
+    assert mesh.is_watertight
+    assert mesh.volume == pytest.approx(tube.volume)
+    assert mesh.edges_unique_length.max() < model.radius / 8
