@@ -3,16 +3,25 @@
 PYTHON ?= python3
 BAG ?= bags/wine_glass
 CAMERA ?=
+SCENE ?=
 BIN := .venv/bin
 RUN := .venv/.installed-run
 TEST := .venv/.installed-test
 DOCS := .venv/.installed-docs
+ARM := .venv/.installed-manipulate
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
 .PHONY: demo test test-quick lint venv docs eval bench soak fuzz clean
 
+# SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
+ifeq ($(SCENE),)
 demo: $(RUN)
 	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
+else
+demo: $(ARM)
+	@$(BIN)/pmcl warm-up
+	@$(BIN)/pmcl manipulate $(SCENE) --trials 1 --seed 1 --out out/$(SCENE)
+endif
 
 test: $(TEST) lint
 	@$(BIN)/pmcl warm-up --all
@@ -68,6 +77,9 @@ $(RUN): requirements.txt requirements-ros.txt setup.py setup.cfg
 $(TEST): requirements-test.txt requirements-docs.txt requirements-simulate.txt \
 		requirements-manipulate.txt $(RUN)
 	@echo 'installing the test packages ...' && $(PIP) -r requirements-test.txt && touch $@
+
+$(ARM): requirements-manipulate.txt $(RUN)
+	@$(PIP) -r requirements-manipulate.txt && touch $@
 
 $(DOCS): requirements-docs.txt $(RUN)
 	@$(PIP) -r requirements-docs.txt && touch $@
