@@ -22,7 +22,7 @@ _LINE = 0.005  # m: between poses of a straight line
 _TURN = 0.05  # rad: likewise
 _JUMP = 0.3  # rad: more between neighbours of a line is another posture
 _CLEAR = 5e-3  # m: to be kept from everything
-ROOM = 0.025  # m: to be kept from an object, but on the line to it
+ROOM = 0.045  # m: to be kept from an object, which may drift, but on the line to it
 _LEAN = 0.3  # rad: more than at its start and its end, on the way of what is carried
 _AWAY = np.array([0, 0, -5.0, 1, 0, 0, 0])
 
@@ -52,14 +52,15 @@ class Belief:
 class Planner:
     """Plans in a copy of the world: fixed things are known exactly, the object as believed.
 
-    model: the world of a Workcell, the joints of the arm first, then those of the fingers, then
-    the free joint of the object.
+    spec: `mujoco.MjSpec` of a Workcell, the joints of the arm first, then those of the fingers,
+    then the free joint of the object; its margins are changed.
     """
 
-    def __init__(self, model: Any, gripper: GripperSettings) -> None:
-        self._model, self._gripper = model, gripper
+    def __init__(self, spec: Any, gripper: GripperSettings) -> None:
+        for geom in spec.geoms:  # before it is compiled: bodies take their margins from these
+            geom.margin = ROOM if geom.contype == THING else _CLEAR
+        self._model = model = spec.compile()
         self._data = mujoco().MjData(model)
-        self._model.geom_margin[:] = ROOM
         self._kinematics = InverseKinematics(gripper)
         self._fixed = model.geom_contype == FIXED
         self._thing = model.geom_contype == THING
@@ -107,7 +108,9 @@ class Planner:
             belief = replace(belief, room=_CLEAR)
         if belief.carried is not None:
             with suppress(MotionError):
-                return self.line(tool, start, belief)
+                line = self.line(tool, start, belief)
+                if like is None or abs(line[-1] - like).max() < _JUMP:
+                    return line
             # What leans more than it must is heavy to hold.
             belief = replace(belief, lean=_LEAN + max(belief.tilt(tool), belief.tilt(
                 self.forward(start))))

@@ -65,7 +65,7 @@ class Workcell:
         thing.add_thing(spec, model, mass, low)
         self._model = spec.compile()
         self._data = mujoco().MjData(self._model)
-        self._planner = Planner(spec.compile(), self._gripper)
+        self._planner = Planner(spec, self._gripper)
         self._water = Water(model, task.place.level, task.pose[:2, 3],
                             rng or np.random.default_rng(0)) if floats else None
         self._thing_geoms = self._model.geom_contype == THING
