@@ -65,6 +65,7 @@ class SimulatedRobot(Node):
         self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
         self._cell = Workcell(self._task, self._model, options.mass,
                               np.random.default_rng([options.seed, 3]))
+        self._cell.wait(0.5)  # a lying object comes to rest
         self._camera = OrdinaryCamera.load(options.camera)
         self._sensor = self._camera.sensor(np.random.default_rng([options.seed, 2]))
         self._wrist_camera = WristCamera.draw(self._rng)
