@@ -116,7 +116,7 @@ class Series:
             search |= {'interface_index': _WATER,
                        'interface_point': [0.0, 0.0, self._task(seed).place.level]}
         return {
-            'sweep_driver': {  # patience: DDS sends what was lost again after 3 s
+            'sweep_driver': {
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9},

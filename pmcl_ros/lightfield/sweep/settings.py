@@ -93,8 +93,8 @@ class SweepDriverSettings(ViewSettings):
         (0.0, 0.0, 0.0), description='its roll, pitch, yaw as in URDF [rad]')
     gap: float = Field(0.2, gt=0, le=100, description='longest time between two interpolated '
                        'poses [s]')
-    patience: float = Field(2.0, gt=0, le=100, description='longest wait of an image for its pose '
-                            'and for camera_info [s]')
+    patience: float = Field(5.0, gt=0, le=100, description='longest wait of an image for its pose '
+                            'and for camera_info [s]; DDS repeats a message that was lost after 3')
     rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
                             'camera_info applies')
     reliable: bool = Field(True, description='subscribe to images reliably; false: best '
