@@ -33,7 +33,7 @@ def grasps(object_file: Path, gripper: Path | None, out: Path | None, picture: P
            force: bool) -> None:
     """Make side, top and rim grasps for OBJECT, a surface of revolution.
 
-    OBJECT: a mesh in metres, or an object's YAML.
+    OBJECT: a mesh, or an object's YAML.
     """
     refuse_existing([each for each in (out, picture) if each is not None], force)
     sizes = GripperSettings() if gripper is None else GripperSettings.load(gripper)

@@ -29,7 +29,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.command()
 @source_options
 @click.option('--object', 'objects', multiple=True, type=FILE,
-              help='A mesh in metres, or an object YAML; several are found together.')
+              help='A mesh, or an object YAML; several are found together.')
 @click.option('--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place '
               "of --object: the data set's object N, models/obj_00000N.ply in millimetres.")
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',

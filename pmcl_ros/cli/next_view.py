@@ -31,7 +31,7 @@ class Candidates(Settings):
 @click.command('next-view')
 @view_options
 @click.option('--object', 'object_path', required=True, type=FILE,
-              help='A mesh in metres, or an object YAML.')
+              help='A mesh, or an object YAML.')
 @click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
               help="Box that holds the object's origin: centre and size, reference frame [m].")
 @click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '

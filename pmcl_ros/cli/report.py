@@ -19,7 +19,7 @@ from pmcl_ros.runtime.resources import resolve
 
 @click.command()
 @source_options
-@click.option('--object', 'object_path', type=FILE, help='A mesh in metres, or an object YAML; '
+@click.option('--object', 'object_path', type=FILE, help='A mesh, or an object YAML; '
               'default: model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
 @click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ', help="Box that holds the "
               "object's origin [m]; default: that of truth.json.")

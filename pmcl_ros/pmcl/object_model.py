@@ -1,4 +1,4 @@
-"""The object that is looked for: its mesh in metres, and which motions leave it as it is."""
+"""The object that is looked for: its mesh, and which motions leave it as it is."""
 
 import io
 import logging
@@ -23,6 +23,8 @@ from pmcl_ros.runtime.text_file import read_json
 
 _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
+_UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
+_CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
 _MOST_FACES = 1_000_000
 _MOST_BYTES = 2 ** 26
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
@@ -39,7 +41,8 @@ class ObjectSettings(Settings):
     """An object's YAML file. Symmetries as in BOP's models_info.json."""
 
     mesh: str = Field(description='path of the mesh, relative to this file')
-    scale: float = Field(1.0, gt=0, description='metres per unit of the mesh')
+    scale: float = Field(1.0, gt=0, description='metres per unit of the mesh; where it is left '
+                         'out, a mesh that is far too large for metres is taken as millimetres')
     symmetries_continuous: list[_ContinuousSymmetry] | None = Field(
         None, max_length=1, description='axis (in the mesh frame) about which any rotation leaves '
         'the object as it is; an empty list: none; left out: found from the mesh')
@@ -86,18 +89,21 @@ class ObjectModel:
 
     @classmethod
     def load(cls, path: Path | str) -> 'ObjectModel':
-        """Read a mesh file (STL, OBJ, PLY, OFF or GLB; metres) or an object's YAML.
+        """Read a mesh file (STL, OBJ, PLY, OFF or GLB) or an object's YAML.
 
-        Raises ObjectModelError when there is no such mesh, no surface in it, or its size cannot be
-        metres, SettingsError when the YAML cannot be read or says something impossible.
+        Where no YAML says the unit of the mesh, it is guessed from its size, and told.
+        Raises ObjectModelError when there is no such mesh, no surface in it, its unit cannot be
+        guessed, or its size is impossible, SettingsError when the YAML cannot be read or says
+        something impossible.
         """
         path = Path(path)
-        if path.suffix.lower() in _DESCRIBED:
-            settings = ObjectSettings.make(read_yaml(path), str(path))
-            mesh = read_mesh(path.parent / settings.mesh)
-            mesh.vertices *= settings.scale
-            return cls._from_mesh(mesh, path.stem, settings)
-        return cls._from_mesh(read_mesh(path), path.stem, None)
+        settings = _described(path)
+        mesh = read_mesh(path.parent / settings.mesh)
+        scale = _scale_of(mesh, settings, path)
+        if 'scale' not in settings.model_fields_set:
+            _tell_size(mesh, scale, path)
+        mesh.vertices *= scale
+        return cls._from_mesh(mesh, path.stem, settings, scale)
 
     @classmethod
     def load_bop(cls, path: Path) -> 'ObjectModel':
@@ -106,7 +112,7 @@ class ObjectModel:
         Its symmetries are those of models_info.json beside it, else found from the mesh. Raises as
         `load`.
         """
-        values: dict[str, Any] = {'mesh': path.name, 'scale': 0.001}
+        values: dict[str, Any] = {'mesh': path.name}
         info = path.with_name('models_info.json')
         if info.is_file():
             number = str(int(path.stem.removeprefix('obj_')))
@@ -119,29 +125,28 @@ class ObjectModel:
             except (ValueError, KeyError, TypeError, AttributeError) as error:
                 raise ObjectModelError(f'{info} has no object {number}: {error!r}') from None
         mesh = read_mesh(path)
-        mesh.vertices *= values['scale']
-        return cls._from_mesh(mesh, path.stem, ObjectSettings.make(values, str(info)))
+        mesh.vertices *= 0.001
+        return cls._from_mesh(mesh, path.stem, ObjectSettings.make(values, str(info)), 0.001)
 
     @classmethod
-    def _from_mesh(cls, mesh: trimesh.Trimesh, name: str, settings: ObjectSettings | None
+    def _from_mesh(cls, mesh: trimesh.Trimesh, name: str, settings: ObjectSettings, scale: float
                    ) -> 'ObjectModel':
+        """Of a mesh in metres; scale: metres per unit of its file."""
         vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64)
-        with np.errstate(over='ignore'):
-            diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+        diagonal = _diagonal(mesh)
         if not _SMALLEST <= diagonal <= _LARGEST:
             raise ObjectModelError(
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
-                f'{_LARGEST} m; meshes are in metres: for millimetres write an object YAML with '
-                'scale: 0.001')
-        if settings is not None and settings.symmetries_continuous is not None:
+                f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh: '
+                '0.001 for millimetres')
+        if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
             axis = _found_axis(mesh)
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
         reach = float(np.linalg.norm(vertices, axis=1).max())
-        discrete = np.eye(4)[None] if settings is None else symmetry_group(
-            settings.symmetries_discrete, axis, settings.scale, reach, name)
+        discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
         _check_group(mesh, discrete, name)
         return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete)
 
@@ -149,10 +154,51 @@ class ObjectModel:
 def mesh_file(path: Path | str) -> tuple[Path, float]:
     """The mesh file of an object, and metres per unit of it; raises as `ObjectModel.load`."""
     path = Path(path)
-    if path.suffix.lower() not in _DESCRIBED:
-        return path, 1.0
-    settings = ObjectSettings.make(read_yaml(path), str(path))
-    return path.parent / settings.mesh, settings.scale
+    settings = _described(path)
+    mesh = path.parent / settings.mesh
+    return mesh, _scale_of(read_mesh(mesh), settings, path)
+
+
+def _described(path: Path) -> ObjectSettings:
+    """An object's YAML; a mesh file is as one that names this mesh and says no more."""
+    if path.suffix.lower() in _DESCRIBED:
+        return ObjectSettings.make(read_yaml(path), str(path))
+    return ObjectSettings(mesh=path.name)
+
+
+def _scale_of(mesh: trimesh.Trimesh, settings: ObjectSettings, path: Path) -> float:
+    """Metres per unit of a mesh: as it is said, else guessed; ObjectModelError where in doubt."""
+    diagonal = _diagonal(mesh)
+    if 'scale' in settings.model_fields_set or diagonal <= _LARGEST:
+        return settings.scale
+    if diagonal <= _CENTIMETRES:
+        raise ObjectModelError(
+            f'{path}: nothing says the unit of the mesh, whose diagonal of {diagonal:.4g} cannot '
+            f'be metres; write {_line(path, 0.001)} if it is in millimetres, scale: 0.01 if it is '
+            'in centimetres')
+    return 0.001
+
+
+def _tell_size(mesh: trimesh.Trimesh, scale: float, path: Path) -> None:
+    """Log what the guess of a unit makes of a mesh, and the line that confirms or changes it."""
+    size = ' x '.join(f'{each:.3g}' for each in scale * np.asarray(mesh.extents))
+    unit = 'metres' if scale == 1 else 'millimetres'
+    doubtful = scale != 1 or _diagonal(mesh) > _UNUSUAL
+    _LOG.log(logging.WARNING if doubtful else logging.INFO,
+             '%s: nothing says the unit of the mesh; taken as %s, it measures %s m. To confirm or '
+             'change that, write %s', path, unit, size, _line(path, scale))
+
+
+def _line(path: Path, scale: float) -> str:
+    """What an object's YAML has to say about its unit."""
+    if path.suffix.lower() in _DESCRIBED:
+        return f'scale: {scale:g}'
+    return f'{path.stem}.yaml with "mesh: {path.name}" and "scale: {scale:g}"'
+
+
+def _diagonal(mesh: trimesh.Trimesh) -> float:
+    with np.errstate(over='ignore'):
+        return float(np.linalg.norm(np.ptp(np.asarray(mesh.vertices, float), axis=0)))
 
 
 def read_mesh(path: Path) -> trimesh.Trimesh:

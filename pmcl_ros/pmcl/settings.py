@@ -26,7 +26,7 @@ class PmclSettings(Settings):
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
         'contour map of the learned network (dlv/contour_map); auto: edges of light fields, the '
         'map of pictures of ordinary cameras')
-    object: str = Field('', description='path of the object: a mesh in metres, or an object YAML')
+    object: str = Field('', description='path of the object: a mesh, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),
         description='centre of the box that holds the origin of the object, camera frame [m]')

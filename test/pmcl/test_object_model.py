@@ -7,7 +7,7 @@ import trimesh
 import yaml
 from pmcl_scenes import bracket, cup
 
-from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 
 MODELS = Path(__file__).parents[2] / 'models'
@@ -103,13 +103,43 @@ def test_open_or_inside_out_meshes_are_not_closed(tmp_path):
 
 def test_a_description_scales_and_finds(tmp_path):
     millimetres = cup().apply_scale(1000)
-    with pytest.raises(ObjectModelError, match=r'diagonal of 134\.9 m.*scale: 0\.001'):
-        ObjectModel.load(save(millimetres, tmp_path))
     model = ObjectModel.load(describe(tmp_path, millimetres, scale=0.001))
     np.testing.assert_allclose(model.vertices.max(axis=0), cup().vertices.max(axis=0), atol=1e-8)
     np.testing.assert_array_equal(model.axis, [0, 0, 1])
     assert model.closed
     assert model.name == 'thing'
+
+
+@pytest.mark.parametrize('said', ['mesh', 'description'])
+@pytest.mark.parametrize(('unit', 'scale', 'words'), [
+    (1.0, 1.0, ''), (0.06, 1.0, 'metres, it measures 1.07 x 1.07 x 1.67 m'),
+    (0.001, 0.001, 'millimetres, it measures 0.064 x 0.064 x 0.1 m')])
+def test_the_unit_that_nobody_says_is_guessed_and_told(tmp_path, caplog, said, unit, scale,
+                                                      words):
+    mesh = cup().apply_scale(1 / unit)
+    path = save(mesh, tmp_path) if said == 'mesh' else describe(tmp_path, mesh)
+    model = ObjectModel.load(path)
+    np.testing.assert_allclose(np.ptp(model.vertices, axis=0), mesh.extents * scale, rtol=1e-6)
+    assert mesh_file(path) == (tmp_path / 'thing.obj', scale)
+    told = [each.getMessage() for each in caplog.records if each.levelname == 'WARNING']
+    assert len(told) == bool(words)
+    for each in told:
+        assert words in each
+        assert f'scale: {scale:g}' in each
+    caplog.clear()
+    described = describe(tmp_path, mesh, scale=scale)  # the line confirms it
+    np.testing.assert_array_equal(ObjectModel.load(described).vertices, model.vertices)
+    assert not [each for each in caplog.records if each.levelname == 'WARNING']
+
+
+def test_a_unit_that_may_be_two_is_asked_for(tmp_path):
+    centimetres = cup().apply_scale(100)
+    with pytest.raises(ObjectModelError, match=r'thing\.yaml.*scale: 0\.001.*scale: 0\.01 if'):
+        ObjectModel.load(save(centimetres, tmp_path))
+    with pytest.raises(ObjectModelError, match=r'write scale: 0\.001.*scale: 0\.01 if'):
+        ObjectModel.load(describe(tmp_path, centimetres))
+    model = ObjectModel.load(describe(tmp_path, centimetres, scale=0.01))
+    np.testing.assert_allclose(model.vertices, cup().vertices, atol=1e-8)
 
 
 def test_a_description_declares_symmetry_or_none(tmp_path):

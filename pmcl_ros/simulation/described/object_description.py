@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, read_mesh
+from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file, read_mesh
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.settings import read_yaml
 from pmcl_ros.simulation.described import offsets, profiles
@@ -48,7 +48,6 @@ class _Description:
     """model: in the mesh's frame. turn: (3, 3), mesh to a frame whose z is up."""
 
     path: Path
-    settings: ObjectSettings
     appearance: Appearance
     model: ObjectModel
     turn: NDArray[np.float64]
@@ -59,12 +58,12 @@ class _Description:
         settings = (ObjectSettings.make(read_yaml(path), str(path))
                     if path.suffix.lower() in ('.yaml', '.yml') else None)
         appearance = settings.appearance if settings else None
-        if settings is None or appearance is None:
+        if appearance is None:
             raise ObjectModelError(
                 f'{path} does not say what the object is made of: write in its YAML file '
                 f'appearance: {{material: glass, wall: 0.0025, '
                 f'{_mouth(model.vertices[:, 2].max())}}}')
-        return cls(path, settings, appearance, model, _upright(appearance, model))
+        return cls(path, appearance, model, _upright(appearance, model))
 
     def made(self) -> SceneObject:
         look, model = self.appearance, self.model
@@ -160,7 +159,7 @@ class _Description:
         if not inner.is_volume:
             raise ObjectModelError(f'{self.appearance.inner} is not closed: fill its holes, with '
                                    'a lid at the mouth')
-        vertices = self.settings.scale * np.asarray(inner.vertices) @ self.turn.T
+        vertices = mesh_file(self.path)[1] * np.asarray(inner.vertices) @ self.turn.T
         return trimesh.Trimesh(vertices, inner.faces, process=False)
 
     def _check_level(self, level: float | None, low: float, high: float) -> None:
