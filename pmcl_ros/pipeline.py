@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
@@ -29,6 +30,7 @@ from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
@@ -109,6 +111,16 @@ def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
         return 'edges'
     _LOG.info('evidence map: poses are found in pictures by contour maps')
     return 'map'
+
+
+def cameras_of(given: Source | Evidence) -> list[tuple[Pinhole, NDArray[np.float64]]]:
+    """The cameras that took a source or its evidence, with poses (4, 4) in its reference frame."""
+    if isinstance(given, PosedViews):
+        return [(each.pinhole, each.camera_to_reference) for each in given.views]
+    if isinstance(given, ViewsEvidence):
+        return [(each.evidence.pinhole, each.camera_to_reference) for each in given.views]
+    pinhole = given.grid.pinhole if isinstance(given, LightField) else given.pinhole
+    return [(pinhole, np.eye(4))]
 
 
 def depths_of(center: tuple[float, float, float], size: tuple[float, float, float],

@@ -11,6 +11,7 @@ import numpy as np
 from rich.progress import Progress, track
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
 from pmcl_ros.evaluation.variants import Variant
@@ -32,9 +33,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               help='A mesh, or an object YAML; several are found together.')
 @click.option('--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place '
               "of --object: the data set's object N, models/obj_00000N.ply in millimetres.")
-@click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
-              help="Box that holds the object's origin: centre and size, camera's optical frame "
-              '(of posed views: their reference frame) [m].')
+@region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']),
@@ -47,7 +46,7 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | None,
-             roi: tuple[float, ...], mode: Mode, kind: EvidenceKind | None, changes: str | None,
+             region: GivenRegion, mode: Mode, kind: EvidenceKind | None, changes: str | None,
              seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
@@ -55,7 +54,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     light field is an .npz of `pmcl decode`, a folder of views with light_field.yaml, or a scene's
     folder of the 4D Light Field Benchmark. Pictures of ordinary cameras are a views.yaml, or the
     folder with it, the folder of a COLMAP text model or of a BOP scene, or a picture of one. With
-    poses of the cameras, --roi and the pose are in their reference frame. A bag is one of raw
+    poses of the cameras, the region and the pose are in their reference frame. A bag is one of raw
     pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
     if (object_id is None) == (not objects):
@@ -68,10 +67,9 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
         raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
     of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
     chosen = {} if kind is None else {'evidence': kind}
-    settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed,
-                                  'roi_center': roi[:3], 'roi_size': roi[3:]}
-                                 | chosen | dict(of_search),
-                                 '--roi, --mode, --evidence, --set, --seed')
+    settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed}
+                                 | region.settings() | chosen | dict(of_search),
+                                 '--roi, --depths, --table, --mode, --evidence, --set, --seed')
     load = ObjectModel.load if object_id is None else ObjectModel.load_bop
     alone = pictures_alone(source.source)
     if alone:
@@ -79,8 +77,10 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
             raise click.UsageError(f'{source.source} has no camera poses, and each picture is '
                                    'localised alone: give one --object, and no --truth')
         STDERR.print('no camera poses: each picture is localised alone', markup=False)
-        _localize_each([replace(source, source=each) for each in alone], load(objects[0]),
-                       settings, dict(of_volume), as_json, out)
+        pictures = [replace(source, source=each) for each in alone]
+        model = load(objects[0])
+        settings, _ = settled(settings, pictures[0].open().read, model.radius)
+        _localize_each(pictures, model, settings, dict(of_volume), as_json, out)
         return
     opened = source.open()
     model = load(objects[0])
@@ -92,8 +92,9 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
             raise click.UsageError('--truth is of one object: give one --object')
         _localize_several(opened.read, objects, settings, dict(of_volume), as_json, out)
         return
+    settings, read = settled(settings, opened.read, model.radius)
     pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', opened.posed)
-    run = _run(pipeline, opened.read, seed, with_volume=out is not None)
+    run = _run(pipeline, read, seed, with_volume=out is not None)
     estimate = run.estimate
     _print(estimate, _seconds(run), as_json)
     if truth is not None:
@@ -149,6 +150,7 @@ def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
     """
     loaded = {each: ObjectModel.load(each) for each in dict.fromkeys(objects)}
     models = [loaded[each] for each in objects]
+    settings, read = settled(settings, read, max(each.radius for each in models))
     run = _run(Pipeline.for_objects(models, settings, of_volume, '--set'), read, settings.seed)
     scene = run.estimate
     _print(scene, {'dlv': run.seconds['views'] + run.seconds['evidence'],

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from pmcl_ros.cli.base import FILE
+from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews, check_pose
@@ -32,8 +33,7 @@ class Candidates(Settings):
 @view_options
 @click.option('--object', 'object_path', required=True, type=FILE,
               help='A mesh, or an object YAML.')
-@click.option('--roi', required=True, type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
-              help="Box that holds the object's origin: centre and size, reference frame [m].")
+@region_options
 @click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '
               '16 numbers each. Default: a cap about the views there are.')
 @click.option('--cap', 'degrees', type=click.FloatRange(1, 360), default=CAP, show_default=True,
@@ -42,7 +42,7 @@ class Candidates(Settings):
               help='Of the default candidates.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
-def next_view(source: GivenSource, object_path: Path, roi: tuple[float, ...],
+def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
               candidates: Path | None, degrees: float, count: int, seed: int, as_json: bool
               ) -> None:
     """Tell from where one more picture of SOURCE, posed views, would make the pose surest.
@@ -55,11 +55,12 @@ def next_view(source: GivenSource, object_path: Path, roi: tuple[float, ...],
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them')
-    settings = PmclSettings.make({'object': str(object_path), 'seed': seed,
-                                  'roi_center': roi[:3], 'roi_size': roi[3:]}, '--roi, --seed')
+    settings = PmclSettings.make({'object': str(object_path), 'seed': seed} | region.settings(),
+                                 '--roi, --depths, --table, --seed')
     model = ObjectModel.load(object_path)
+    settings, read = settled(settings, opened.read, model.radius)
     with Pipeline.for_object(model, settings, posed=True) as pipeline:
-        run = pipeline.run(opened.read, np.random.default_rng(seed))
+        run = pipeline.run(read, np.random.default_rng(seed))
     assert isinstance(run.source, PosedViews)
     assert isinstance(run.evidence, ViewsEvidence)
     click.echo(run.estimate.describe(), err=True)

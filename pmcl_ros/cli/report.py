@@ -6,6 +6,7 @@ import click
 from rich.progress import Progress
 
 from pmcl_ros.cli.base import FILE, STDERR
+from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.evaluation.report.localization import localize
 from pmcl_ros.evaluation.report.page import page
@@ -21,8 +22,7 @@ from pmcl_ros.runtime.resources import resolve
 @source_options
 @click.option('--object', 'object_path', type=FILE, help='A mesh, or an object YAML; '
               'default: model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
-@click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ', help="Box that holds the "
-              "object's origin [m]; default: that of truth.json.")
+@region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
@@ -31,28 +31,31 @@ from pmcl_ros.runtime.resources import resolve
               'the one beside SOURCE, if there is one and no other --object is looked for.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               default=Path('report.html'), show_default=True, help='The page, one HTML file.')
-def report(source: GivenSource, object_path: Path | None, roi: tuple[float, ...] | None,
+def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
            mode: str, seed: int, truth_path: Path | None, out: Path) -> None:
     """Find the object's pose in SOURCE and write a page about it.
 
-    SOURCE is what `pmcl localize` takes.
+    SOURCE is what `pmcl localize` takes. Without --roi, --depths or --table the region is that of
+    the truth.json beside it.
     """
     path = source.source
     folder = path if path.is_dir() else path.parent
     beside = folder / 'truth.json' if (folder / 'truth.json').is_file() else None
     known = truth_path or beside
     truth = Truth.load(known) if known else None
-    center, size = _region(roi, truth)
+    where = (region.settings() if region or truth is None else
+             {'roi_center': truth.roi_center, 'roi_size': truth.roi_size})
     if object_path is not None and truth_path is None:
         truth = None  # it is of the object in the picture, which may be another one
     object_path = object_path or _object(path, folder)
-    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed,
-                                  'roi_center': center, 'roi_size': size}, '--roi, --mode, --seed')
+    settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed}
+                                 | where, '--roi, --depths, --table, --mode, --seed')
     model = ObjectModel.load(object_path)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)
         opened = source.open()
-        run = localize(opened.read, model, settings, lambda stage, part: bar.update(
+        settings, read = settled(settings, opened.read, model.radius)
+        run = localize(read, model, settings, lambda stage, part: bar.update(
             task, description=stage, completed=part), str(path), opened.serial, truth,
             opened.posed)
         bar.update(task, description='page')
@@ -64,16 +67,6 @@ def report(source: GivenSource, object_path: Path | None, roi: tuple[float, ...]
         raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
     STDERR.print(run.estimate.describe(), markup=False, soft_wrap=True)
     click.echo(out)
-
-
-def _region(roi: tuple[float, ...] | None, truth: Truth | None
-            ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    if roi:
-        return roi[:3], roi[3:]
-    if truth is None:
-        raise click.UsageError('the region of interest is unknown: there is no truth.json beside '
-                               'the source; give --roi')
-    return truth.roi_center, truth.roi_size
 
 
 def _object(source: Path, folder: Path) -> Path:

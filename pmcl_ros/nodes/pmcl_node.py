@@ -33,14 +33,14 @@ from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.transport.losses import MissingCaptures
-from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
+from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Region, with_region
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
@@ -87,16 +87,19 @@ class PmclNode(StageNode):
         self._model = ObjectModel.load(path)
         self.object_frame = (ObjectFrame(self, settings.object_frame or self._model.name)
                              if settings.broadcast_tf else None)
-        localizer = self._work(partial(make_localizer, self._model, settings, self._posed),
-                               self._model.name)
-        if isinstance(localizer, Localizer | MultiViewLocalizer):
-            self._tracker = Tracker(localizer, self._model, settings)
+        self._use(settings, self._work(
+            partial(make_localizer, self._model, settings, self._posed), self._model.name))
         self._poses = [self.publisher(PoseStamped, 'pose', SMALL),
                        self.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL),
                        self.publisher(PoseArray, 'particles', SMALL)]
         self._list = ObjectList(self, [path])
         self._marker: Marker | None = None  # made when somebody wants it
+
+    def _use(self, settings: PmclNodeSettings, localizer: AnyLocalizer[PoseEstimate]) -> None:
+        """Search with a localizer of one object, in the region that the settings say."""
         self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
+        if isinstance(localizer, Localizer | MultiViewLocalizer):
+            self._tracker = Tracker(localizer, self._model, settings)
 
     def _work(self, make: Callable[[], Any], sought: str) -> Any:
         """A thread for what searches, which is made on it."""
@@ -135,6 +138,7 @@ class PmclNode(StageNode):
         self._random = np.random.default_rng(self._settings.seed)
         self._last: Evidence | PosedViews | None = None
         self._missing = MissingCaptures()
+        self._is_placed = not self._settings.region_in_view
 
     # in
 
@@ -202,6 +206,8 @@ class PmclNode(StageNode):
                         else given)
             if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
                 evidence = edges_from_likelihood(evidence)
+            if not self._is_placed:
+                localizer = self._placed(given)
             found: PoseEstimate | SceneEstimate
             if self._tracker is not None and isinstance(evidence, EdgeVolume | ViewsEvidence):
                 found = self._tracker.track(evidence, self._random, progress, camera)
@@ -219,6 +225,18 @@ class PmclNode(StageNode):
             elif self._several is not None:
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)
                 self._optional.publish(found.estimates)
+
+    def _placed(self, given: Evidence | PosedViews) -> AnyLocalizer[PoseEstimate]:
+        """What searches the region that follows from the cameras of the first capture."""
+        settings = with_region(self._settings, cameras_of(given), self._model.radius)
+        self.get_logger().info(f'region of interest: roi_center {settings.roi_center}, roi_size '
+                               f'{settings.roi_size}')
+        self._worker.owned.close()
+        self._worker.owned = localizer = make_localizer(self._model, settings, self._posed)
+        self._use(settings, localizer)
+        self._of_views.settings = settings
+        self._is_placed = True
+        return localizer
 
     # out
 

@@ -47,6 +47,9 @@ class PmclNodeSettings(TrackingSettings):
         if self.several and self.object_frame:
             raise ValueError(f'objects have frames of their own names: object_frame '
                              f'{self.object_frame!r} must be empty')
+        if self.several and self.region_in_view:
+            raise ValueError('objects need the box roi_center, roi_size: roi_depths and roi_table '
+                             'are for one object')
         if self.source == 'light_field' and self.evidence == 'map' and self.tracking != 'none':
             raise ValueError(f'tracking {self.tracking} needs evidence edges in light fields, it '
                              f'is {self.evidence}')

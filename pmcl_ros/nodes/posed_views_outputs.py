@@ -27,11 +27,12 @@ class PosedViewsOutputs:
     """How sure the pose is with each further view, and `~/next_view`: what one more would bring.
 
     For `set_up` of a node. model: None: there are no posed views, and the service says so.
+    settings: those with the region that is searched.
     """
 
     def __init__(self, node: StageNode, model: ObjectModel | None, settings: PmclNodeSettings
                  ) -> None:
-        self._node, self._model, self._settings = node, model, settings
+        self._node, self._model, self.settings = node, model, settings
         self._next = node.publisher(PoseStamped, 'next_view', SMALL)
         self._candidates = node.publisher(Image, 'next_view/candidates', SMALL)
         self._sigmas = node.publisher(Image, 'pose/sigma_by_views', SMALL)
@@ -75,9 +76,9 @@ class PosedViewsOutputs:
                                     'pictures of the region of interest first')
         evidence, estimate = self._last
         there = [each.camera_to_reference for each in evidence.views]
-        found = next_views(evidence, self._model, self._settings, estimate.pose,
-                           cap(estimate.pose, there, self._settings.next_view_cap,
-                               self._settings.next_view_candidates), evidence.pinhole)
+        found = next_views(evidence, self._model, self.settings, estimate.pose,
+                           cap(estimate.pose, there, self.settings.next_view_cap,
+                               self.settings.next_view_candidates), evidence.pinhole)
         best = found[0]
         if best.sigma >= best.now:
             raise LocalizationError(

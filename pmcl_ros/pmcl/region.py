@@ -2,14 +2,22 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
+from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
+
+Given = TypeVar('Given', bound=PmclSettings)
+_REACH = 0.1, 3.0  # m: depths at which a table is looked at, where none are given
+_SLACK = 0.02  # m: by which a table's plane may be off
+_RAYS, _STEPS = 25, 25  # places of a view: across and down, along each ray
 
 
 @dataclass(frozen=True)
@@ -119,3 +127,58 @@ class Region:
     def clip(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
         """Points (n, 3), those outside the box moved onto its surface."""
         return np.clip(points, self.low, self.high)
+
+
+def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+                radius: float) -> Given:
+    """Settings with the box that `roi_depths` and `roi_table` mean in the views of some cameras.
+
+    It holds all places that all of the cameras see. cameras: each with its pose (4, 4)
+    in the reference frame. radius: of the object, whose origin is at most this high above a table
+    [m]. Raises LocalizationError where there is no such place.
+    """
+    if not settings.region_in_view:
+        return settings
+    near, far = settings.roi_depths if any(settings.roi_depths) else _REACH
+    places = np.concatenate([_places(*each, near, far, settings.roi_table, radius)
+                             for each in cameras])
+    for each in cameras:
+        places = places[_in_view(*each, places, near, far)]
+    if not len(places):
+        table = f' on the table {settings.roi_table}' if any(settings.roi_table) else ''
+        raise LocalizationError(
+            f'no place {near:g} to {far:g} m away{table} is in view of all {len(cameras)} '
+            'cameras; are depths and table right? Else give the box')
+    low, high = places.min(axis=0), places.max(axis=0)
+    return settings.model_copy(update={
+        'roi_center': tuple(((low + high) / 2).tolist()), 'roi_size': tuple((high - low).tolist()),
+        'roi_depths': (0.0, 0.0), 'roi_table': (0.0,) * 6})
+
+
+def _places(pinhole: Pinhole, camera: NDArray[np.float64], near: float, far: float,
+            table: tuple[float, ...], radius: float) -> NDArray[np.float64]:
+    """(n, 3) places all over a camera's view where the object's origin may be."""
+    across, down = (np.linspace(-0.5, count - 0.5, _RAYS)
+                    for count in (pinhole.width, pinhole.height))
+    u, v = (each.ravel() for each in np.meshgrid(across, down))
+    rays = np.stack([(u - pinhole.cx) / pinhole.fx, (v - pinhole.cy) / pinhole.fy,
+                     np.ones_like(u)], axis=1) @ camera[:3, :3].T
+    begin, end = np.full(len(rays), near), np.full(len(rays), far)
+    if any(table):
+        up = np.array(table[3:]) / np.linalg.norm(table[3:])
+        above, climb = (camera[:3, 3] - table[:3]) @ up, rays @ up
+        climb = np.where(climb == 0, 1e-12, climb)
+        ends = (np.array([[-_SLACK], [radius + _SLACK]]) - above) / climb
+        begin, end = np.maximum(begin, ends.min(axis=0)), np.minimum(end, ends.max(axis=0))
+    hit = begin <= end
+    depths = np.linspace(begin[hit], end[hit], _STEPS)
+    return np.asarray((camera[:3, 3] + depths[..., None] * rays[hit]).reshape(-1, 3))
+
+
+def _in_view(pinhole: Pinhole, camera: NDArray[np.float64], places: NDArray[np.float64],
+             near: float, far: float) -> NDArray[np.bool_]:
+    """(n,) which of places (n, 3) a camera sees, its borders included."""
+    seen = (places - camera[:3, 3]) @ camera[:3, :3]
+    off = np.abs(pinhole.project(seen) - (np.array([pinhole.width, pinhole.height]) - 1) / 2)
+    inside = (off <= np.array([pinhole.width, pinhole.height]) / 2 + 1e-6).all(axis=1)
+    return np.asarray(inside & (seen[:, 2] >= near - 1e-9) & (seen[:, 2] <= far + 1e-9))

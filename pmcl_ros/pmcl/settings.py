@@ -13,6 +13,7 @@ from pmcl_ros.runtime.settings import Settings
 Mode = Literal['default', 'faithful']
 EvidenceKind = Literal['edges', 'map']
 _Size = Annotated[float, Field(gt=0, le=10)]
+_Depth = Annotated[float, Field(ge=0, le=10)]
 
 
 class PmclSettings(Settings):
@@ -39,6 +40,13 @@ class PmclSettings(Settings):
         (0.0, 0.0, 0.0), description='any point of that surface, frame of roi_center [m]')
     interface_normal: tuple[float, float, float] = Field(
         (0.0, 0.0, 1.0), description='its direction towards the air and the camera')
+    roi_depths: tuple[_Depth, _Depth] = Field(
+        (0.0, 0.0), description='in place of that box: all that is in view between these two '
+        'depths, of several views what all of them see; 0, 0: the box [m]')
+    roi_table: tuple[float, float, float, float, float, float] = Field(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), description='in place of that box: what stands on a plane '
+        'in view, by a point of it and its normal, which points up from the table, in the frame '
+        'of the box; zeros: the box [m]')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
         'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
@@ -81,4 +89,20 @@ class PmclSettings(Settings):
     def _directed(self) -> 'PmclSettings':
         if not any(self.interface_normal):
             raise ValueError('interface_normal has no direction')
+        return self
+
+    @property
+    def region_in_view(self) -> bool:
+        """Whether the region of interest follows from what the cameras see."""
+        return any(self.roi_depths) or any(self.roi_table)
+
+    @model_validator(mode='after')
+    def _in_view(self) -> 'PmclSettings':
+        near, far = self.roi_depths
+        if any(self.roi_depths) and not 0.05 <= near < far:
+            raise ValueError(f'roi_depths are a near and a far depth, 0.05 m at least: not {near} '
+                             f'and {far} m')
+        if any(self.roi_table) and not any(self.roi_table[3:]):
+            raise ValueError(f'roi_table {self.roi_table} has no normal: three numbers of a point '
+                             'of the table, three of the direction up from it')
         return self

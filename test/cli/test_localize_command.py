@@ -67,3 +67,28 @@ def test_several_objects_are_told_by_their_names_and_the_missing_one_lost(captur
     with_truth = run(capture, '--object', carton, '--truth', capture / 'truth.json')
     assert with_truth.exit_code == 2
     assert 'give one --object' in with_truth.output
+
+
+def test_the_region_is_all_that_is_in_view_or_what_stands_on_a_table(capture, tmp_path):
+    truth = Truth.load(capture / 'truth.json').pose
+    known = [capture / 'views.npz', '--object', capture / 'model.obj', '--json', '--set', QUICK]
+
+    def found(*region, status=0):
+        done = CliRunner().invoke(localize, [str(each) for each in (*known, *region)],
+                                  catch_exceptions=False)
+        assert done.exit_code == status, done.output
+        return done
+
+    # The cup, whose origin is at its bottom, stands on the plane of that.
+    for region in (['--depths', 0.3, 0.55], ['--table', *truth[:3, 3], *truth[:3, 2]]):
+        done = found(*region)
+        assert np.linalg.norm(np.subtract(json.loads(done.stdout)['position'],
+                                          truth[:3, 3])) < 0.03
+        printed = done.stderr.partition('--roi ')[2].split()[:6]
+        assert len([float(each) for each in printed]) == 6
+    done = found(status=2)
+    assert '--roi CX CY CZ SX SY SZ' in done.output
+    assert '--depths 0.3 0.9' in done.output
+    assert '--table X Y Z NX NY NZ' in done.output
+    done = found('--roi', *'001111', '--depths', 0.3, 0.6, status=2)
+    assert 'give one' in done.output

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -23,6 +24,8 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.pmcl.region import with_region
+from pmcl_ros.pmcl.settings import PmclSettings
 
 LONG = {'mode': 'faithful', 'faithful_iterations': 100_000, 'faithful_particles': 2,
         'faithful_threshold': 10.0}
@@ -206,3 +209,20 @@ def test_a_capture_without_evidence_is_counted_when_the_next_comes(search, user,
     user.wait(lambda: value(states, 'captures without evidence') == '1', 'the count')
     assert 'no evidence came of capture 6:' in process.log
     assert user.change('pmcl_node', DEACTIVATE)
+
+
+def test_the_region_follows_from_the_camera_of_the_first_capture(search, user, small_volume):
+    process, publish = search(SHORT | {'roi_depths': [0.4, 0.7]})
+    poses = user.listen(PoseStamped, 'pose', SMALL)
+    publish(4)
+    user.wait(lambda: poses, 'a pose')
+    expected = with_region(PmclSettings(roi_depths=(0.4, 0.7)),
+                           [(small_volume.pinhole, np.eye(4))], 0.1)
+    center, size = (np.array(each) for each in (expected.roi_center, expected.roi_size))
+    assert f'roi_center {expected.roi_center}, roi_size {expected.roi_size}' in process.log
+    place = poses[0].pose.position
+    assert (np.abs([place.x, place.y, place.z] - center) <= size / 2 + 1e-6).all()
+    publish(5)
+    user.wait(lambda: len(poses) == 2, 'another pose')
+    assert process.log.count('region of interest') == 1
+    assert 'Traceback' not in process.log

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.region import Region
-from pmcl_ros.runtime.errors import LocalizationError
+from pmcl_ros.pmcl.region import Region, with_region
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import LocalizationError, SettingsError
 
 CAMERA = Pinhole(200, 150, 300, 260, 101, 73)
 WIDE = Pinhole(200, 150, 80, 90, 101, 73)
@@ -119,3 +121,86 @@ def test_clip_moves_to_the_nearest_point_inside(points):
 def test_unknown_points_are_not_inside():
     region = Region((0, 0, 0.5), (1, 1, 0.5))
     assert not region.contains(np.array([[np.nan, 0, 0.5]])).any()
+
+
+def box_of(cameras, radius=0.1, **given):
+    """Its low and high corner."""
+    settings = with_region(PmclSettings(**given), cameras, radius)
+    assert not settings.region_in_view
+    center, half = np.array(settings.roi_center), np.array(settings.roi_size) / 2
+    return center - half, center + half
+
+
+def edges(pinhole, depth):
+    """What the image's borders show at a depth: left and top, right and bottom."""
+    return [[(end - pinhole.cx) * depth / pinhole.fx, (bottom - pinhole.cy) * depth / pinhole.fy]
+            for end, bottom in ((-0.5, -0.5), (pinhole.width - 0.5, pinhole.height - 0.5))]
+
+
+def test_all_that_a_camera_sees_between_two_depths():
+    low, high = box_of([(CAMERA, np.eye(4))], roi_depths=(0.3, 0.8))
+    left_top, right_bottom = edges(CAMERA, 0.8)
+    np.testing.assert_allclose(low, [*left_top, 0.3])
+    np.testing.assert_allclose(high, [*right_bottom, 0.8])
+
+
+@pytest.mark.parametrize('turn', Rotation.create_group('O').as_matrix()[:24:5])
+def test_what_stands_on_a_table(turn):
+    # 0.6 m away, seen from straight above; the reference frame is any along the same axes.
+    camera = np.eye(4)
+    camera[:3, :3], camera[:3, 3] = turn, (0.3, -0.2, 1.1)
+    table = (*(camera @ [0.4, 0.1, 0.6, 1])[:3], *(turn @ [0, 0, -2.0]))
+    low, high = box_of([(CAMERA, camera)], 0.12, roi_table=table)
+    left_top, right_bottom = edges(CAMERA, 0.62)  # the plane may be 2 cm off
+    corners = [camera @ [*left_top, 0.46, 1], camera @ [*right_bottom, 0.62, 1]]
+    np.testing.assert_allclose(low, np.min(corners, axis=0)[:3], atol=1e-9)
+    np.testing.assert_allclose(high, np.max(corners, axis=0)[:3], atol=1e-9)
+
+
+def test_a_table_seen_at_a_slant_ends_at_the_depth_that_is_given():
+    camera = np.eye(4)
+    camera[:3, :3] = Rotation.from_euler('x', -100, degrees=True).as_matrix()  # up into the sky
+    camera[2, 3] = 0.5
+    low, high = box_of([(WIDE, camera)], 0.1, roi_table=(0, 0, 0, 0, 0, 1), roi_depths=(0.1, 2))
+    assert low[2] == pytest.approx(-0.02)
+    assert high[2] == pytest.approx(0.12)
+    assert 1.9 < high[1] < 2.1
+    with pytest.raises(LocalizationError, match=r'0\.1 to 0\.3 m away on the table .* is in view'):
+        box_of([(WIDE, camera)], 0.1, roi_table=(0, 0, 0, 0, 0, 1), roi_depths=(0.1, 0.3))
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 4), st.integers(0, 1000))
+def test_what_several_cameras_see_is_in_the_box_and_little_else(count, seed):
+    rng = np.random.default_rng(seed)
+    cameras = []
+    for _ in range(count):  # about a place 0.5 m away
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+        pose[:3, 3] = rng.normal(0, 0.02, 3) - 0.5 * pose[:3, 2]
+        cameras.append((CAMERA, pose))
+    low, high = box_of(cameras, roi_depths=(0.3, 0.7))
+    alone = [box_of([each], roi_depths=(0.3, 0.7)) for each in cameras]
+    assert (low >= np.max([each[0] for each in alone], axis=0) - 1e-9).all()
+    assert (high <= np.min([each[1] for each in alone], axis=0) + 1e-9).all()
+    points = rng.uniform(-0.3, 0.3, (5000, 3))
+    for pinhole, pose in cameras:
+        seen = (points - pose[:3, 3]) @ pose[:3, :3]
+        u, v = pinhole.project(seen).T
+        points = points[(u >= 0) & (u < 199) & (v >= 0) & (v < 149) & (np.abs(seen[:, 2] - 0.5)
+                                                                       < 0.2)]
+    assert len(points)
+    step = 0.035  # about the largest between places that are tried
+    assert ((points >= low - step) & (points <= high + step)).all()
+
+
+def test_a_box_stays_what_it_is_and_nonsense_is_refused():
+    given = PmclSettings(roi_center=(0, 0, 0.4))
+    assert with_region(given, [(CAMERA, np.eye(4))], 0.1) is given
+    apart = np.diag([1.0, -1, -1, 1])  # back to back
+    with pytest.raises(LocalizationError, match='in view of all 2 cameras'):
+        box_of([(CAMERA, np.eye(4)), (CAMERA, apart)], roi_depths=(0.3, 0.8))
+    for values in ({'roi_depths': (0.5, 0.4)}, {'roi_depths': (0.0, 0.4)},
+                   {'roi_table': (0, 0, 1, 0, 0, 0)}):
+        with pytest.raises(SettingsError, match=next(iter(values))):
+            PmclSettings.make(values)

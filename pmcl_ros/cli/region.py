@@ -1,0 +1,79 @@
+"""Options that say where an object is looked for: a box, all that is in view, or a table."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
+from typing import Any
+
+import click
+
+from pmcl_ros.cli.base import STDERR
+from pmcl_ros.lightfield.readers.read import Source
+from pmcl_ros.pipeline import cameras_of
+from pmcl_ros.pmcl.region import with_region
+from pmcl_ros.pmcl.settings import PmclSettings
+
+_OPTIONS = (
+    click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
+                 help="Box that holds the object's origin: centre and size, camera's optical "
+                 'frame (of posed views: their reference frame) [m].'),
+    click.option('--depths', type=float, nargs=2, metavar='NEAR FAR', help='In place of --roi: '
+                 'all that is in view between two depths; of several views what all of them see '
+                 '[m].'),
+    click.option('--table', type=float, nargs=6, metavar='X Y Z NX NY NZ', help='In place of '
+                 '--roi: what stands on a table in view, by a point of it and its normal, which '
+                 'points up, in the frame of --roi [m]; between --depths, if given.'))
+
+
+@dataclass(frozen=True)
+class GivenRegion:
+    """The options of a command that say where the object is looked for."""
+
+    roi: tuple[float, ...] | None = None
+    depths: tuple[float, ...] | None = None
+    table: tuple[float, ...] | None = None
+
+    def __bool__(self) -> bool:
+        return any(each is not None for each in (self.roi, self.depths, self.table))
+
+    def settings(self) -> dict[str, Any]:
+        """Values of `PmclSettings`; UsageError where none or too much is given."""
+        if not self:
+            raise click.UsageError(
+                "the region of interest is unknown: give --roi CX CY CZ SX SY SZ, the box that "
+                "holds the object's origin, or --depths 0.3 0.9, all that is in view between two "
+                'depths, or --table X Y Z NX NY NZ, what stands on a table')
+        if self.roi is not None:
+            if self.depths is not None or self.table is not None:
+                raise click.UsageError('--roi is a box, --depths and --table say it otherwise: '
+                                       'give one')
+            return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]}
+        given = {'roi_depths': self.depths, 'roi_table': self.table}
+        return {name: value for name, value in given.items() if value is not None}
+
+
+def region_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The options of a command that looks for an object; it gets `region`, a GivenRegion."""
+    @wraps(command)
+    def with_options(**values: Any) -> None:
+        given = {each.name: values.pop(each.name) for each in fields(GivenRegion)}
+        command(region=GivenRegion(**given), **values)
+    made: Callable[..., None] = with_options
+    for option in _OPTIONS:
+        made = option(made)
+    return made
+
+
+def settled(settings: PmclSettings, read: Callable[[], Source], radius: float
+            ) -> tuple[PmclSettings, Callable[[], Source]]:
+    """Settings with a box, and what reads the source: it is read now if the box follows from it.
+
+    The box is printed, for --roi. radius: of the object [m].
+    """
+    if not settings.region_in_view:
+        return settings, read
+    source = read()
+    settings = with_region(settings, cameras_of(source), radius)
+    STDERR.print('region of interest: --roi', *(f'{each:.4g}' for each in (
+        *settings.roi_center, *settings.roi_size)), soft_wrap=True, highlight=False)
+    return settings, lambda: source
