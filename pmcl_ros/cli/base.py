@@ -9,13 +9,22 @@ from typing import Any
 import click
 from rich.console import Console
 
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.errors import PmclError, SettingsError
+from pmcl_ros.runtime.resources import calibration_file
 
 STDERR = Console(stderr=True)
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 PATH = click.Path(exists=True, path_type=Path)
 FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
+
+
+def calibration_type(text: str) -> Path:
+    """A calibration's file, of its path or the name of its camera; click's kind of an option."""
+    try:
+        return calibration_file(text)
+    except SettingsError as error:
+        raise click.BadParameter(str(error)) from None
 
 
 class Commands(click.Group):

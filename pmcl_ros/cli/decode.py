@@ -10,7 +10,7 @@ import click
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, FOLDER, PATH
+from pmcl_ros.cli.base import FILE, FOLDER, PATH, calibration_type
 from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
@@ -34,7 +34,8 @@ def _size(_context: click.Context, _option: click.Parameter,
 
 @click.command()
 @click.argument('raw', type=FILE)
-@click.option('--calibration', type=FILE, help="The camera's calibration, YAML; without it the "
+@click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
+              help="The camera's calibration, YAML, or the name of the camera; without it the "
               'views are lattice-aligned, with unknown geometry.')
 @click.option('--white', type=PATH, help="The camera's white image, RAW[.xz] with its TXT, or a "
               'folder of white images: the one that fits the picture is chosen. Without it and '

@@ -13,7 +13,7 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
-from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR
+from pmcl_ros.cli.base import FOLDER, PATH, STDERR, calibration_type
 from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.captures import Capture, find_captures
@@ -31,7 +31,8 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
 
 @click.command()
 @click.argument('captures', type=click.Path(exists=True, file_okay=False, path_type=Path))
-@click.option('--calibration', type=FILE, help='Calibration of the camera of raw pictures, YAML.')
+@click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
+              help='Calibration of the camera of raw pictures, YAML, or the name of that camera.')
 @click.option('--white', type=PATH, help='White image, or a folder of such; default: the one in '
               'CAPTURES/white.')
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',

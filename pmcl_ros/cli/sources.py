@@ -10,7 +10,7 @@ import click
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.cli.base import FILE, PATH, STDERR
+from pmcl_ros.cli.base import FILE, PATH, STDERR, calibration_type
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
@@ -31,8 +31,9 @@ from pmcl_ros.runtime.settings import read_yaml
 
 _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 _OF_RAW = (
-    click.option('--calibration', type=FILE,
-                 help="Of a raw picture: the camera's calibration, YAML."),
+    click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
+                 help="Of a raw picture: the camera's calibration, YAML, or the name that pmcl "
+                 'calibrate --camera gave it.'),
     click.option('--white', type=PATH, help="Of a raw picture: the camera's white image, "
                  'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
                  'the picture is chosen.'))

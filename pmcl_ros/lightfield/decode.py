@@ -31,7 +31,8 @@ class DecodeSettings(Settings):
     """RawFrame -> LightField."""
 
     calibration: str = Field('', json_schema_extra={'live': True},
-                             description='path of the calibration of the camera, YAML')
+                             description='path of the calibration of the camera, YAML, or the '
+                             'name that pmcl calibrate --camera gave it')
     white: str = Field('', json_schema_extra={'live': True},
                        description='path of the white image of the camera, RAW or RAW.xz with its '
                        'TXT beside it, or of a folder of white images: the one that fits each '

@@ -20,7 +20,7 @@ from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.transport.values import subscribe_value
 from pmcl_ros.nodes.view_outputs import view_outputs
-from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.resources import calibration_file, resolve
 
 
 class SubapertureNode(StageNode):
@@ -96,7 +96,7 @@ class SubapertureNode(StageNode):
 
 
 def _load(settings: DecodeSettings) -> Decoders:
-    calibration = Calibration.load(resolve(settings.calibration, 'calibration'))
+    calibration = Calibration.load(calibration_file(settings.calibration))
     return Decoders(calibration, resolve(settings.white, 'white'), views=settings.views,
                     size=settings.size)
 

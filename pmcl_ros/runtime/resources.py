@@ -31,6 +31,30 @@ def resolve(path: str, parameter: str) -> Path:
                         f'{", ".join(str(each) for each in tried)}')
 
 
+def cameras_folder() -> Path:
+    """Where the user's calibrations lie, each with the name of its camera."""
+    home = os.environ.get('XDG_CONFIG_HOME') or '~/.config'
+    return Path(home).expanduser() / 'pmcl_ros' / 'cameras'
+
+
+def calibration_file(name: str, parameter: str = 'calibration') -> Path:
+    """A calibration by its path, as of `resolve`, or by the name of its camera.
+
+    The name is that of a file in `cameras_folder`, or of one that the package ships. Raises
+    SettingsError.
+    """
+    if not name or Path(name).name != name or Path(name).suffix or Path(name).is_file():
+        return resolve(name, parameter)
+    folders = [cameras_folder(), *candidates(f'{_SCHEME}config/cameras')]
+    known = {each.stem: each for folder in reversed(folders) for each in folder.glob('*.yaml')}
+    if name not in known:
+        raise SettingsError(
+            f'parameter {parameter!r}: there is no file {name}, and no camera of that name; known '
+            f'are {", ".join(sorted(known)) or "none"}. pmcl calibrate --camera {name} makes one '
+            f'in {folders[0]}')
+    return known[name]
+
+
 def candidates(path: str) -> list[Path]:
     """Where `package://pmcl_ros/...` may be, the first that exists counts (`resolve`)."""
     return [folder / path.removeprefix(_SCHEME) for folder in _folders()]

@@ -54,6 +54,22 @@ def test_a_calibration_and_its_report_are_written(folder, tmp_path):
     assert decoder.decode(frame_of(0)).views.any()
 
 
+def test_a_camera_is_called_by_its_name(folder, tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CONFIG_HOME', str(tmp_path))
+    raw = folder / 'board0/IMG.RAW'
+    call = 'decode', raw, '--white', folder / 'white/IMG.RAW', '--out', tmp_path / 'out'
+    done = pmcl(*call, '--calibration', 'kitchen', status=2)
+    assert 'pmcl calibrate --camera kitchen makes one' in done.stderr
+    given = '--white', folder / 'white/IMG.RAW', '--boards', folder, *BOARD
+    assert '--out C.yaml, or --camera NAME' in pmcl('calibrate', *given, status=2).stderr
+    for name in ('../kitchen', 'a b', 'kitchen.yaml'):
+        assert 'is no name' in pmcl('calibrate', *given, '--camera', name, status=2).stderr
+    pmcl('calibrate', *given, '--camera', 'kitchen')
+    assert (tmp_path / 'pmcl_ros/cameras/kitchen.yaml').is_file()
+    assert 'views of' in pmcl(*call, '--calibration', 'kitchen').stderr
+    assert (tmp_path / 'out/views.npz').is_file()
+
+
 def test_what_is_missing_is_told_in_one_message(folder, tmp_path):
     done = calibrate(folder, tmp_path / 'C.yaml', '--corners', '10x7', '--square', '0.012',
                      status=1)

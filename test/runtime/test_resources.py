@@ -6,7 +6,7 @@ import pytest
 
 import pmcl_ros
 from pmcl_ros.runtime.errors import SettingsError
-from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.resources import calibration_file, cameras_folder, resolve
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,3 +49,25 @@ def test_a_package_path_is_found_in_the_prefix_that_the_package_is_installed_in(
 def test_what_is_not_there_is_told(path, reason):
     with pytest.raises(SettingsError, match=reason):
         resolve(path, 'object')
+
+
+def test_a_calibration_is_found_by_its_path_or_the_name_of_its_camera(tmp_path, monkeypatch):
+    monkeypatch.setenv('XDG_CONFIG_HOME', str(tmp_path / 'home'))
+    monkeypatch.chdir(tmp_path)
+    shipped = ROOT / 'config' / 'cameras' / 'demo.yaml'
+    assert calibration_file(str(shipped)) == shipped
+    assert calibration_file('package://pmcl_ros/config/cameras/demo.yaml') == shipped
+    assert calibration_file('demo') == shipped
+    with pytest.raises(SettingsError, match=r'no camera of that name; known are demo\. pmcl '
+                                            r'calibrate --camera kitchen makes one'):
+        calibration_file('kitchen')
+    cameras_folder().mkdir(parents=True)
+    for name in ('kitchen', 'demo'):  # the user's own before the shipped one
+        (cameras_folder() / f'{name}.yaml').touch()
+        assert calibration_file(name) == tmp_path / 'home/pmcl_ros/cameras' / f'{name}.yaml'
+    Path('kitchen').touch()  # a file of that very name
+    assert calibration_file('kitchen') == Path('kitchen')
+    with pytest.raises(SettingsError, match=r'there is no .*kitchen\.yaml'):
+        calibration_file('kitchen.yaml')
+    with pytest.raises(SettingsError, match='is empty'):
+        calibration_file('')

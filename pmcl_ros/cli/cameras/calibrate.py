@@ -1,6 +1,7 @@
 """`pmcl calibrate`: a camera's geometry from pictures of a checkerboard; or from truth files."""
 
 import json
+import re
 from pathlib import Path
 
 import click
@@ -16,6 +17,7 @@ from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.runtime.outputs import refuse_existing
+from pmcl_ros.runtime.resources import cameras_folder
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
 
@@ -28,15 +30,25 @@ _OUT = click.Path(dir_okay=False, path_type=Path)
 @click.option('--corners', required=True, metavar='COLUMNSxROWS',
               help='Inner corners of the board, as 10x7.')
 @click.option('--square', required=True, type=float, help='Side of a square [m].')
-@click.option('--out', required=True, type=_OUT,
+@click.option('--out', type=_OUT,
               help='Calibration to write, YAML; a report goes beside it (.png, .json).')
+@click.option('--camera', metavar='NAME', help='In place of --out: where other commands find the '
+              'calibration by this name of the camera, as --calibration NAME.')
 @FORCE
-def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path, force: bool
-              ) -> None:
+def calibrate(white: Path, boards: Path, corners: str, square: float, out: Path | None,
+              camera: str | None, force: bool) -> None:
     """Calibrate the camera from pictures of a checkerboard at one zoom and focus.
 
     Pictures without a complete board, or of another camera, are named and left out.
     """
+    if (out is None) == (camera is None):
+        raise click.UsageError('say where the calibration goes: --out C.yaml, or --camera NAME')
+    if camera is not None:
+        if not re.fullmatch(r'\w[\w-]*', camera):
+            raise click.BadParameter(f'{camera!r} is no name: letters, digits, - and _',
+                                     param_hint='--camera')
+        out = cameras_folder() / f'{camera}.yaml'
+    assert out is not None
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.BadParameter(f'{out} does not end in .yaml', param_hint='--out')
     board = Checkerboard.parse(corners, square)
