@@ -103,7 +103,8 @@ def list_pictures(path: Path | str) -> list[Path]:
         raise CameraError(f'there is no {path}')
     found = sorted(each for each in path.rglob('*') if is_picture(each))
     if not found:
-        raise CameraError(f'no .RAW, .RAW.xz or .LFP picture in {path}')
+        raise CameraError(f'no .RAW, .RAW.xz or .LFP picture in {path}; pmcl camera capture '
+                          'takes pictures, pmcl bag extract has those of a bag')
     return found
 
 

@@ -16,6 +16,8 @@ STDERR = Console(stderr=True)
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 PATH = click.Path(exists=True, path_type=Path)
+OF_CAMERA = ('The white image is a picture of an evenly lit white surface, or the folder of those '
+             'of the camera (T1CALIB); pmcl calibrate makes the calibration: docs/howto/camera.md')
 FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
 
 

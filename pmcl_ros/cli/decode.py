@@ -10,7 +10,7 @@ import click
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, FOLDER, PATH, calibration_type
+from pmcl_ros.cli.base import FILE, FOLDER, OF_CAMERA, PATH, calibration_type
 from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
@@ -62,8 +62,7 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         chosen = None if white is None else choose_white(white, frame.metadata).frame
         decoder = uncalibrated_decoder(frame, chosen, views, size)
     elif white is None:
-        raise click.UsageError('--calibration needs --white: an image of a white surface by the '
-                               'same camera')
+        raise click.UsageError(f'--calibration needs --white. {OF_CAMERA}')
     else:
         decoder = open_decoders(Calibration.load(calibration), white, views, size).decoder_for(
             frame.metadata)

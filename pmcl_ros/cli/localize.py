@@ -58,7 +58,8 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
     if (object_id is None) == (not objects):
-        raise click.UsageError('say which object: --object, or --object-id of a BOP scene')
+        raise click.UsageError('say which object: --object with its mesh (docs/howto/object.md), '
+                               'or --object-id of a BOP scene')
     if object_id is not None:
         objects = bop.model_of(source.source, object_id),
         STDERR.print(f'object: {objects[0]}, in millimetres', markup=False, soft_wrap=True)

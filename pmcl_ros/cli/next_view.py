@@ -54,7 +54,7 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
     opened = source.open()
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
-                               'them')
+                               'them, as views.yaml gives them (docs/howto/posed_views.md)')
     settings = PmclSettings.make({'object': str(object_path), 'seed': seed} | region.settings(),
                                  '--roi, --depths, --table, --seed')
     model = ObjectModel.load(object_path)

@@ -10,7 +10,7 @@ import click
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.cli.base import FILE, PATH, STDERR, calibration_type
+from pmcl_ros.cli.base import FILE, OF_CAMERA, PATH, STDERR, calibration_type
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
@@ -94,7 +94,7 @@ class GivenSource:
                           has_posed_views(self.source))
         if self.calibration is None or self.white is None:
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
-                                   '--white')
+                                   f'--white. {OF_CAMERA}')
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
                                    'light fields')

@@ -96,7 +96,8 @@ def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Captur
     found = {path.relative_to(folder).as_posix(): path for path in places
              if (path / 'model.obj').exists()}
     if not found:
-        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json')
+        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json; '
+                            'pmcl scenes render and pmcl simulate make such folders')
     missing = sorted(set(only) - set(found))
     if missing:
         raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are '

@@ -164,6 +164,8 @@ class _MessagesUnpacked:
 
 def _opened(bag: Path) -> Iterator[McapReader | SqliteReader | _MessagesUnpacked]:
     """The files of a bag one after the other, open. bag: its folder, or a file of it alone."""
+    if bag.is_dir() and not (bag / 'metadata.yaml').exists():
+        raise BagError('there is no metadata.yaml in it; ros2 bag and pmcl bag record make bags')
     of = BagFiles.read(bag) if bag.is_dir() else None
     for path in [bag] if of is None else of.paths(bag):
         with ExitStack() as stack:

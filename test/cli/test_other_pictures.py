@@ -159,7 +159,7 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
 
 
 @pytest.mark.parametrize(('more', 'reason'), [
-    ((), 'say which object: --object, or --object-id of a BOP scene'),
+    ((), 'or --object-id of a BOP scene'),
     (('--object-id', 4), 'models/obj_000004.ply, the model of object 4; give --object'),
     (('--object-id', 3, '--truth', 'scene_camera.json'), 'give one --object, and no --truth')])
 def test_what_a_scene_cannot_do_is_told(scene, more, reason, monkeypatch):

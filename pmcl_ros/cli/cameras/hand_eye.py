@@ -51,7 +51,8 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
         _simulate(simulate, fixed_camera)
         return
     if source is None:
-        raise click.UsageError('say SOURCE, a views.yaml with mount_to_base, or --simulate')
+        raise click.UsageError('say SOURCE, a views.yaml with mount_to_base '
+                               '(docs/howto/hand_eye.md), or --simulate')
     refuse_existing([] if out is None else [out], force)
     found = calibrated(source, Checkerboard.parse(corners, square), fixed_camera)
     _print(found, fixed_camera, parent)

@@ -48,7 +48,8 @@ class Files:
         if not (found.training and found.held_out and found.tested):
             raise PictureError(
                 f'{folder} holds {len(files)} labelled pictures SEED.npz; training takes those of '
-                f'20 seeds in a row at least (seeds {_HELD_OUT} and {_TESTED} of 20 are held out)')
+                f'20 seeds in a row at least (seeds {_HELD_OUT} and {_TESTED} of 20 are held '
+                'out); pmcl scenes pictures makes them')
         return found
 
 

@@ -135,4 +135,6 @@ def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
     raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz with the '
-                          f'geometry of its views; write {folder.NAME}')
+                          f'geometry of its views; write {folder.NAME} '
+                          '(docs/howto/light_fields.md), or of ordinary pictures '
+                          f'{posed_views.NAME} (docs/howto/one_picture.md)')
