@@ -13,6 +13,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _TASK = 2 ** 18  # values that one task checks
+_GREATEST = np.finfo(np.float32).max
 VIEW_WHITE = 32768  # count at the sensor's white: room for twice that, then clipped
 VIEW_MOST = 65535
 
@@ -116,17 +117,18 @@ def _is_finite(views: NDArray[np.floating]) -> bool:
     if views.dtype != np.float32 or not views.flags.c_contiguous:
         return bool(np.isfinite(views).all())
     with LOCK:
-        return bool(_zeros_of(views.reshape(-1)) == 0)
+        return bool(_count_of_bad(views.reshape(-1)) == 0)
 
 
 @compiled(parallel=True)
-def _zeros_of(values):  # type: ignore[no-untyped-def]
-    """The sum of all values times zero: NaN if a value is NaN or infinite."""
-    total = np.float32(0)
+def _count_of_bad(values):  # type: ignore[no-untyped-def]
+    """The number of values that are NaN or infinite."""
+    total = 0
     for task in prange(-(-len(values) // _TASK)):
-        first, part = np.uint64(task * _TASK), np.float32(0)
+        first, part = np.uint64(task * _TASK), np.int32(0)
         for k in range(min(_TASK, len(values) - task * _TASK)):
-            part += values[first + np.uint64(k)] * np.float32(0)
+            # A sum of zero times the values may overflow: compilers may multiply the sum.
+            part += np.int32(not abs(values[first + np.uint64(k)]) <= _GREATEST)
         total += part
     return total
 
