@@ -9,9 +9,10 @@ RUN := .venv/.installed-run
 TEST := .venv/.installed-test
 DOCS := .venv/.installed-docs
 ARM := .venv/.installed-manipulate
+OLDEST := .venv-oldest/.installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
-.PHONY: demo test test-quick lint venv docs eval bench soak fuzz clean
+.PHONY: demo test test-quick test-oldest lint venv docs eval bench soak fuzz clean
 
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
 ifeq ($(SCENE),)
@@ -32,6 +33,11 @@ test: $(TEST) lint
 test-quick: $(TEST)
 	@$(BIN)/pmcl warm-up
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+
+# The same with each package as old as requirements.txt allows, in an environment of its own.
+test-oldest: $(OLDEST)
+	@.venv-oldest/bin/pmcl warm-up
+	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 lint: $(TEST)
 	$(BIN)/ruff check .
@@ -81,8 +87,20 @@ $(TEST): requirements-test.txt requirements-docs.txt requirements-simulate.txt \
 $(ARM): requirements-manipulate.txt $(RUN)
 	@$(PIP) -r requirements-manipulate.txt && touch $@
 
+# The tools of the tests are the newest that go with these; training and the site need none here.
+$(OLDEST): requirements.txt requirements-ros.txt requirements-test.txt setup.py setup.cfg
+	@PYTHON=$(PYTHON) tools/system.sh
+	@echo 'installing the oldest packages into .venv-oldest ...' && \
+	$(PYTHON) -m venv .venv-oldest && sed 's/>=\(.*\)/==\1.*/' requirements.txt > .venv-oldest/oldest.txt && \
+	grep -Ev '^(#|-r|tensorflow|mypy|ruff|import-linter|distributed|colcon)' requirements-test.txt > \
+		.venv-oldest/test.txt && \
+	.venv-oldest/bin/python -m pip --disable-pip-version-check install --quiet \
+		-r .venv-oldest/oldest.txt -r requirements-ros.txt -r .venv-oldest/test.txt && \
+	.venv-oldest/bin/python -m pip --disable-pip-version-check install --quiet --no-deps \
+		--editable . && touch $@
+
 $(DOCS): requirements-docs.txt $(RUN)
 	@$(PIP) -r requirements-docs.txt && touch $@
 
 clean:
-	rm -rf .venv out build install log
+	rm -rf .venv .venv-oldest out build install log

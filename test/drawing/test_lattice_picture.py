@@ -82,4 +82,4 @@ def test_the_command_tells_of_a_picture_without_lenslets(tmp_path):
     levels = np.rint(255 * np.clip(texture(SIDE, 3), 0, 1)).astype(np.uint8)
     cv2.imwrite(str(tmp_path / 'photo.png'), levels)
     done = pmcl('lattice', tmp_path / 'photo.png', '--out', tmp_path, status=1)
-    assert 'no lattice of lenslets' in done.stderr
+    assert 'no lattice of lenslets' in done.output

@@ -174,7 +174,7 @@ def test_layers_picture_shows_the_front_and_what_is_behind_side_by_side():
     layers = Layers(np.stack([back, front], axis=2), *[np.ones((20, 60, 2), np.float32)] * 2)
     picture = layers_picture(layers, 0.3, 0.9)
     behind = np.where(np.isnan(back), np.nan, 0.8)
-    low = np.s_[16:20]  # below the names
+    low = np.s_[17:20]  # below the names
     np.testing.assert_array_equal(picture[low, :60], depth_picture(front, 0.3, 0.9)[low])
     np.testing.assert_array_equal(picture[low, 60:], depth_picture(behind, 0.3, 0.9)[low])
     assert not picture[low, 60:90].any()

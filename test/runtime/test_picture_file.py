@@ -17,7 +17,8 @@ COLOURS = np.random.default_rng(0).integers(0, 256, (19, 31, 3)).astype(np.uint8
 
 
 def encoded(kind, pixels=COLOURS):
-    return cv2.imencode(kind, pixels)[1].tobytes()
+    plain = [cv2.IMWRITE_TIFF_COMPRESSION, 1]  # else old OpenCV loses digits of floats
+    return cv2.imencode(kind, pixels, plain if kind == '.tif' else [])[1].tobytes()
 
 
 def png(width, height, data, colour=2, interlaced=0):

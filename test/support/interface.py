@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from importlib import import_module
+from inspect import signature
 from pathlib import Path
 
 import click
@@ -51,7 +52,8 @@ def _commands() -> Iterator[str]:
         context = click.Context(command)
         for each in command.params:
             if isinstance(each, click.Argument):
-                yield f'command {name} {each.make_metavar(context)}'
+                taken = len(signature(each.make_metavar).parameters)  # the context; none by 8.1
+                yield f'command {name} {each.make_metavar(*[context][:taken])}'
             else:
                 yield from (f'command {name} {option}' for option in each.opts)
         if isinstance(command, click.Group):

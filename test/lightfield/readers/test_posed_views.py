@@ -30,7 +30,8 @@ VALUES = np.random.default_rng(0).random((HEIGHT, WIDTH, 3))
 
 def write(folder, picture, name='one.png', **camera):
     folder.mkdir(exist_ok=True)
-    cv2.imwrite(str(folder / name), picture if picture.ndim == 2 else picture[..., ::-1])
+    cv2.imwrite(str(folder / name), picture if picture.ndim == 2 else picture[..., ::-1],
+                [cv2.IMWRITE_TIFF_COMPRESSION, 1])  # else old OpenCV loses digits
     (folder / 'views.yaml').write_text(yaml.safe_dump(
         {'cameras': {'wrist': CAMERA | camera}, 'views': [{'file': name, 'camera': 'wrist'}]}))
     return folder
