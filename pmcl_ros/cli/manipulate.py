@@ -44,7 +44,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     """
     own_domain()
     name, mass = OBJECTS[place]
-    camera = camera or resolve('package://pmcl_ros/config/cameras/ordinary.yaml', 'camera')
+    camera = camera or resolve('package://pmcl_ros/config/manipulation/camera.yaml', 'camera')
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
     series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve(),
                     not undeclared)
