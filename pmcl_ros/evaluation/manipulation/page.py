@@ -34,7 +34,8 @@ def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequ
                                     jinja2.PackageLoader('pmcl_ros.evaluation.report', '')]),
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     shown = [{'seed': each.seed, 'words': _words(each), 'caption': _caption(each),
-              'picture': _pictures(each, folder, model, pinhole)}
+              'picture': _pictures(each, folder, model, pinhole),
+              'film': _film(folder)}
              for each, folder in zip(seen, folders, strict=True)]
     return environment.get_template('manipulation.html').render(
         title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
@@ -66,6 +67,12 @@ def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole) 
     if not row:
         return Markup('')
     return image(np.concatenate(row, axis=1), f'trial {trial.seed}')
+
+
+def _film(folder: Path) -> Markup:
+    """The trial from outside, where it was drawn."""
+    file = folder / 'film.png'
+    return image(read_picture(file), 'the trial from outside') if file.is_file() else Markup('')
 
 
 def _reduced(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
 """A simulated robot as a ROS node: a planner, an arm, a gripper and a camera at its wrist."""
 
 import argparse
+import itertools
 import sys
 import time
 from pathlib import Path
@@ -27,8 +28,9 @@ from pmcl_ros.messages.pose import pose_from, pose_to_message
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.errors import PmclError, RenderError
 from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.manipulation.film import strip
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import draw_task
 from pmcl_ros.simulation.manipulation.workplace_scene import WorkplaceLook
@@ -43,6 +45,7 @@ BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_lin
 _WRIST = transform((-0.16645, 0.0, 0.0))  # in gripper_link, which the physics moves
 _TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
 _PERIOD = 0.05  # s: between poses that are published around a picture
+_FILM, _EVERY = (320, 240), 5  # px; of the calls of `Workcell.watch`
 _LIFTED = 0.1, 3.0  # m above the water, and for how long [s], that count in a tank
 
 
@@ -66,6 +69,8 @@ class SimulatedRobot(Node):
         self._cell = Workcell(self._task, self._model, options.mass,
                               np.random.default_rng([options.seed, 3]))
         self._cell.wait(0.5)  # a lying object comes to rest
+        self._frames: list[NDArray[np.uint8]] = []
+        self._start_film()
         self._camera = OrdinaryCamera.load(options.camera)
         self._sensor = self._camera.sensor(np.random.default_rng([options.seed, 2]))
         self._wrist_camera = WristCamera.draw(self._rng)
@@ -187,6 +192,21 @@ class SimulatedRobot(Node):
         publisher.publish(PoseStamped(  # type: ignore[attr-defined]
             header=header_to_message(Header(stamp_ns, BASE)), pose=pose_to_message(pose)))
 
+    def _start_film(self) -> None:
+        """Pictures from outside, twice a second of the simulated time."""
+        try:
+            film = self._cell.film(_FILM)
+        except RenderError as error:
+            self.get_logger().warning(f'there will be no film: {error}')
+            return
+        calls = itertools.count()
+
+        def watch() -> None:
+            if next(calls) % _EVERY == 0:
+                self._frames.append(film.picture())
+
+        self._cell.watch = watch
+
     # what is true
 
     @property
@@ -214,6 +234,8 @@ class SimulatedRobot(Node):
                 lowest = (self._model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
                 done &= bool(cell.held and lowest > place.level + height)
                 cell.wait(seconds / 6)
+        if self._frames:
+            cv2.imwrite(str(self._out / 'film.png'), strip(self._frames)[..., ::-1])
         times = self.trial.times | self._spent
         return self.trial.model_copy(update={'done': done, 'times': times})
 

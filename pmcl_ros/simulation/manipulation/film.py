@@ -1,5 +1,6 @@
 """Pictures of a workcell from beside it, for people."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.simulation.manipulation.physics import mujoco
 
-_LOOK_AT, _DISTANCE = (0.5, 0.0, 0.85), 1.9  # m
+_LOOK_AT, _DISTANCE = (0.4, 0.0, 0.85), 1.55  # m
 _AZIMUTH, _ELEVATION = 215.0, -25.0  # degrees: from behind the place, to its left
 
 
@@ -36,3 +37,11 @@ class Film:
     def close(self) -> None:
         """Free what OpenGL holds."""
         self._renderer.close()
+
+
+def strip(pictures: Sequence[NDArray[np.uint8]], count: int = 8) -> NDArray[np.uint8]:
+    """So many of the pictures, evenly chosen, beside each other in two rows."""
+    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, count).round().astype(int)]
+    half = count // 2
+    return np.concatenate([np.concatenate(each, axis=1)
+                           for each in (chosen[:half], chosen[half:2 * half])])

@@ -23,6 +23,7 @@ def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
     assert trial.cause == ''
     assert not trial.stands
     assert len(trial.pictures) >= 3
+    assert (series.file(1).parent / 'film.png').is_file()
     assert trial.poses[-1][0] < 10  # mm
     assert [each.held for each in trial.grips][-1]
     assert trial.largest_touch < 10  # N
