@@ -10,10 +10,11 @@ from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
     'bag', 'bench', 'decode', 'doctor', 'evaluate', 'feasibility', 'grasps', 'learn', 'localize',
-    'manipulate', 'report', 'scenes', 'simulate')}
+    'manipulate', 'profile', 'report', 'scenes', 'simulate')}
 _MODULES |= {name: f'pmcl_ros.cli.cameras.{name}' for name in (
     'calibrate', 'camera', 'lattice', 'lfp', 'sweep')}
-_MODULES |= dict.fromkeys(('coverage', 'figures', 'together', 'track', 'view-gain'),
+_MODULES |= dict.fromkeys(('coverage', 'figures', 'profile-errors', 'together', 'track',
+                           'view-gain'),
                           'pmcl_ros.cli.studies')
 _MODULES |= {'calibration-from-truth': 'pmcl_ros.cli.cameras.calibrate',
              'handeye': 'pmcl_ros.cli.cameras.hand_eye', 'learn-map': 'pmcl_ros.cli.learn_map',

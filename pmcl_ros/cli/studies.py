@@ -1,4 +1,4 @@
-"""The studies as commands: `pmcl coverage`, `figures`, `together`, `track`, `view-gain`."""
+"""The studies as commands: `pmcl coverage`, `figures`, `profile-errors`, `together`, ..."""
 
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +17,12 @@ from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.coverage import run_coverage
 from pmcl_ros.evaluation.studies.figures import FIGURES, TABLES
+from pmcl_ros.evaluation.studies.profile_errors import (
+    ProfileStudy,
+    ProfileTrial,
+    profile_trial,
+)
+from pmcl_ros.evaluation.studies.profile_errors import summary as summary_of_profiles
 from pmcl_ros.evaluation.studies.together import Together, summary
 from pmcl_ros.evaluation.studies.together import together as in_scene
 from pmcl_ros.evaluation.studies.tracking import (
@@ -73,6 +79,38 @@ def figures(folder: Path, only: str | None, tables: bool) -> None:
         click.echo(folder / f'{name}.png')
         if tables and name in TABLES:
             click.echo(TABLES[name]())
+
+
+@click.command('profile-errors')
+@click.option('--count', type=click.IntRange(1), default=20, show_default=True, help='Vessels.')
+@click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
+              help='Vessel k is that of seed + k.')
+@click.option('--camera', type=FILE, help='As of `pmcl scenes render`; default: 640x480 px, fx '
+              '600.')
+@click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
+              help='Rays per pixel.')
+@click.option('--cad', is_flag=True, help='Find them with their true meshes too.')
+@click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
+@click.option('--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
+def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad: bool,
+                   processes: int, out: Path | None) -> None:
+    """Measure generated vessels as `pmcl profile`, and find them by that in other scenes.
+
+    Prints a row for each vessel: largest and mean deviation of the profile and its standard
+    deviation that is told [mm]; the errors of its pose in three views of another scene, with the
+    measured mesh and, with --cad, the true one, in brackets where it is lost.
+    """
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+    ordinary = OrdinaryCamera.make(_CAMERA) if camera is None else OrdinaryCamera.load(camera)
+    run = partial(profile_trial, of=ProfileStudy(ordinary, samples, with_cad=cad))
+    done: list[ProfileTrial] = []
+    for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
+                               console=STDERR, transient=True, description='vessels'):
+        done = sorted([*done, each], key=lambda one: one.seed)
+        if out is not None:
+            (out / 'profile_errors.md').write_text(summary_of_profiles(done) + '\n')
+    click.echo(summary_of_profiles(done))
 
 
 @click.command()

@@ -52,6 +52,9 @@ class ObjectSettings(Settings):
         'that follow from them need not be given')
     appearance: Appearance | None = Field(
         None, description='what the object is made of; simulated pictures need it')
+    profile: list[tuple[float, float, float]] | None = Field(
+        None, description='of a surface of revolution that pmcl profile has measured, from the '
+        'bottom up: height, radius, standard deviation of the surface [m]; to be read by people')
 
 
 @dataclass(frozen=True, eq=False)

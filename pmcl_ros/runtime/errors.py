@@ -79,6 +79,10 @@ class LocalizationError(PmclError):
     """The pose search was asked for something impossible."""
 
 
+class ProfileError(PmclError):
+    """No profile of an object can be measured in what was given."""
+
+
 class GraspError(PmclError):
     """No grasp can be made or ranked from what was given."""
 

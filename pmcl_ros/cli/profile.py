@@ -1,0 +1,105 @@
+"""`pmcl profile`: measures a surface of revolution, an object without CAD, in posed views."""
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
+from pmcl_ros.cli.sources import GivenSource, view_options
+from pmcl_ros.drawing.pictures import overlay, write_png
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.profiles.measure import measured
+from pmcl_ros.profiles.measured import MeshKind
+from pmcl_ros.profiles.outline import Box
+from pmcl_ros.runtime.errors import ProfileError
+from pmcl_ros.runtime.outputs import refuse_existing
+
+_UP = 0.0, 0.0, 1.0
+
+
+@click.command()
+@view_options
+@click.option('--box', 'boxes', multiple=True, type=(int, float, float, float, float),
+              metavar='VIEW X Y W H', help='The object in a view: its number, from 0, then left, '
+              'top, width and height [px]. Give it for two views at least.')
+@click.option('--points', multiple=True, type=(int, str), metavar='VIEW "X,Y ..."',
+              help='In place of --box: points on its outline, topmost, lowest, left and right.')
+@click.option('--up', type=(float, float, float), default=_UP, show_default=True,
+              help='About the direction of its axis in the reference frame.')
+@click.option('--height', type=click.FloatRange(0, 2, min_open=True), metavar='METRES',
+              help='Of the object, where it is known; then one view is enough.')
+@click.option('-o', '--out', required=True, type=click.Path(dir_okay=False, path_type=Path),
+              help='The object YAML; the mesh is written beside it.')
+@click.option('--mesh', 'kind', type=click.Choice(['stl', 'obj', 'ply']), default='stl',
+              show_default=True, help='Format of the mesh.')
+@click.option('--pictures', type=FOLDER, help='Folder for the views with the outline found.')
+@click.option('--json', 'as_json', is_flag=True, help='Print one JSON object.')
+@FORCE
+def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, float], ...],
+            points: tuple[tuple[int, str], ...], up: tuple[float, float, float],
+            height: float | None, out: Path, kind: MeshKind, pictures: Path | None, as_json: bool,
+            force: bool) -> None:
+    """Measure a vessel that SOURCE, posed views, shows, and write it as an object to look for.
+
+    It is a surface of revolution, which stands alone in free view. Its outline is marked by --box
+    or --points.
+    """
+    if out.suffix.lower() not in ('.yaml', '.yml'):
+        raise click.UsageError(f'-o {out}: give the name of an object YAML, as glass.yaml')
+    mesh = out.with_suffix(f'.{kind}')
+    refuse_existing([out, mesh], force)
+    marked = _marked(boxes, points)
+    length = float(np.linalg.norm(up))
+    if not (np.isfinite(length) and length > 0):
+        raise click.UsageError(f'--up {up}: it has no direction')
+    if not marked:
+        raise click.UsageError('say where the object is: --box or --points')
+    read = source.open().read()
+    views = read.views if isinstance(read, PosedViews) else (read,)
+    posed = [each for each in views if isinstance(each, PosedView)]
+    if not posed:
+        raise ProfileError(f'{source.source} is a light field: a profile needs pictures with '
+                           'camera poses, a views.yaml (docs/howto/profile.md)')
+    missing = [each for each in marked if not 0 <= each < len(posed)]
+    if missing:
+        raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(posed)}, '
+                           'numbered from 0')
+    found = measured(posed, marked, np.array(up) / length, height)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')
+    if pictures is not None:
+        pictures.mkdir(parents=True, exist_ok=True)
+        for number, view in enumerate(posed):
+            pose = np.linalg.inv(view.camera_to_reference) @ found.pose
+            write_png(pictures / f'profile_{number:03d}.png',
+                      overlay(view.displayed(), view.pinhole, found.model, pose))
+    if as_json:
+        click.echo(json.dumps(found.as_dict()))
+    else:
+        click.echo(found.describe())
+    STDERR.print(f'{out}, {mesh}', markup=False, soft_wrap=True)
+
+
+def _marked(boxes: tuple[tuple[int, float, float, float, float], ...],
+            points: tuple[tuple[int, str], ...]) -> dict[int, Box]:
+    """Boxes by number of the view."""
+    given = [(view, (x, y, width, height)) for view, x, y, width, height in boxes]
+    given += [(view, _box_about(text)) for view, text in points]
+    marked = dict(given)
+    if len(marked) < len(given):
+        raise click.UsageError('a view has one --box or --points, not several')
+    return marked
+
+
+def _box_about(text: str) -> Box:
+    try:
+        places = np.array([[float(each) for each in pair.split(',')] for pair in text.split()])
+        if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:
+            raise ValueError
+    except ValueError:
+        raise click.UsageError(f'--points {text!r}: expected two points or more, as '
+                               '"310,120 280,300 350,310"') from None
+    (left, top), (width, height) = places.min(axis=0), np.ptp(places, axis=0)
+    return float(left), float(top), float(width), float(height)

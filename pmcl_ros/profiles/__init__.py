@@ -1,0 +1,1 @@
+"""Measures surfaces of revolution in posed views: an object model where there is no CAD."""

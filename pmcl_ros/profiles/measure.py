@@ -1,0 +1,67 @@
+"""Views and boxes -> the profile of the surface of revolution that they show."""
+
+import logging
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.profiles.fit import deviations, normal_equations, refined
+from pmcl_ros.profiles.measured import MeasuredProfile
+from pmcl_ros.profiles.outline import Box, BoxedView, Cylinder, cylinder_in
+from pmcl_ros.profiles.search import PosedMap, searched
+from pmcl_ros.runtime.errors import ProfileError
+
+_LOG = logging.getLogger(__name__)
+_KNOT = 0.0025  # m between coefficients of the profile
+_FEWEST, _MOST = 16, 72
+_AROUND = 20.0  # px about a box that the object may reach into
+# Rounds: blur of the maps while the profile is searched; then while it is refined, with the
+# standard deviation of the contour's offset [px], and the number of steps.
+_ROUNDS = ((3.0, ((3.0, 6.0, 8), (1.0, 3.0, 6))), (1.5, ((1.0, 3.0, 6), (0.5, 1.5, 8))))
+
+
+def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[np.float64],
+             height: float | None = None) -> MeasuredProfile:
+    """The surface of revolution that views show in boxes.
+
+    boxes: by number of the view, in two views at least, or in one with the height [m] of the
+    object. up: (3,) about the direction of its axis in the reference frame.
+    Raises ProfileError where the boxes are impossible or hold no outline, and as `build_map`.
+    """
+    boxed = [BoxedView(views[k].pinhole, views[k].camera_to_reference, box, f'view {k}')
+             for k, box in boxes.items()]
+    about = cylinder_in(boxed, up, height)
+    maps = [_map(view, boxes.get(k) or about.box_in(view.pinhole, view.camera_to_reference))
+            for k, view in enumerate(views)]
+    count = int(np.clip(about.height / _KNOT, _FEWEST, _MOST))
+    for blur, stages in _ROUNDS:
+        surface, _ = searched([each.blurred(blur) for each in maps], about, count)
+        for finer, reach, steps in stages:
+            finest = [each.blurred(finer) for each in maps]
+            surface = refined(surface, finest, reach, steps, height)
+        frame = surface.frame.copy()
+        frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
+        about = Cylinder(frame, about.radius, about.height)
+    found = normal_equations(surface, finest, reach)
+    least = maps[0].evidence.profile.least
+    mean = found.evidence / max(found.length, 1.0)
+    _LOG.info('outline of %.0f px, %.2f nat/px', found.length, mean)
+    if mean < least:
+        raise ProfileError(f'no outline fits: its evidence is {mean:.2f} nat/px, {least:.2f} at '
+                           'least are expected; take the pictures from nearer, from other sides, '
+                           'before a plain background, and check boxes and camera poses')
+    return MeasuredProfile(surface, deviations(surface, finest, reach, height), mean, least)
+
+
+def _map(view: PosedView, box: Box) -> PosedMap:
+    left, top = (max(int(each - _AROUND), 0) for each in box[:2])
+    right = min(int(box[0] + box[2] + _AROUND) + 1, view.pinhole.width)
+    bottom = min(int(box[1] + box[3] + _AROUND) + 1, view.pinhole.height)
+    crop = left, top, right - left, bottom - top
+    evidence = build_map(view, DlvSettings(crop=crop))
+    return PosedMap(evidence, view.camera_to_reference,
+                    (box[0] - left, box[1] - top, box[0] + box[2] - left, box[1] + box[3] - top))

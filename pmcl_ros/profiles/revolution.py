@@ -1,0 +1,230 @@
+"""A surface of revolution in the reference frame, and its contour in a camera, in closed form."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import inverse
+
+AXIS = 4  # parameters of the axis: shifts along x and y, turns about x and y, of its frame
+ENDS = 4  # heights of bottom and top, radii of their edges
+_FINER = 4  # points of the wall between two knots
+_EDGE = np.deg2rad(np.linspace(88, 0, 89))  # of an edge: how far the normal leans from the wall's
+_LEAST_EDGE, _WIDEST_EDGE = 0.0003, 0.008  # m
+_ARC = 72  # points of half a circle, of bottom or top
+_INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
+_LONGEST = 10.0  # px of contour that a point stands for
+_NEAREST = 0.02  # m: nothing is nearer to a camera
+
+
+@dataclass(frozen=True)
+class RevolutionContour:
+    """The visible contour of a surface of revolution in one view, as n points.
+
+    pixels: (n, 2), normals: (n, 2) outwards, in the image. depths: (n,) [m]. lengths: (n,) of the
+    contour that each stands for [px]. motion: (n, p) along the normals, per unit of each parameter
+    [px / m, px / rad]: radii, heights of bottom and top, the axis.
+    """
+
+    pixels: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    depths: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+    motion: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Revolution:
+    """A closed surface of revolution: a wall, a flat bottom and a flat top, with round edges.
+
+    frame: (4, 4) pose in the reference frame; its z is the axis, upwards. low, high: heights of
+    bottom and top on it [m]. radii: (n,) coefficients of the cubic B-spline r(t) [m], whose knots
+    are even in the height low + t (high - low). edges: radii of the edges of bottom and top [m].
+    """
+
+    frame: NDArray[np.float64]
+    low: float
+    high: float
+    radii: NDArray[np.float64]
+    edges: tuple[float, float] = (0.002, 0.001)
+
+    @classmethod
+    def from_curve(cls, frame: NDArray[np.float64], heights: NDArray[np.float64],
+                   radii: NDArray[np.float64], count: int) -> 'Revolution':
+        """Of radii (m,) at heights (m,), ascending [m], with `count` coefficients."""
+        low, high = float(heights[0]), float(heights[-1])
+        t = np.linspace(0, 1, 4 * count)
+        wanted = np.interp(low + t * (high - low), heights, radii)
+        return cls(frame, low, high, np.linalg.lstsq(_spline(count)(t), wanted, rcond=None)[0])
+
+    @property
+    def wall(self) -> NDArray[np.float64]:
+        """(m, 2) the wall with its edges, from the bottom up: radius and height [m]."""
+        return self._curve().points
+
+    @property
+    def motion(self) -> NDArray[np.float64]:
+        """(m, n + ENDS) of the points of `wall` along their normals, per unit of a parameter."""
+        curve = self._curve()
+        return (np.concatenate([curve.basis, curve.by_ends], axis=1)
+                / np.hypot(1, curve.lean)[:, None])
+
+    def _curve(self) -> '_Curve':
+        """The wall with its edges, at heights that are dense where it bends."""
+        rise = self.high - self.low
+        sine, cosine, tangent = np.sin(_EDGE), np.cos(_EDGE), np.tan(_EDGE)
+        bottom, top = (edge * (1 - sine) / rise for edge in self.edges)
+        middle = np.linspace(0, 1, _FINER * (len(self.radii) - 3) + 1)
+        middle = middle[(middle > bottom[-1]) & (middle < 1 - top[-1])]
+        t = np.concatenate([bottom, middle, 1 - top[::-1]])
+        spline = _spline(len(self.radii))
+        basis, slopes = spline(t), spline.derivative()(t)
+        radii, slope = basis @ self.radii, slopes @ self.radii / rise
+        by = np.zeros((len(t), ENDS))
+        by[:, 0], by[:, 1] = -slope * (1 - t), -slope * t  # as nz = -slope nr
+        n = len(_EDGE)
+        for end, part, sign in ((0, slice(None, n), 1), (1, slice(-n, None), -1)):
+            turned = slice(None, None, sign)
+            edge = self.edges[end]
+            radii[part] -= edge * (1 - cosine[turned])
+            slope[part] += sign * tangent[turned]
+            # Its height stays where its end moves, and its depth changes with its radius.
+            by[part, end] -= sign * tangent[turned]
+            by[part, 2 + end] = (1 - sine[turned]) / cosine[turned] - 1
+        points = np.stack([radii, self.low + t * rise], axis=1)
+        return _Curve(points, -slope, basis, by)
+
+    def moved(self, step: NDArray[np.float64], least: float) -> 'Revolution':
+        """With parameters changed by a step (p,). least: of the radii [m]."""
+        n = len(self.radii)
+        dx, dy, about_x, about_y = step[n + ENDS:]
+        frame = self.frame @ _small(dx, dy, about_x, about_y)
+        low, high = self.low + step[n], self.high + step[n + 1]
+        if high - low < 2 * least:
+            low, high = self.low, self.high
+        largest = min(_WIDEST_EDGE, (high - low) / 4)
+        edges = np.clip(np.array(self.edges) + step[n + 2:n + ENDS], _LEAST_EDGE, largest)
+        return Revolution(frame, low, high, np.maximum(self.radii + step[:n], least),
+                          (float(edges[0]), float(edges[1])))
+
+    def contour(self, pinhole: Pinhole, camera: NDArray[np.float64]) -> RevolutionContour:
+        """The contour in a camera at a pose (4, 4) in the reference frame.
+
+        A point of the surface is on it where the normal is at a right angle to the line of sight:
+        nr (r - a cos f) + nz (z - h) = 0 with the camera at the distance a from the axis and at
+        the height h, and f the angle about the axis from the camera to the point. At the edges of
+        bottom and top all normals between those of wall and end occur.
+        """
+        into = inverse(self.frame) @ camera
+        aside, height = float(np.hypot(*into[:2, 3])), float(into[2, 3])
+        azimuth = float(np.arctan2(into[1, 3], into[0, 3]))
+        curve = self._curve()
+        wall = curve.points
+        cosine = (wall[:, 0] + curve.lean * (wall[:, 1] - height)) / max(aside, 1e-9)
+        angles = np.arccos(np.clip(cosine, -1, 1))
+        strips = [_Strip(np.abs(cosine) < 1, sign * angles, curve) for sign in (-1, 1)]
+        turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
+        for end, sign in ((0, -1), (-1, 1)):
+            r, z = wall[end]
+            off = z - height
+            need = (aside * np.cos(turn) - r) / (off if abs(off) > 1e-9 else 1e-9)
+            ring = np.full(len(turn), end)
+            strips.append(_Strip(sign * (need - curve.lean[end]) > 0, turn, _Curve(
+                wall[ring], need, curve.basis[ring],
+                curve.by_ends[ring] * [[end == 0, end == -1, 1, 1]])))
+        seen = [each.seen(pinhole, inverse(into), azimuth) for each in strips]
+        return _joined([_unhidden(each, wall, into[:3, 3]) for each in seen])
+
+
+@dataclass(frozen=True)
+class _Curve:
+    """Points (m, 2) of a wall: radius and height [m]; lean: (m,) nz / nr of the normals.
+
+    basis: (m, n) change of the radius with the coefficients. by_ends: (m, ENDS) motion along the
+    normals with the ends' parameters, over nr.
+    """
+
+    points: NDArray[np.float64]
+    lean: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    by_ends: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Strip:
+    """Points of a curve at angles (m,) about the axis; on the contour where `valid`."""
+
+    valid: NDArray[np.bool_]
+    angles: NDArray[np.float64]
+    curve: _Curve
+
+    def seen(self, pinhole: Pinhole, camera: NDArray[np.float64], azimuth: float
+             ) -> tuple[RevolutionContour, NDArray[np.float64]]:
+        """The valid points as contour, and their places (n, 3). camera: (4, 4) from the frame."""
+        cosine, sine = np.cos(self.angles + azimuth), np.sin(self.angles + azimuth)
+        (radii, heights), lean = self.curve.points.T, self.curve.lean
+        places = np.stack([radii * cosine, radii * sine, heights], axis=1)
+        flat = 1 / np.hypot(1, lean)
+        normals = np.stack([flat * cosine, flat * sine, flat * lean], axis=1)
+        x, y, z = (places @ camera[:3, :3].T + camera[:3, 3]).T
+        nx, ny, nz = (normals @ camera[:3, :3].T).T
+        z = np.maximum(z, _NEAREST)
+        pixels = np.stack([pinhole.fx * x / z + pinhole.cx, pinhole.fy * y / z + pinhole.cy], -1)
+        across = np.stack([nx / pinhole.fx, ny / pinhole.fy], axis=1)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+        scale = (across[:, 0] * pinhole.fx * (nx - x / z * nz)
+                 + across[:, 1] * pinhole.fy * (ny - y / z * nz)) / z
+        steps = np.linalg.norm(np.diff(pixels, axis=0), axis=1)
+        steps = np.minimum(steps, _LONGEST) * (self.valid[1:] & self.valid[:-1])
+        lengths = (np.append(steps, 0) + np.append(0, steps)) / 2
+        motion = np.concatenate([
+            flat[:, None] * self.curve.basis, flat[:, None] * self.curve.by_ends,
+            normals[:, :2], np.cross(places, normals)[:, :2]], axis=1) * scale[:, None]
+        kept = self.valid & (lengths > 0) & (z > _NEAREST)
+        return RevolutionContour(pixels[kept], across[kept], z[kept], lengths[kept],
+                                 motion[kept]), places[kept]
+
+
+def _unhidden(of: tuple[RevolutionContour, NDArray[np.float64]], wall: NDArray[np.float64],
+              eye: NDArray[np.float64]) -> RevolutionContour:
+    """The points of the outline: their lines of sight meet nothing else of the stack of discs.
+
+    eye: (3,) the camera in the frame of the surface.
+    """
+    contour, places = of
+    with np.errstate(divide='ignore', invalid='ignore'):
+        part = (wall[:, 1] - eye[2]) / (places[:, 2:] - eye[2])
+        met = eye[:2] + part[..., None] * (places[:, None, :2] - eye[:2])
+        inside = np.hypot(met[..., 0], met[..., 1]) < wall[:, 0] - _INSIDE
+    seen = ~(inside & (part > 0)).any(axis=1)
+    return RevolutionContour(contour.pixels[seen], contour.normals[seen], contour.depths[seen],
+                             contour.lengths[seen], contour.motion[seen])
+
+
+def _joined(parts: list[RevolutionContour]) -> RevolutionContour:
+    names = 'pixels', 'normals', 'depths', 'lengths', 'motion'
+    return RevolutionContour(*(np.concatenate([getattr(each, name) for each in parts])
+                               for name in names))
+
+
+def _small(dx: float, dy: float, about_x: float, about_y: float) -> NDArray[np.float64]:
+    """(4, 4) a small motion in the frame of the axis."""
+    angle = float(np.hypot(about_x, about_y))
+    motion = np.eye(4)
+    if angle > 0:
+        x, y = about_x / angle, about_y / angle
+        cross = np.array([[0, 0, y], [0, 0, -x], [-y, x, 0]])
+        motion[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    motion[:2, 3] = dx, dy
+    return motion
+
+
+@lru_cache(maxsize=64)
+def _spline(count: int) -> BSpline:
+    """The cubic B-splines of `count` coefficients, clamped to 0 and 1."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, count - 2), np.ones(3)])
+    return BSpline(knots, np.eye(count), 3)
