@@ -20,6 +20,7 @@ _BEND = 0.0004  # m: second difference of the radii that is as likely as not
 _TILT, _ASIDE, _END = 0.03, 0.02, 0.03  # rad, m, m: how far the start may be off
 _EDGES = np.array([0.003, 0.0015])  # m: radii of the edges of bottom and top, and their spread
 _HEIGHT = 0.0005  # m: standard deviation of a height that is told
+_OVERSURE = 1.5  # by so much errors are larger: what the curvature does not tell
 _LEAST = 0.0005  # m: of radii
 
 
@@ -142,4 +143,4 @@ def deviations(surface: Revolution, maps: Sequence[PosedMap], reach: float,
     covariance = np.linalg.inv(information)
     covariance = covariance + covariance @ errors @ covariance
     motion = np.pad(surface.motion, ((0, 0), (0, AXIS)))
-    return np.sqrt(np.einsum('mi,ij,mj->m', motion, covariance, motion))
+    return _OVERSURE * np.sqrt(np.einsum('mi,ij,mj->m', motion, covariance, motion))

@@ -8,19 +8,20 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.profiles.outline import Cylinder
 from pmcl_ros.profiles.revolution import Revolution
 
 _HEIGHTS, _RADII = 64, 64  # of the grid
 _MARGIN = 1.2  # the grid's sides, in those of the cylinder
 _STEEP = 9  # radii that a profile may change by in a step
-_BEND = 4.0  # nat: of a change of slope by one radius a step
+_BEND = 1.6  # nat / px in each view: of how much more the radius changes than a step before
 _UNSEEN = 0.6  # nat / px: what a wall costs that no line of sight touches
 _LEAST = -0.3  # nat / px: glass hides parts of its contour
 _BESIDE, _OUTSIDE = 4.0, 2.0  # px beside a box, and what contours cost beyond [nat / px]
 _FOOT = 0.25  # of the largest radius: what stands has a wider foot
 _ASIDE = 0.7  # cosine: contours nearer to the middle are hardly ever part of the outline
-_CHANGE = 3.0  # nat: of a radius to the next one, so that there are few waists
+_CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there are few waists
 _ARC = 24  # points of half a circle
 
 
@@ -38,6 +39,10 @@ class PosedMap:
     def blurred(self, sigma: float) -> 'PosedMap':
         """For contours whose place is uncertain by `sigma` [px]."""
         return replace(self, evidence=self.evidence.blurred(sigma))
+
+    def scale_at(self, place: NDArray[np.float64]) -> float:
+        """Pixels a metre at a place (3,) in the reference frame."""
+        return self.evidence.pinhole.fx / max(float(inverse(self.camera)[2] @ [*place, 1]), 0.02)
 
     def density(self, frame: NDArray[np.float64], radii: NDArray[np.float64],
                 heights: NDArray[np.float64], cosine: NDArray[np.float64],
@@ -83,9 +88,10 @@ def searched(maps: Sequence[PosedMap], about: Cylinder, count: int) -> tuple[Rev
     wall = np.sum([_wall(each, about.frame, z, r, slopes) for each in maps], axis=0)
     bottom, top = (np.sum(each, axis=0) for each in zip(
         *(_edges(each, about.frame, z, r) for each in maps), strict=True))
-    wall = wall - _CHANGE * abs(slopes)
+    pixels = (r[1] - r[0]) * sum(each.scale_at(about.frame[:3, 3]) for each in maps)
+    wall = wall - _CHANGE * pixels * abs(slopes)
     bottom = np.where(r < _FOOT * about.radius, -np.inf, bottom)
-    path, value = _best_path(wall, np.asarray(bottom), np.asarray(top))
+    path, value = _best_path(wall, bottom, top, _BEND * pixels)
     rows = np.array([row for row, _ in path])
     columns = np.array([column for _, column in path])
     return Revolution.from_curve(about.frame, z[rows], r[columns], count), value
@@ -131,12 +137,15 @@ def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
             np.where(lean > 0, evidence, 0).sum(axis=-1))
 
 
-def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDArray[np.float64]
-               ) -> tuple[list[tuple[int, int]], float]:
-    """(row, column) of the nodes of the path of most evidence, from the bottom up, and that."""
+def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDArray[np.float64],
+               cost: float) -> tuple[list[tuple[int, int]], float]:
+    """(row, column) of the nodes of the path of most evidence, from the bottom up, and that.
+
+    cost: of a change of slope by one column a row [nat].
+    """
     steps, columns, count = wall.shape
     slopes = np.arange(count) - count // 2
-    bend = _BEND * abs(slopes[:, None] - slopes)  # of the next slope, after one
+    bend = cost * abs(slopes[:, None] - slopes)  # of the next slope, after one
     arrived = np.full((columns, count), -np.inf)  # at a column, by a slope
     value = np.empty(wall.shape)
     came = np.empty(wall.shape, np.int64)  # slope before, -1: begun here

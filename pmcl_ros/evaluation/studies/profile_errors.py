@@ -28,13 +28,13 @@ from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import seen_from
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 
-_FILLED = 0.55  # of the picture's smaller side: the diagonal of a vessel that is measured
+_FILLED = 0.8  # of the picture's smaller side: the diagonal of a vessel that is measured
 _STEEP = np.deg2rad([10.0, 30.0])  # limits of the angle at which cameras look down on it
 _BOX = 2.0  # px: standard deviation of the sides of a box that is drawn
 _STEP = 0.0002  # m between points of a profile
 _UNDER = 0.9  # of the foot's radius: nearer to the axis is the underside
 _NEAR = 0.005, np.deg2rad(5.0)  # m, rad: of a pose that counts
-_HEAD = 'seed', 'vessel', 'largest', 'mean', 'told', 'by the profile', 'by the CAD'
+_HEAD = 'seed', 'vessel', 'largest', 'mean', 'told', 'within 2', 'by the profile', 'by the CAD'
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class ProfileTrial:
     """One vessel: the deviations of its measured profile [mm], and what was found by it.
 
     largest, mean: distances between the measured profile and the true one, without the underside.
-    told: median standard deviation. all three None where no profile was found, `by_profile` too.
+    told: median standard deviation. within: share of the profile that is within twice of its own.
+    All are None where no profile was found.
     by_profile, by_cad: in another scene, with the measured mesh and the true one.
     """
 
@@ -51,6 +52,7 @@ class ProfileTrial:
     largest: float | None
     mean: float | None
     told: float | None
+    within: float | None
     by_profile: Trial | None
     by_cad: Trial | None
 
@@ -92,10 +94,11 @@ def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
         pass
     by_cad = _localised(seed, others, other, model) if of.with_cad else None
     if found is None:
-        return ProfileTrial(seed, vessel.name, None, None, None, None, by_cad)
+        return ProfileTrial(seed, vessel.name, *5 * (None,), by_cad)
     distances = profile_distances(found, model)
     return ProfileTrial(seed, vessel.name, 1e3 * float(distances.max()),
                         1e3 * float(distances.mean()), 1e3 * float(np.median(found.rows[:, 2])),
+                        _within(found, model),
                         _localised(seed, others, other, found.model), by_cad)
 
 
@@ -105,7 +108,7 @@ def profile_distances(found: MeasuredProfile, model: ObjectModel) -> NDArray[np.
     Both have their origins at mid-height. The underside is left out: no camera above the table
     sees it.
     """
-    true = np.concatenate([_dense(each) for each in Profile.from_model(model).segments])
+    true = _true(model)
     low, high = true[:, 1].min(), true[:, 1].max()
     foot = true[true[:, 1] < low + 0.003, 0].max()
     seen = ~((true[:, 0] < _UNDER * foot) & (true[:, 1] < (low + high) / 2)
@@ -116,6 +119,18 @@ def profile_distances(found: MeasuredProfile, model: ObjectModel) -> NDArray[np.
     closed = _dense(np.concatenate([ends[:1], wall, ends[1:]]))
     return np.concatenate([cKDTree(closed).query(true[seen])[0],
                            cKDTree(true).query(_dense(wall))[0]])
+
+
+def _within(found: MeasuredProfile, model: ObjectModel) -> float:
+    """The share of the measured profile that is within twice its standard deviation."""
+    heights, radii, sigma = found.rows.T
+    off, _ = cKDTree(_true(model)).query(np.stack([radii, heights], axis=1))
+    return float(np.mean(off < 2 * sigma))
+
+
+def _true(model: ObjectModel) -> NDArray[np.float64]:
+    """Points (n, 2) of the true profile: radius and height [m]."""
+    return np.concatenate([_dense(each) for each in Profile.from_model(model).segments])
 
 
 def _dense(line: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -194,7 +209,8 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
              f'{np.median(largest):.2f} mm, quartiles {np.quantile(largest, 0.25):.2f} and '
              f'{np.quantile(largest, 0.75):.2f} mm; at most 1 mm in {_share(largest <= 1)}',
              f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
-             f'{_median(told, lambda each: each.told):.2f} mm (medians)']
+             f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
+             f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
     for name, by in (('by the profile', [each.by_profile for each in trials]),
                      ('by the CAD', [each.by_cad for each in trials])):
         if not any(by):
@@ -226,7 +242,7 @@ def _share(flags: NDArray[np.bool_]) -> str:
 
 def _cells(of: ProfileTrial) -> list[str]:
     numbers = ['none' if each is None else f'{each:.2f}'
-               for each in (of.largest, of.mean, of.told)]
+               for each in (of.largest, of.mean, of.told, of.within)]
     return [str(of.seed), of.vessel, *numbers, *(_errors(each) for each in (
         of.by_profile, of.by_cad))]
 
