@@ -86,14 +86,15 @@ def _marked(boxes: tuple[tuple[int, float, float, float, float], ...],
             points: tuple[tuple[int, str], ...]) -> dict[int, Box]:
     """Boxes by number of the view."""
     given = [(view, (x, y, width, height)) for view, x, y, width, height in boxes]
-    given += [(view, _box_about(text)) for view, text in points]
+    given += [(view, box_about(text)) for view, text in points]
     marked = dict(given)
     if len(marked) < len(given):
         raise click.UsageError('a view has one --box or --points, not several')
     return marked
 
 
-def _box_about(text: str) -> Box:
+def box_about(text: str) -> Box:
+    """The box about points, `X,Y X,Y ...`; UsageError for others."""
     try:
         places = np.array([[float(each) for each in pair.split(',')] for pair in text.split()])
         if places.ndim != 2 or places.shape[1] != 2 or len(places) < 2:

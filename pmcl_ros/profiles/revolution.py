@@ -13,10 +13,13 @@ from pmcl_ros.geometry.se3 import inverse
 AXIS = 4  # parameters of the axis: shifts along x and y, turns about x and y, of its frame
 ENDS = 4  # heights of bottom and top, radii of their edges
 _FINER = 4  # points of the wall between two knots
-_EDGE = np.deg2rad(np.linspace(88, 0, 89))  # of an edge: how far the normal leans from the wall's
+_EDGE = np.deg2rad(np.linspace(88, 0, 30))  # of an edge: how far the normal leans from the wall's
 _LEAST_EDGE, _WIDEST_EDGE = 0.0003, 0.008  # m
 _ARC = 72  # points of half a circle, of bottom or top
 _INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
+_SOLVED = 6  # steps in which the normals of edges are found
+_LEVEL = 1e-4  # m: a camera is not nearer to the height of an edge
+_STEEPEST = 200.0  # tangent of an edge's tilt
 _LONGEST = 10.0  # px of contour that a point stands for
 _NEAREST = 0.02  # m: nothing is nearer to a camera
 
@@ -73,30 +76,55 @@ class Revolution:
         return (np.concatenate([curve.basis, curve.by_ends], axis=1)
                 / np.hypot(1, curve.lean)[:, None])
 
-    def _curve(self) -> '_Curve':
-        """The wall with its edges, at heights that are dense where it bends."""
+    def _curve(self, with_edges: bool = True) -> '_Curve':
+        """The wall, from the bottom up."""
         rise = self.high - self.low
-        sine, cosine, tangent = np.sin(_EDGE), np.cos(_EDGE), np.tan(_EDGE)
-        bottom, top = (edge * (1 - sine) / rise for edge in self.edges)
-        middle = np.linspace(0, 1, _FINER * (len(self.radii) - 3) + 1)
-        middle = middle[(middle > bottom[-1]) & (middle < 1 - top[-1])]
-        t = np.concatenate([bottom, middle, 1 - top[::-1]])
+        bottom, top = (edge * (1 - np.sin(_EDGE)) / rise for edge in self.edges)
+        t = np.linspace(0, 1, _FINER * (len(self.radii) - 3) + 1)
+        t = np.concatenate([[bottom[-1]], t[(t > bottom[-1]) & (t < 1 - top[-1])], [1 - top[-1]]])
+        tilt = np.zeros(len(t))
+        if with_edges:
+            t = np.concatenate([bottom[:-1], t, 1 - top[-2::-1]])
+            tilt = np.concatenate([_EDGE[:-1], tilt, -_EDGE[-2::-1]])
+        return self._at(t, tilt)
+
+    def _at(self, t: NDArray[np.float64], tilt: NDArray[np.float64]) -> '_Curve':
+        """Points at heights t (m,).
+
+        tilt: (m,) angle by which an edge turns the normal: down (positive) at the bottom, up at
+        the top; 0: on the wall [rad].
+        """
+        rise = self.high - self.low
         spline = _spline(len(self.radii))
         basis, slopes = spline(t), spline.derivative()(t)
         radii, slope = basis @ self.radii, slopes @ self.radii / rise
         by = np.zeros((len(t), ENDS))
         by[:, 0], by[:, 1] = -slope * (1 - t), -slope * t  # as nz = -slope nr
-        n = len(_EDGE)
-        for end, part, sign in ((0, slice(None, n), 1), (1, slice(-n, None), -1)):
-            turned = slice(None, None, sign)
-            edge = self.edges[end]
-            radii[part] -= edge * (1 - cosine[turned])
-            slope[part] += sign * tangent[turned]
+        for end, on in ((0, tilt > 0), (1, tilt < 0)):
+            sine, cosine = abs(np.sin(tilt[on])), np.cos(tilt[on])
+            radii[on] -= self.edges[end] * (1 - cosine)
             # Its height stays where its end moves, and its depth changes with its radius.
-            by[part, end] -= sign * tangent[turned]
-            by[part, 2 + end] = (1 - sine[turned]) / cosine[turned] - 1
-        points = np.stack([radii, self.low + t * rise], axis=1)
-        return _Curve(points, -slope, basis, by)
+            by[on, end] -= np.tan(tilt[on])
+            by[on, 2 + end] = (1 - sine) / cosine - 1
+        slope = slope + np.tan(tilt)
+        return _Curve(np.stack([radii, self.low + t * rise], axis=1), -slope, basis, by)
+
+    def _edge(self, end: int, angles: NDArray[np.float64], aside: float, height: float
+              ) -> '_Strip':
+        """The edge of bottom (0) or top (1), where it is seen at angles (m,) about the axis."""
+        rise, sign = self.high - self.low, 1 - 2 * end
+        tilt = np.full(len(angles), sign * 0.5)
+        for _ in range(_SOLVED):
+            t = self.edges[end] * (1 - abs(np.sin(tilt))) / rise
+            curve = self._at(end + sign * t, tilt)
+            radii, heights = curve.points.T
+            off = heights - height
+            off = np.where(abs(off) > _LEVEL, off, np.copysign(_LEVEL, off))
+            need = (radii - aside * np.cos(angles)) / off  # slope at a right angle to the sight
+            tangent = need + curve.lean + np.tan(tilt)
+            valid = (sign * tangent > 0) & (abs(tangent) < _STEEPEST)
+            tilt = sign * np.arctan(np.clip(sign * tangent, 1e-6, _STEEPEST))
+        return _Strip(valid, angles, curve)
 
     def moved(self, step: NDArray[np.float64], least: float) -> 'Revolution':
         """With parameters changed by a step (p,). least: of the radii [m]."""
@@ -116,26 +144,20 @@ class Revolution:
 
         A point of the surface is on it where the normal is at a right angle to the line of sight:
         nr (r - a cos f) + nz (z - h) = 0 with the camera at the distance a from the axis and at
-        the height h, and f the angle about the axis from the camera to the point. At the edges of
-        bottom and top all normals between those of wall and end occur.
+        the height h, and f the angle about the axis from the camera to the point. Edges are solved
+        for even angles, as they are seen over a few of their normals.
         """
         into = inverse(self.frame) @ camera
         aside, height = float(np.hypot(*into[:2, 3])), float(into[2, 3])
         azimuth = float(np.arctan2(into[1, 3], into[0, 3]))
-        curve = self._curve()
-        wall = curve.points
-        cosine = (wall[:, 0] + curve.lean * (wall[:, 1] - height)) / max(aside, 1e-9)
+        curve = self._curve(with_edges=False)
+        radii, heights = curve.points.T
+        cosine = (radii + curve.lean * (heights - height)) / max(aside, 1e-9)
         angles = np.arccos(np.clip(cosine, -1, 1))
         strips = [_Strip(np.abs(cosine) < 1, sign * angles, curve) for sign in (-1, 1)]
         turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
-        for end, sign in ((0, -1), (-1, 1)):
-            r, z = wall[end]
-            off = z - height
-            need = (aside * np.cos(turn) - r) / (off if abs(off) > 1e-9 else 1e-9)
-            ring = np.full(len(turn), end)
-            strips.append(_Strip(sign * (need - curve.lean[end]) > 0, turn, _Curve(
-                wall[ring], need, curve.basis[ring],
-                curve.by_ends[ring] * [[end == 0, end == -1, 1, 1]])))
+        strips += [self._edge(end, turn, aside, height) for end in (0, 1)]
+        wall = self.wall
         seen = [each.seen(pinhole, inverse(into), azimuth) for each in strips]
         return _joined([_unhidden(each, wall, into[:3, 3]) for each in seen])
 

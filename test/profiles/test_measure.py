@@ -1,0 +1,103 @@
+import json
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import PINHOLE, PLACE, UP, radius
+
+from pmcl_ros.cli import main
+from pmcl_ros.cli.profile import box_about
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.profiles.measure import measured
+from pmcl_ros.runtime.errors import ProfileError
+
+
+@pytest.fixture(scope='module')
+def folder(views, tmp_path_factory):
+    """The views on disk, with views.yaml."""
+    path = tmp_path_factory.mktemp('views')
+    for number, view in enumerate(views):
+        cv2.imwrite(str(path / f'{number}.png'), view.displayed()[..., ::-1])
+    of = PINHOLE
+    (path / 'views.yaml').write_text(yaml.safe_dump({
+        'cameras': {'arm': {'fx': of.fx, 'fy': of.fy, 'cx': of.cx, 'cy': of.cy,
+                            'width': of.width, 'height': of.height}},
+        'reference': 'base',
+        'views': [{'file': f'{number}.png', 'camera': 'arm',
+                   'camera_to_reference': view.camera_to_reference.ravel().tolist()}
+                  for number, view in enumerate(views)]}))
+    return path
+
+
+def _run(*arguments):
+    return CliRunner().invoke(main, ['profile', *(str(each) for each in arguments)])
+
+
+def _box_options(boxes):
+    return [each for number, box in boxes.items() for each in ('--box', number, *box)]
+
+
+def test_command_measures_the_profile_and_writes_an_object(folder, boxes, tmp_path):
+    out = tmp_path / 'glass.yaml'
+    found = _run(folder, *_box_options(boxes), '-o', out, '--mesh', 'obj', '--json',
+                 '--pictures', tmp_path / 'pictures')
+    assert found.exit_code == 0, found.output
+    told = json.loads(found.stdout)
+    pose = np.array(told['object_to_reference'])
+    np.testing.assert_allclose(pose[:3, 3], PLACE, atol=7e-4)
+    assert pose[2, 2] > np.cos(np.deg2rad(0.7))
+    heights, radii, sigma = np.array(told['profile']).T
+    inner = abs(heights) < 0.045
+    off = radii[inner] - radius(heights[inner])
+    assert abs(off).max() < 1e-3
+    assert np.median(abs(off)) < 6e-4  # 0.8 px: glass shows its outline farther in
+    assert np.ptp(heights) == pytest.approx(0.1, abs=2e-3)
+    assert (sigma > 0).all()
+    assert np.median(sigma) < 1e-3
+    model = ObjectModel.load(out)
+    assert model.closed
+    np.testing.assert_array_equal(model.axis, UP)
+    assert np.ptp(model.vertices[:, 2]) == pytest.approx(np.ptp(heights), abs=1e-6)
+    assert len(list((tmp_path / 'pictures').iterdir())) == 3
+    again = _run(folder, *_box_options(boxes), '-o', out, '--mesh', 'obj')
+    assert again.exit_code == 1
+    assert again.output.startswith('Error: ')
+    assert '--force' in again.output
+
+
+def test_one_view_is_enough_with_the_height(views, boxes):
+    found = measured(views[:1], {0: boxes[0]}, UP, height=0.1)
+    heights, radii, _ = found.rows.T
+    assert np.ptp(heights) == pytest.approx(0.1, abs=1e-3)
+    inner = abs(heights) < 0.045
+    np.testing.assert_allclose(radii[inner], radius(heights[inner]), atol=2e-3)
+
+
+@pytest.mark.parametrize(('options', 'what'), [
+    (['--box', 0, 150, 100, 100, 150], 'boxes in two views, or --height'),
+    (['--box', 0, 150, 100, 100, 150, '--box', 5, 150, 100, 100, 150], 'no view 5'),
+    (['--box', 0, 150, 100, 2, 150, '--box', 2, 150, 100, 100, 150], 'at least 8 px'),
+    (['--box', 0, 150, 100, 100, 'nan', '--box', 2, 150, 100, 100, 150], 'at least 8 px'),
+    (['--box', 0, 900, 100, 100, 150, '--box', 2, 150, 100, 100, 150], 'outside its picture'),
+    (['--box', 0, 10, 10, 50, 50, '--box', 2, 10, 300, 50, 50], 'no outline fits'),
+    (['--points', 0, '150,100', '--box', 2, 1, 1, 90, 90], 'two points or more'),
+    (['--points', 0, '150,100 160,200', '--box', 0, 1, 1, 90, 90], 'not several'),
+    (['--up', 0, 0, 0, '--box', 0, 150, 100, 100, 150], 'no direction'),
+    ([], '--box or --points')])
+def test_bad_outlines_are_one_clear_line(folder, tmp_path, options, what):
+    found = _run(folder, *options, '-o', tmp_path / 'glass.yaml')
+    assert found.exit_code in (1, 2)
+    assert what in found.output
+    assert 'Traceback' not in found.output
+    assert not list(tmp_path.iterdir())
+
+
+def test_views_from_one_side_do_not_tell_the_depth(views, boxes):
+    with pytest.raises(ProfileError, match='degrees apart'):
+        measured([views[0], views[0]], {0: boxes[0], 1: boxes[0]}, UP)
+
+
+def test_points_are_a_box():
+    assert box_about('20,5 10,60 110,70 50,205.5') == (10, 5, 100, 200.5)
