@@ -20,7 +20,7 @@ _UNSEEN = 0.6  # nat / px: what a wall costs that no line of sight touches
 _LEAST = -0.3  # nat / px: glass hides parts of its contour
 _BESIDE, _OUTSIDE = 4.0, 2.0  # px beside a box, and what contours cost beyond [nat / px]
 _FOOT = 0.25  # of the largest radius: what stands has a wider foot
-_ASIDE = 0.7  # cosine: contours nearer to the middle are hardly ever part of the outline
+_ASIDE = 0.85  # cosine: contours nearer to the middle are hardly ever part of the outline
 _CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there are few waists
 _ARC = 24  # points of half a circle
 
