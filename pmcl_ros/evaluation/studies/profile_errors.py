@@ -204,10 +204,10 @@ def _localised(seed: int, views: PosedViews, scene: Scene, model: ObjectModel) -
 def summary(trials: Sequence[ProfileTrial]) -> str:
     """A Markdown table with a row for each vessel, and a list of medians and shares."""
     largest = np.array([np.inf if each.largest is None else each.largest for each in trials])
+    quarter, half, most = np.quantile(largest, (0.25, 0.5, 0.75), method='nearest')
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
-             f'{np.median(largest):.2f} mm, quartiles {np.quantile(largest, 0.25):.2f} and '
-             f'{np.quantile(largest, 0.75):.2f} mm; at most 1 mm in {_share(largest <= 1)}',
+             f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in {_share(largest <= 1)}',
              f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
              f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
              f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
