@@ -14,7 +14,7 @@ AXIS = 4  # parameters of the axis: shifts along x and y, turns about x and y, o
 ENDS = 4  # heights of bottom and top, radii of their edges
 _FINER = 4  # points of the wall between two knots
 _EDGE = np.deg2rad(np.linspace(88, 0, 30))  # of an edge: how far the normal leans from the wall's
-_LEAST_EDGE, _WIDEST_EDGE = 0.0003, 0.008  # m
+_WIDEST_EDGE = 0.008  # m
 _ARC = 72  # points of half a circle, of bottom or top
 _INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
 _SOLVED = 6  # steps in which the normals of edges are found
@@ -134,10 +134,10 @@ class Revolution:
         low, high = self.low + step[n], self.high + step[n + 1]
         if high - low < 2 * least:
             low, high = self.low, self.high
-        largest = min(_WIDEST_EDGE, (high - low) / 4)
-        edges = np.clip(np.array(self.edges) + step[n + 2:n + ENDS], _LEAST_EDGE, largest)
-        return Revolution(frame, low, high, np.maximum(self.radii + step[:n], least),
-                          (float(edges[0]), float(edges[1])))
+        radii = np.maximum(self.radii + step[:n], least)
+        largest = np.minimum(min(_WIDEST_EDGE, (high - low) / 4), radii[[0, -1]] - least / 2)
+        edges = np.clip(np.array(self.edges) + step[n + 2:n + ENDS], least / 2, largest)
+        return Revolution(frame, low, high, radii, (float(edges[0]), float(edges[1])))
 
     def contour(self, pinhole: Pinhole, camera: NDArray[np.float64]) -> RevolutionContour:
         """The contour in a camera at a pose (4, 4) in the reference frame.

@@ -39,3 +39,12 @@ def test_normals_point_outwards(true_surface):
     contour = true_surface.contour(PINHOLE, camera(0.0))
     middle = contour.pixels.mean(axis=0)
     assert (((contour.pixels - middle) * contour.normals).sum(axis=1) > 0).mean() > 0.95
+
+
+def test_radii_stay_positive(true_surface):
+    thin = np.zeros(len(true_surface.radii) + ENDS + AXIS)
+    thin[:len(true_surface.radii)] = -0.05
+    thin[len(true_surface.radii) + 2:][:2] = 0.02  # edges wider than what is left
+    surface = true_surface.moved(thin, 5e-4)
+    assert surface.wall[:, 0].min() > 0
+    assert (np.diff(surface.wall[:, 1]) > 0).all()

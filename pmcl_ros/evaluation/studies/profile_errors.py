@@ -207,7 +207,8 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
     quarter, half, most = np.quantile(largest, (0.25, 0.5, 0.75), method='nearest')
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
-             f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in {_share(largest <= 1)}',
+             f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
+             f'{_share(largest <= 1)}',
              f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
              f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
              f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
