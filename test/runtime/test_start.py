@@ -46,16 +46,16 @@ def test_every_entry_point_names_what_is_missing_and_the_command(words):
     assert done.returncode == 1
     name, *_ = words.split()
     told, advice = done.stderr.splitlines()
-    assert told == (f'{name}: not installed, or too old: numba>=0.60, pydantic>=2.7, '
+    assert told == (f'{name}: not installed, or too old: numba>=0.61, pydantic>=2.7, '
                     'rich>=13.7 (here is 1.0)')
-    assert advice.endswith("-m pip install 'numba>=0.60' 'pydantic>=2.7' 'rich>=13.7'")
+    assert advice.endswith("-m pip install 'numba>=0.61' 'pydantic>=2.7' 'rich>=13.7'")
 
 
 def test_the_doctor_works_without_them():
     done = run('pmcl doctor', ('numba', 'pydantic', 'moderngl', 'zeroconf'))
     assert done.returncode == 1
     wrong, advice = done.stdout.splitlines()[1:]
-    assert wrong.startswith('WRONG packages: missing or too old: numba>=0.60')
+    assert wrong.startswith('WRONG packages: missing or too old: numba>=0.61')
     assert advice.strip().endswith("'zeroconf>=0.131'")
     assert done.stderr == ''
 
@@ -69,7 +69,7 @@ def test_where_nothing_is_missing_they_start_and_other_errors_are_raised():
 
 def test_the_systems_python_is_left_alone(monkeypatch):
     monkeypatch.setattr(sys, 'prefix', sys.base_prefix)
-    assert ' -m venv --system-site-packages ' in install_command(['numba>=0.60'])
+    assert ' -m venv --system-site-packages ' in install_command(['numba>=0.61'])
 
 
 def test_setup_names_each_of_them():
