@@ -7,7 +7,8 @@ import numpy as np
 from pmcl_ros.evaluation.manipulation.trial import Trial
 from pmcl_ros.evaluation.recall import interval
 
-HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose', 'largest touch [N]',
+HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose',
+        'off at the grasp, median [mm]', '[degrees]', 'largest touch [N]',
         'rest to grasp, median [s]', '95th percentile [s]')
 _TIME = 'to the grasp'
 
@@ -35,9 +36,15 @@ def causes(trials: Sequence[Trial]) -> list[str]:
 def _row(trials: Sequence[Trial]) -> list[str]:
     done = [not each.cause for each in trials]
     low, high = interval(done)
+    off = np.array([grip.off for each in trials for grip in each.grips if grip.off is not None
+                    and not each.by_truth]).reshape(-1, 2)
+    distance, angle = np.median(off, axis=0) if len(off) else (np.nan, np.nan)
     times = [each.times[_TIME] for each in trials if _TIME in each.times]
     middle, late = np.percentile(times, [50, 95]) if times else (np.nan, np.nan)
     return [str(len(trials)), str(sum(done)), f'{100 * low:.0f} to {100 * high:.0f} %',
-            str(sum(each.wrong_grips for each in trials)),
-            f'{max(each.largest_touch for each in trials):.1f}',
-            *(f'{each:.1f}' if np.isfinite(each) else '' for each in (middle, late))]
+            str(sum(each.wrong_grips for each in trials)), _number(distance), _number(angle),
+            _number(max(each.largest_touch for each in trials)), _number(middle), _number(late)]
+
+
+def _number(value: float) -> str:
+    return f'{value:.1f}' if np.isfinite(value) else ''

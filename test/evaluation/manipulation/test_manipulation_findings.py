@@ -41,6 +41,7 @@ def test_a_row_counts_the_trials_of_each_start():
     assert found[0]['grasps at a wrong pose'] == '1'
     assert found[0]['rest to grasp, median [s]'] == '15.0'
     assert found[2]['rest to grasp, median [s]'] == ''
+    assert [each['off at the grasp, median [mm]'] for each in found] == ['2.0', '2.0', '25.0']
     assert causes(trials) == ['wrong pose: 1 (seeds 3)']
 
 
