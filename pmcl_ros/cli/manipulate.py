@@ -13,6 +13,7 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.nodes.runtime.running import own_domain
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.simulation.manipulation.physics import mujoco
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
@@ -42,6 +43,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     The nodes of this package run as they do on a robot; arm and gripper are simulated by MuJoCo
     (extra 'manipulate'). Every task is tried again by a robot that is told the true pose.
     """
+    mujoco()  # said at once where it is missing
     own_domain()
     name, mass = OBJECTS[place]
     camera = camera or resolve('package://pmcl_ros/config/manipulation/camera.yaml', 'camera')
