@@ -10,9 +10,9 @@ from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
 from pmcl_ros.evaluation.results import table
-from pmcl_ros.nodes.runtime.running import own_domain
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.simulation.manipulation.physics import mujoco
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
@@ -50,6 +50,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
     series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve(),
                     not undeclared)
+    series.claim()
     seeds = range(seed, seed + count)
     seen, told = [], []
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),

@@ -30,10 +30,10 @@ from pmcl_ros.messages.image import depth_from, picture_from
 from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
-from pmcl_ros.nodes.runtime.running import own_domain
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.warm_up import compile_ahead
 
 _ROOT = Path(__file__).parents[2]

@@ -9,7 +9,6 @@ import trimesh
 from pmcl_ros.grasps.clearance import Clearance, surface_points
 from pmcl_ros.grasps.revolution import Profile, grasps_of
 from pmcl_ros.grasps.settings import GripperSettings
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
 NAMES = ['cup', 'bottle', 'goblet', 'lying cup']
@@ -152,14 +151,16 @@ def test_shipped_grasps_are_those_that_would_be_made(request):
     from pmcl_ros.grasps.grasp import GraspFile
     folder = request.config.rootpath / 'config' / 'objects'
     files = sorted(folder.glob('*.grasps.yaml'))
-    assert files
+    made = [file for file in files if 'Made by: pmcl grasps' in file.read_text()]
+    assert len(made) >= 3  # others are by hand
     for file in files:
         model, gripper, grasps = GraspFile.read(file)
         assert gripper == FETCH
-        again = grasps_of(ObjectModel.load(request.config.rootpath / 'models' /
-                                           f'{model.name}.obj'), gripper)
-        assert [each.name for each in again] == [each.name for each in grasps]
         points = surface_points(model)
-        for one, other in zip(again, grasps, strict=True):
-            np.testing.assert_allclose(one.pose, other.pose, atol=1e-5)
-            assert Clearance.from_points(other, points, gripper).least >= gripper.margin - 1e-5
+        for each in grasps:
+            assert Clearance.from_points(each, points, gripper).least >= gripper.margin - 1e-5
+        if file in made:
+            again = grasps_of(model, gripper)
+            assert [each.name for each in again] == [each.name for each in grasps]
+            for one, other in zip(again, grasps, strict=True):
+                np.testing.assert_allclose(one.pose, other.pose, atol=1e-5)

@@ -23,11 +23,12 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.bag_captures import extract_captures
-from pmcl_ros.nodes.runtime.running import own_domain, ros
+from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.ros_domain import own_domain
 
 _ROOT = Path(__file__).parents[3]
 _CALIBRATION = _ROOT / 'config' / 'cameras' / 'demo.yaml'

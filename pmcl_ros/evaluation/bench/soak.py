@@ -33,8 +33,9 @@ from pmcl_ros.evaluation.bench.running_graph import (
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.graph import NODES
-from pmcl_ros.nodes.runtime.running import own_domain, ros
+from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.ros_domain import own_domain
 
 _ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)

@@ -1,5 +1,6 @@
 """Trials of a simulated robot, one after the other, through the real nodes over DDS."""
 
+import json
 import subprocess
 import sys
 import time
@@ -17,8 +18,9 @@ from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.errors import FileError, SimulationError
+from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
@@ -26,7 +28,7 @@ from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw
 SHOULDER = (0.033, 0.0, 1.086)  # m: of a Fetch whose torso is 0.3 m up
 _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
-_END = 60.0  # s: for the robot to judge
+_END = 120.0  # s: for a program to end, and for the robot to judge before
 _SHOWN = 800  # characters of a log
 _WATER = 1.333  # refractive index
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
@@ -55,6 +57,17 @@ class Series:
         """The grasp file of the object."""
         return self.thing.with_suffix('.grasps.yaml')
 
+    def claim(self) -> None:
+        """Use the folder; SettingsError where it has trials of another series."""
+        of = {each: str(getattr(self, each)) for each in (
+            'place', 'thing', 'mass', 'camera', 'renderer', 'samples', 'declared')}
+        file = self.out / 'series.json'
+        if file.is_file() and read_json(file) != of:
+            raise SettingsError(f'{self.out} has trials of another series ({file.name}): choose '
+                                'another folder')
+        self.out.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(of, indent=1))
+
     def run(self, seed: int) -> Trial:
         """The trial of a seed, with nodes of its own; one that is there already is read.
 
@@ -64,6 +77,7 @@ class Series:
             return Trial.read(self.file(seed))
         place = self.file(seed).parent
         place.mkdir(parents=True, exist_ok=True)
+        (place / 'robot.json').unlink(missing_ok=True)  # of a trial that was cut short
         with self._graph(seed, place):
             return self._trial(seed, place)
 
@@ -105,8 +119,7 @@ class Series:
             _wait(nodes, log, 'active: ')
             yield
         finally:
-            nodes.send_signal(SIGINT)
-            nodes.wait(_END)
+            _end(nodes)
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
         middle, size = region_of(self.place)
@@ -136,10 +149,9 @@ class Series:
             _wait(robot, log, 'ready')
             status, said = self._executive(seed, place)
         finally:
-            robot.send_signal(SIGINT)
-            robot.wait(_END)
+            _end(robot)
         try:
-            trial = Trial.read(self.file(seed))
+            trial = Trial.read(place / 'robot.json')
         except FileError:
             raise SimulationError(f'the robot wrote no trial: {_tail(log)}') from None
         trial = trial.model_copy(update={'status': status, 'said': said})
@@ -182,6 +194,15 @@ def _wait(process: subprocess.Popen[bytes], log: Path, word: str) -> None:
         if process.poll() is not None or time.monotonic() > deadline:
             raise SimulationError(f'a program ended before it was ready: {_tail(log)}')
         time.sleep(0.1)
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.send_signal(SIGINT)
+    try:
+        process.wait(_END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _tail(log: Path) -> str:

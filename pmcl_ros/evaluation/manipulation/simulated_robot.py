@@ -241,7 +241,7 @@ class SimulatedRobot(Node):
 
 
 def main() -> int:
-    """Run a robot with one task until a signal comes; then write OUT/trial.json."""
+    """Run a robot with one task until a signal comes; then write OUT/robot.json."""
     parser = argparse.ArgumentParser(prog='simulated_robot', description=__doc__)
     parser.add_argument('--place', choices=['sink', 'tank'], default='sink')
     parser.add_argument('--object', type=Path, required=True, help='YAML with appearance')
@@ -271,7 +271,7 @@ def main() -> int:
         return 1
     finally:
         if robot is not None:
-            (options.out / 'trial.json').write_text(robot.judge().model_dump_json(indent=1))
+            (options.out / 'robot.json').write_text(robot.judge().model_dump_json(indent=1))
     return 0
 
 

@@ -36,12 +36,6 @@ _NOTED, _NOTE = socket.socketpair()
 _PR_SET_PDEATHSIG = 1  # of <linux/prctl.h>
 
 
-def own_domain() -> None:
-    """Keep other ROS nodes of this machine and of the network out, unless the user chose."""
-    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    os.environ.setdefault('ROS_DOMAIN_ID', str(1 + os.getpid() % 100))
-
-
 class Interrupted(Exception):  # noqa: N818 -- nothing went wrong
     """One of SIGNALS came."""
 

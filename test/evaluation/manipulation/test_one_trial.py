@@ -1,8 +1,11 @@
 """A simulated arm takes a glass out of water through the real nodes, over real DDS."""
 
+from dataclasses import replace
+
 import pytest
 
 from pmcl_ros.evaluation.manipulation.series import Series
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.resources import resolve
 
 CAMERA = '{width: 320, height: 240, fx: 300, cx: 159.5, cy: 119.5}'
@@ -28,3 +31,10 @@ def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
     assert [each.held for each in trial.grips][-1]
     assert trial.largest_touch < 10  # N
     assert series.run(1) == trial  # it is kept
+
+
+def test_a_folder_is_of_one_series(series):
+    series.claim()
+    series.claim()
+    with pytest.raises(SettingsError, match='has trials of another series'):
+        replace(series, samples=2).claim()
