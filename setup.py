@@ -32,7 +32,7 @@ setup(
     maintainer='pmcl_ros maintainers',
     maintainer_email='maintainers@pmcl-ros.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.evaluation.report': ['page.html', 'page.css'],
+    package_data={f'{NAME}.evaluation.report': ['*.html', 'page.css'],
                   f'{NAME}.evaluation.feasibility': ['feasibility.html'],
                   f'{NAME}.evaluation.manipulation': ['manipulation.html']},
     data_files=data_files(),

@@ -74,7 +74,7 @@ def page(of: Feasibility) -> str:
     every = [each for trials in of.trials.values() for each in trials]
     first = of.trials[of.sets[0].name]
     return environment.get_template('feasibility.html').render(
-        of=of, head=findings.HEAD, rows=of.rows(),
+        of=of, about=of.about, head=findings.HEAD, rows=of.rows(),
         distances=of.table(findings.distances(first)),
         surroundings=of.table(findings.surroundings(every)),
         causes=[(each.name, findings.causes(of.trials[each.name], of.aim)) for each in of.sets],
