@@ -41,7 +41,7 @@ class Interface:
         the air stay, and all do where the origin is in the medium.
         """
         height = self.height
-        depth = height * -1 - points @ self.normal
+        depth = -height - points @ self.normal
         below = depth > 0
         if height <= 0 or not below.any():
             return points.copy()

@@ -8,7 +8,6 @@ A z-buffer holds 1/z of the nearest surface [1/m], zero where there is none, les
 outside the window. It is as large as the object's box (`Box`) with `MARGIN` pixels around.
 """
 
-import math
 from typing import NamedTuple
 
 import numba
@@ -16,6 +15,7 @@ import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.render.refraction import raised
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import compiled
@@ -25,7 +25,6 @@ _HALF = 128  # half a pixel, in the units of corners
 _EXTENT = 2040  # px: edges of triangles up to this size fit 32 bits
 LARGEST = 1800  # px: of a window
 _SLIVER = np.float32(1 / 256)  # px: so narrow that rounding the corners may turn it round
-_SNELL = 4  # steps of Newton's method for where a ray meets the water
 _CORNERS = 8  # that a triangle has at most, clipped by five planes
 
 
@@ -139,28 +138,6 @@ def draw(drawing, pose, corners, exact, z):  # type: ignore[no-untyped-def]
                 z[i] = 0
     _frame(window, width, height, stride, z)
     return window
-
-
-@compiled(inner=True)
-def raised(x, y, z, water):  # type: ignore[no-untyped-def]
-    """How far below the interface a point seems to be raised [m], as of `Interface.apparent`."""
-    height, index = float(water[3]), float(water[4])
-    along = float(water[0]) * x + float(water[1]) * y + float(water[2]) * z
-    depth = -height - along
-    if depth <= 0:
-        return 0.0
-    across = math.sqrt(max(float(x) * x + float(y) * y + float(z) * z - along * along, 0.0))
-    if across < 1e-6 * height:
-        return depth - depth / index
-    meets = across * height / (height + depth / index)
-    for _ in range(_SNELL):
-        rest = across - meets
-        above, under = math.sqrt(meets * meets + height * height), math.sqrt(
-            rest * rest + depth * depth)
-        off = meets / above - index * rest / under
-        slope = height * height / above ** 3 + index * depth * depth / under ** 3
-        meets -= off / slope
-    return depth - height * (across - meets) / meets
 
 
 @compiled(inner=True)
