@@ -21,16 +21,19 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
+from pmcl_ros.simulation.described.substances import WATER
+from pmcl_ros.simulation.manipulation.fetch_arm import LIFT
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
 
-SHOULDER = (0.033, 0.0, 1.086)  # m: of a Fetch whose torso is 0.3 m up
+_X, _Y, _Z = GraspSettings().shoulder
+_SHOULDER = _X, _Y, _Z + LIFT  # m: the torso is up
 _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 120.0  # s: for a program to end, and for the robot to judge before
 _SHOWN = 800  # characters of a log
-_WATER = 1.333  # refractive index
+_MIDDLE, _SIZE = (0.65, 0.0, 0.64), (0.3, 0.3, 0.13)  # m: where the object's origin is sought
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
 
@@ -87,7 +90,7 @@ class Series:
         model, gripper, grasps = GraspFile.read(self.grasps)
         task = draw_task(np.random.default_rng(seed), self.place, model)
         cell = Workcell(task, model, self.mass, np.random.default_rng([seed, 3]))
-        ranker = Ranker(model, gripper, grasps, GraspSettings(shoulder=SHOULDER))
+        ranker = Ranker(model, gripper, grasps, GraspSettings(shoulder=_SHOULDER))
 
         def look() -> Sight:
             return Sight(cell.thing, ranker.rank(cell.thing, _EXACT).candidates)
@@ -122,11 +125,10 @@ class Series:
             _end(nodes)
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
-        middle, size = region_of(self.place)
         search: dict[str, object] = {
-            'object': str(self.thing), 'roi_center': middle, 'roi_size': size}
+            'object': str(self.thing), 'roi_center': list(_MIDDLE), 'roi_size': list(_SIZE)}
         if self.declared:
-            search |= {'interface_index': _WATER,
+            search |= {'interface_index': WATER.index,
                        'interface_point': [0.0, 0.0, self._task(seed).place.level]}
         return {
             'sweep_driver': {
@@ -134,14 +136,15 @@ class Series:
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9},
             'pmcl_node': search,
-            'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed', 'shoulder': list(SHOULDER)}}
+            'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed',
+                           'shoulder': list(_SHOULDER)}}
 
     def _trial(self, seed: int, place: Path) -> Trial:
         log = place / 'robot.log'
         with log.open('w') as output:
             robot = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.evaluation.manipulation.simulated_robot',
-                 '--place', self.place, '--object', str(self.thing), '--mass', str(self.mass),
+                 '--object', str(self.thing), '--mass', str(self.mass),
                  '--camera', str(self.camera), '--renderer', self.renderer,
                  '--samples', str(self.samples), '--seed', str(seed), '--out', str(place)],
                 stdout=output, stderr=subprocess.STDOUT)
@@ -161,11 +164,8 @@ class Series:
     def _executive(self, seed: int, place: Path) -> tuple[int, str]:
         """Its status and its last line."""
         task = self._task(seed)
-        middle, _ = region_of(self.place)
-        arguments = ['--aim', *map(str, middle), '--tray', *map(str, task.place.tray),
+        arguments = ['--aim', *map(str, _MIDDLE), '--tray', *map(str, task.place.tray),
                      '--bottom', str(float(self._model.vertices[:, 2].min()))]
-        if self.place == 'tank':
-            arguments.append('--lift-only')
         executive = resolve(_EXECUTIVE, 'executive')
         with (place / 'executive.log').open('w') as output:
             done = subprocess.run([sys.executable, str(executive), *arguments], stdout=output,
@@ -178,13 +178,6 @@ class Series:
 
     def _task(self, seed: int) -> Task:
         return draw_task(np.random.default_rng(seed), self.place, self._model)
-
-
-def region_of(place: WorkplaceKind) -> tuple[list[float], list[float]]:
-    """Middle and size of the box of a place in which the object's origin is sought [m]."""
-    if place == 'sink':
-        return [0.65, 0.0, 0.64], [0.3, 0.3, 0.13]
-    return [0.65, 0.0, 0.85], [0.24, 0.24, 0.2]
 
 
 def _wait(process: subprocess.Popen[bytes], log: Path, word: str) -> None:

@@ -19,8 +19,9 @@ from std_srvs.srv import SetBool, Trigger
 from pmcl_ros.evaluation.manipulation.trial import Grip, Picture, Trial
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.geometry.se3 import inverse, transform
+from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
@@ -42,11 +43,10 @@ from pmcl_ros.simulation.scenes.render import fast
 
 RENDERERS = {'fast': fast, 'physical': physical}
 BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_link'
-_WRIST = transform((-0.16645, 0.0, 0.0))  # in gripper_link, which the physics moves
+_WRIST = GripperSettings().parent_pose  # in gripper_link, which the physics moves
 _TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
 _PERIOD = 0.05  # s: between poses that are published around a picture
 _FILM, _EVERY = (320, 240), 5  # px; of the calls of `Workcell.watch`
-_LIFTED = 0.1, 3.0  # m above the water, and for how long [s], that count in a tank
 
 
 class SimulatedRobot(Node):
@@ -65,7 +65,7 @@ class SimulatedRobot(Node):
         self._renderer = RENDERERS[options.renderer]
         self._rng = np.random.default_rng([options.seed, 1])
         self._model = ObjectModel.load(options.object)
-        self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
+        self._task = draw_task(np.random.default_rng(options.seed), 'sink', self._model)
         self._cell = Workcell(self._task, self._model, options.mass,
                               np.random.default_rng([options.seed, 3]))
         self._cell.wait(0.5)  # a lying object comes to rest
@@ -81,12 +81,11 @@ class SimulatedRobot(Node):
         self._carried: Pose | None = None
         self._began = time.monotonic()
         self._spent = {'rendering': 0.0, 'physics': 0.0}
-        self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
+        self.trial = Trial(seed=options.seed, place='sink', stands=self._task.stands)
         reliable = QoSProfile(depth=10)
         self._image = self.create_publisher(Image, 'image', reliable)
         self._info = self.create_publisher(CameraInfo, 'camera_info', reliable)
         self._pose = self.create_publisher(PoseStamped, 'camera_pose', reliable)
-        self._truth = self.create_publisher(PoseStamped, 'truth', reliable)
         self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
         self.create_service(GetPlan, '~/plan', self._plan)
         self.create_service(Trigger, '~/execute', self._execute)
@@ -184,13 +183,10 @@ class SimulatedRobot(Node):
         now = self.get_clock().now().nanoseconds
         self._info.publish(pinhole_to_message(Header(now, CAMERA), self._camera.pinhole))
         for step in (-1, 0, 1):
-            self._publish(self._pose, told, now + round(step * _PERIOD * 1e9))
-        self._publish(self._truth, self._cell.thing, now)
+            stamp = Header(now + round(step * _PERIOD * 1e9), BASE)
+            self._pose.publish(PoseStamped(header=header_to_message(stamp),
+                                           pose=pose_to_message(told)))
         self._image.publish(picture_to_message(Header(now, CAMERA), picture))
-
-    def _publish(self, publisher: object, pose: Pose, stamp_ns: int) -> None:
-        publisher.publish(PoseStamped(  # type: ignore[attr-defined]
-            header=header_to_message(Header(stamp_ns, BASE)), pose=pose_to_message(pose)))
 
     def _start_film(self) -> None:
         """Pictures from outside, twice a second of the simulated time."""
@@ -223,27 +219,17 @@ class SimulatedRobot(Node):
 
     def judge(self) -> Trial:
         """The trial, once the executive has ended."""
-        cell, place = self._cell, self._task.place
-        if place.kind == 'sink':
-            cell.wait(1.0)
-            done = bool(cell.standing_on_tray)
-        else:
-            height, seconds = _LIFTED
-            done = True
-            for _ in range(6):
-                lowest = (self._model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
-                done &= bool(cell.held and lowest > place.level + height)
-                cell.wait(seconds / 6)
+        self._cell.wait(1.0)
         if self._frames:
             cv2.imwrite(str(self._out / 'film.png'), strip(self._frames)[..., ::-1])
         times = self.trial.times | self._spent
-        return self.trial.model_copy(update={'done': done, 'times': times})
+        return self.trial.model_copy(update={'done': bool(self._cell.standing_on_tray),
+                                             'times': times})
 
 
 def main() -> int:
     """Run a robot with one task until a signal comes; then write OUT/robot.json."""
     parser = argparse.ArgumentParser(prog='simulated_robot', description=__doc__)
-    parser.add_argument('--place', choices=['sink', 'tank'], default='sink')
     parser.add_argument('--object', type=Path, required=True, help='YAML with appearance')
     parser.add_argument('--mass', type=float, default=0.25, help='of the object [kg]')
     parser.add_argument('--camera', type=Path, required=True, help='camera.yaml')

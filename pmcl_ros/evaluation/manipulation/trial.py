@@ -3,15 +3,16 @@
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 from pydantic import Field
 
+from pmcl_ros.geometry.pose_error import RIGHT_ANGLE, RIGHT_DISTANCE
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.runtime.text_file import read_json
 
 Cause = Literal['', 'not found', 'not sure', 'wrong pose', 'no reachable grasp', 'slip',
                 'not upright', 'touched', 'program']
 _SAID: tuple[Cause, ...] = ('not found', 'not sure', 'no reachable grasp')
-CLEAR, TURN = 0.01, 10.0  # m, degrees: a pose that is further off is wrong
 TOUCH = 10.0  # N: more than this before the grasp closes breaks a glass
 
 
@@ -47,8 +48,7 @@ class Trial(Settings):
                                                    'told [mm], [degrees]')
     grips: tuple[Grip, ...] = ()
     largest_touch: float = Field(0.0, description='before the first grip closed [N]')
-    done: bool = Field(False, description='in a sink: upright on the tray; in a tank: held clear '
-                       'of the water')
+    done: bool = Field(False, description='upright on the tray')
     said: str = Field('', description='what the executive said at the end')
     status: int = Field(0, description="of the executive's process")
     times: dict[str, float] = Field({}, description='[s]: rendering, physics, to the first grasp '
@@ -61,8 +61,9 @@ class Trial(Settings):
 
     @property
     def wrong_grips(self) -> int:
-        """How often it grasped at a pose that is more than 1 cm or 10 degrees off."""
-        return sum(each.off is not None and (each.off[0] > 1e3 * CLEAR or each.off[1] > TURN)
+        """How often it grasped at a pose that is not right (`RIGHT_DISTANCE`, `RIGHT_ANGLE`)."""
+        return sum(each.off is not None and (each.off[0] > 1e3 * RIGHT_DISTANCE
+                                             or each.off[1] > np.rad2deg(RIGHT_ANGLE))
                    for each in self.grips)
 
     @property

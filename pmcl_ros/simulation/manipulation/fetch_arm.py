@@ -18,8 +18,8 @@ GRIPPER = 'gripper'  # the actuator
 # robot the hand with the upper arm.
 ROBOT, FIXED, THING, HAND = 1, 2, 4, 8
 STEP = 0.002  # s
-_LIFT = 0.30  # m: of the torso
-_SHOULDER = -0.0869 + 0.1195, 0.0, 0.3774 + _LIFT + 0.3486  # of the pan joint, in base_link
+LIFT = 0.30  # m: of the torso
+_SHOULDER = -0.0869 + 0.1195, 0.0, 0.3774 + LIFT + 0.3486  # of the pan joint, in base_link
 _STIFF, _LAG = 2500.0, 0.04  # 1/s^2, s: of the joints' controllers; one lag keeps the path
 _FORCE = 40.0  # N: of each finger
 _PAD = 0.7, 0.01, 0.001  # friction of a rubber pad on wet glass: sliding, of turns [m], rolling

@@ -40,7 +40,7 @@ class Workplace:
     low, high: corners (x, y) of the basin, inside. floor, rim: heights of its floor and of its
     walls. level: height of the water. ledge: on which a lying object is kept above the water.
     jet: (x, y) where water runs in from a tap. tray: the middle of its upper side. In a tank the
-    object floats, and a film is on the wall at x = low.
+    object floats.
     """
 
     kind: WorkplaceKind

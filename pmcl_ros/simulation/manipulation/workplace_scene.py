@@ -8,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.simulation.described.place import Frame
-from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
     can_stand_in_water,
     standing_in_water,
@@ -22,7 +21,6 @@ from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose, pose_of
-from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
@@ -33,10 +31,10 @@ _UPRIGHT = np.cos(np.deg2rad(2.0))  # an object that leans more does not stand
 
 @dataclass(frozen=True)
 class WorkplaceLook:
-    """How one workplace looks: its finishes, its light, its film; the same in all pictures.
+    """How one sink looks: its finishes and its light are the same in all pictures.
 
-    seed: of all that. thing: the object. running: whether the water of a jet moves, so that each
-    picture shows other waves; standing water is the same in all of them.
+    seed: of all that. thing: the object. Running water has
+    other waves in each picture, standing water the same in all of them.
     """
 
     place: Workplace
@@ -54,8 +52,7 @@ class WorkplaceLook:
         palette, metal, light = Palette(rng), random_finish(rng), random_lit_environment(rng)
         to_camera: Pose = inverse(camera)
         waves = np.random.default_rng([self.seed, number if self.place.jet else 0])
-        make = self._sink if self.place.kind == 'sink' else self._tank
-        target, solids, sheets = make(rng, waves, to_camera, pose, palette, metal)
+        target, solids, sheets = self._sink(rng, waves, to_camera, pose, palette, metal)
         inside = to_camera @ pose
         middle = inside[:3, :3] @ np.mean([self.thing.vertices.max(axis=0),
                                            self.thing.vertices.min(axis=0)], axis=0)
@@ -96,24 +93,6 @@ class WorkplaceLook:
         solids.append(frame.solid(water_surface(waves, low - _BEYOND, high + _BEYOND, place.level,
                                                 slope, hole, jet)))
         return target, solids, sheets
-
-    def _tank(self, rng: np.random.Generator, _: np.random.Generator, to_camera: Pose,
-              pose: Pose, palette: Palette, metal: Opaque
-              ) -> tuple[tuple[Solid, ...], list[Solid], list[Sheet]]:
-        """Without panes, and its water without waves."""
-        place = self.place
-        frame, low, high = _frame(place, to_camera, pose[:3, 3])
-        water = frame.box(np.array([*low, place.floor - _BEYOND]), np.array([*high, place.level]),
-                          WATER)
-        film = random_film(rng, 1.0)
-        front = frame.across_y((low[0], high[0]), low[1] - 0.002, (place.floor, place.rim),
-                               film.texture, film.side)
-        sheets = [replace(front, opacity=film.opacity),
-                  frame.level((-2, -2), (2, 2), place.floor, palette.texture(), 0.4),
-                  frame.across_y((-2, 2), high[1] + 0.3, (place.floor, place.floor + 1.5),
-                                 palette.texture(), 0.6)]
-        solids = [water, *self._furniture(palette, rng, metal, to_camera)]
-        return self.thing.placed(to_camera @ pose), solids, sheets
 
     def _furniture(self, palette: Palette, rng: np.random.Generator, metal: Opaque,
                    to_camera: Pose) -> list[Solid]:

@@ -19,7 +19,6 @@ def series(tmp_path):
 
 
 def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
-    pytest.importorskip('mujoco')
     trial = series.run(1)
     logs = '\n'.join(each.read_text() for each in series.file(1).parent.glob('*.log'))
     assert trial.done, logs
