@@ -25,6 +25,7 @@ from visualization_msgs.msg import MarkerArray
 BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_link'
 # Where to look from: turn about the vertical, from the robot's side [deg], and height [deg].
 LOOKS = ((0, 60), (75, 55), (-75, 55), (35, 45), (-35, 45), (110, 60), (-110, 60), (0, 80))
+NEARER = 0.0, 0.06, 0.12, 0.18, 0.24  # m
 SPINS = np.linspace(0, 2 * np.pi, 12, endpoint=False)
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -180,10 +181,18 @@ class PickFromWater(Node):
         if not self.robot.grip(True):
             self.robot.grip(False)
             return self.back(before)
-        self.robot.move(WRIST, raised(there, self.options.lift), straight=True)
+        self.raise_up(there)
         if not self.robot.holds():
             return self.back(None)
         return self.options.lift_only or self.place(places)
+
+    def raise_up(self, wrist):
+        """Lift straight up, or nearer to the robot where the arm does not reach so far."""
+        for nearer in NEARER:
+            goal = raised(wrist, self.options.lift)
+            goal[0, 3] -= nearer
+            if self.robot.move(WRIST, goal, straight=True):
+                return
 
     def places(self, thing, wrist):
         """Poses of WRIST that put the object upright on the tray and that the arm reaches."""

@@ -21,7 +21,7 @@ NAME = 'manipulation.html'
 
 
 @click.command()
-@click.argument('place', type=click.Choice(['sink']))
+@click.argument('place', type=click.Choice(list(OBJECTS)))
 @click.option('--trials', 'count', type=click.IntRange(1), default=10, show_default=True,
               help='Those that are in --out are kept.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
@@ -38,7 +38,9 @@ NAME = 'manipulation.html'
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
 def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None, renderer: str,
                samples: int, undeclared: bool, out: Path) -> None:
-    """Let a simulated robot take a glass out of a sink with water, and count.
+    """Let a simulated robot take an object out of water, and count.
+
+    sink: a glass, which it puts upright on a tray. tank: a floating bottle, which it lifts.
 
     The nodes of this package run as they do on a robot; arm and gripper are simulated by MuJoCo
     (extra 'manipulate'). Every task is tried again by a robot that is told the true pose.

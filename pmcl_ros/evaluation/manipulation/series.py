@@ -22,6 +22,7 @@ from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.described.substances import WATER
+from pmcl_ros.simulation.manipulation.buoyancy import DRIFT
 from pmcl_ros.simulation.manipulation.fetch_arm import LIFT
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
@@ -33,7 +34,15 @@ _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 120.0  # s: for a program to end, and for the robot to judge before
 _SHOWN = 800  # characters of a log
-_MIDDLE, _SIZE = (0.65, 0.0, 0.64), (0.3, 0.3, 0.13)  # m: where the object's origin is sought
+# m: where the object's origin is sought.
+_REGION: dict[WorkplaceKind, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
+    'sink': ((0.65, 0.0, 0.64), (0.3, 0.3, 0.13)), 'tank': ((0.65, 0.0, 0.775), (0.3, 0.3, 0.1))}
+# What the executive is told. The aim is the middle of what can be seen of an object.
+_ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
+    'sink': ('--aim', '0.65', '0', '0.64'),
+    'tank': ('--aim', '0.65', '0', '0.88', '--lift-only', '--lift', '0.3', '--least', '2',
+             '--sigma', '0.005')}
+_DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
 
@@ -126,7 +135,8 @@ class Series:
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
         search: dict[str, object] = {
-            'object': str(self.thing), 'roi_center': list(_MIDDLE), 'roi_size': list(_SIZE)}
+            'object': str(self.thing), 'roi_center': list(_REGION[self.place][0]),
+            'roi_size': list(_REGION[self.place][1])}
         if self.declared:
             search |= {'interface_index': WATER.index,
                        'interface_point': [0.0, 0.0, self._task(seed).place.level]}
@@ -134,7 +144,7 @@ class Series:
             'sweep_driver': {
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
-                'sigma_rotation': 0.0036, 'common': 0.9},
+                'sigma_rotation': 0.0036, 'common': 0.9, 'drift': _DRIFT[self.place]},
             'pmcl_node': search,
             'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed',
                            'shoulder': list(_SHOULDER)}}
@@ -144,7 +154,7 @@ class Series:
         with log.open('w') as output:
             robot = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.evaluation.manipulation.simulated_robot',
-                 '--object', str(self.thing), '--mass', str(self.mass),
+                 '--place', self.place, '--object', str(self.thing), '--mass', str(self.mass),
                  '--camera', str(self.camera), '--renderer', self.renderer,
                  '--samples', str(self.samples), '--seed', str(seed), '--out', str(place)],
                 stdout=output, stderr=subprocess.STDOUT)
@@ -164,7 +174,7 @@ class Series:
     def _executive(self, seed: int, place: Path) -> tuple[int, str]:
         """Its status and its last line."""
         task = self._task(seed)
-        arguments = ['--aim', *map(str, _MIDDLE), '--tray', *map(str, task.place.tray),
+        arguments = [*_ORDERS[self.place], '--tray', *map(str, task.place.tray),
                      '--bottom', str(float(self._model.vertices[:, 2].min()))]
         executive = resolve(_EXECUTIVE, 'executive')
         with (place / 'executive.log').open('w') as output:

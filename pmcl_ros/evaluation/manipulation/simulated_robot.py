@@ -4,7 +4,9 @@ import argparse
 import itertools
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -32,8 +34,8 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError, RenderError
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.manipulation.film import strip
-from pmcl_ros.simulation.manipulation.workcell import Workcell
-from pmcl_ros.simulation.manipulation.workplace import draw_task
+from pmcl_ros.simulation.manipulation.workcell import HOLD, Workcell
+from pmcl_ros.simulation.manipulation.workplace import OBJECTS, draw_task
 from pmcl_ros.simulation.manipulation.workplace_scene import WorkplaceLook
 from pmcl_ros.simulation.manipulation.wrist_camera import MOUNT, WristCamera, read_joints
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
@@ -41,11 +43,13 @@ from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.render import fast
 
+T = TypeVar('T')
 RENDERERS = {'fast': fast, 'physical': physical}
 BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_link'
 _WRIST = GripperSettings().parent_pose  # in gripper_link, which the physics moves
 _TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
 _PERIOD = 0.05  # s: between poses that are published around a picture
+_SEARCH = 4.0  # s: that pass during a search; the same in each, so that a seed repeats a trial
 _FILM, _EVERY = (320, 240), 5  # px; of the calls of `Workcell.watch`
 
 
@@ -56,7 +60,8 @@ class SimulatedRobot(Node):
     An empty path: no. tolerance 0: along a straight line; else anywhere. `~/execute` does the
     last plan; once the camera has been moved and is at rest, a picture is published: `image`,
     `camera_info`, `camera_pose`. `~/grip`: true closes, and tells whether something is held.
-    `~/holds`. Planning avoids the object where `pose` says it is, until it is gripped.
+    `~/holds`. Planning avoids the object where `pose` says it is, until it is gripped. Stamps are
+    of the simulated time, which passes in motions; what floats drifts during a search too.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -65,7 +70,7 @@ class SimulatedRobot(Node):
         self._renderer = RENDERERS[options.renderer]
         self._rng = np.random.default_rng([options.seed, 1])
         self._model = ObjectModel.load(options.object)
-        self._task = draw_task(np.random.default_rng(options.seed), 'sink', self._model)
+        self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
         self._cell = Workcell(self._task, self._model, options.mass,
                               np.random.default_rng([options.seed, 3]))
         self._cell.wait(0.5)  # a lying object comes to rest
@@ -76,12 +81,13 @@ class SimulatedRobot(Node):
         self._wrist_camera = WristCamera.draw(self._rng)
         self._look = WorkplaceLook(self._task.place, load_object(options.object), options.seed)
         self._believed: Pose | None = None
+        self._seen_at: NDArray[np.float64] | None = None
         self._planned: tuple[str, Pose, bool] | None = None
         self._gripped = False
         self._carried: Pose | None = None
-        self._began = time.monotonic()
+        self._began, self._epoch = time.monotonic(), self.get_clock().now().nanoseconds
         self._spent = {'rendering': 0.0, 'physics': 0.0}
-        self.trial = Trial(seed=options.seed, place='sink', stands=self._task.stands)
+        self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
         reliable = QoSProfile(depth=10)
         self._image = self.create_publisher(Image, 'image', reliable)
         self._info = self.create_publisher(CameraInfo, 'camera_info', reliable)
@@ -97,8 +103,10 @@ class SimulatedRobot(Node):
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
         if header.frame_id == BASE and not self._gripped:
-            self._believed = pose
+            self._believed, self._seen_at = pose, self._cell.thing[:3, 3].copy()
             self._note(poses=(*self.trial.poses, self._error(pose)))
+            if self._task.place.kind == 'tank':
+                self._physics(lambda: self._cell.wait(_SEARCH))
 
     def _plan(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         link, goal = request.start.header.frame_id, pose_from(request.goal)[1]
@@ -119,16 +127,14 @@ class SimulatedRobot(Node):
             response.message = 'there is no plan: call ~/plan'
             return response
         (link, goal, is_straight), self._planned = self._planned, None
-        began = time.monotonic()
         try:
-            self._cell.move(goal, _TIPS[link], straight=is_straight,
-                            avoid=None if is_straight else self._avoided,
-                            carried=None if is_straight else self._carried)
+            self._physics(lambda: self._cell.move(
+                goal, _TIPS[link], straight=is_straight,
+                avoid=None if is_straight else self._avoided,
+                carried=None if is_straight else self._carried))
         except PmclError as error:
             response.message = str(error)
             return response
-        finally:
-            self._spent['physics'] += time.monotonic() - began
         if link == CAMERA:
             self._cell.wait(0.5)
             self._take_picture()
@@ -140,16 +146,16 @@ class SimulatedRobot(Node):
             spent = sum(self._spent.values())
             self._note(times={'to the grasp': time.monotonic() - self._began - spent})
         told = self._believed
-        off = None if told is None else self._error(told)
-        began = time.monotonic()
-        gap = self._cell.grip(request.data)
-        self._spent['physics'] += time.monotonic() - began
+        moved = None if self._seen_at is None else 1e3 * float(
+            np.linalg.norm(self._cell.thing[:3, 3] - self._seen_at))
+        gap = self._physics(lambda: self._cell.grip(request.data))
         self._gripped = request.data and self._cell.held
         self._carried = (inverse(self._cell.tool) @ self._believed
                          if self._gripped and self._believed is not None else None)
         if request.data:
             self._note(grips=(*self.trial.grips, Grip(
-                gap=gap, held=self._gripped, off=off,
+                gap=gap, held=self._gripped, moved=moved,
+                off=self.trial.poses[-1] if self.trial.poses else None,
                 pose=None if told is None else tuple(told.ravel().tolist()))),
                        largest_touch=float(self._cell.largest_touch))
         response.success = self._gripped == request.data
@@ -180,7 +186,7 @@ class SimulatedRobot(Node):
         self._note(pictures=(*self.trial.pictures, Picture(
             file=name, camera=tuple(told.ravel().tolist()),
             error=(1e3 * off.translation, float(np.rad2deg(off.rotation))))))
-        now = self.get_clock().now().nanoseconds
+        now = self._epoch + round(1e9 * self._cell.time)
         self._info.publish(pinhole_to_message(Header(now, CAMERA), self._camera.pinhole))
         for step in (-1, 0, 1):
             stamp = Header(now + round(step * _PERIOD * 1e9), BASE)
@@ -203,6 +209,14 @@ class SimulatedRobot(Node):
 
         self._cell.watch = watch
 
+    def _physics(self, do: Callable[[], T]) -> T:
+        """Do it, and note how long the simulation took."""
+        began = time.monotonic()
+        try:
+            return do()
+        finally:
+            self._spent['physics'] += time.monotonic() - began
+
     # what is true
 
     @property
@@ -220,16 +234,21 @@ class SimulatedRobot(Node):
     def judge(self) -> Trial:
         """The trial, once the executive has ended."""
         self._cell.wait(1.0)
+        done = bool(self._cell.standing_on_tray)
+        if self._task.place.kind == 'tank':
+            done = self._cell.held_clear
+            self._cell.wait(HOLD)
+            done &= self._cell.held_clear
         if self._frames:
             cv2.imwrite(str(self._out / 'film.png'), strip(self._frames)[..., ::-1])
         times = self.trial.times | self._spent
-        return self.trial.model_copy(update={'done': bool(self._cell.standing_on_tray),
-                                             'times': times})
+        return self.trial.model_copy(update={'done': done, 'times': times})
 
 
 def main() -> int:
     """Run a robot with one task until a signal comes; then write OUT/robot.json."""
     parser = argparse.ArgumentParser(prog='simulated_robot', description=__doc__)
+    parser.add_argument('--place', choices=list(OBJECTS), default='sink')
     parser.add_argument('--object', type=Path, required=True, help='YAML with appearance')
     parser.add_argument('--mass', type=float, default=0.25, help='of the object [kg]')
     parser.add_argument('--camera', type=Path, required=True, help='camera.yaml')

@@ -33,7 +33,9 @@ class Grip(Settings):
     pose: tuple[float, ...] | None = Field(None, description='that was told last: object to '
                                            'base_link, row by row')
     off: tuple[float, float] | None = Field(description='the error of the last pose that was '
-                                            'told [mm], [degrees]; none was told: null')
+                                            'told, when it was told [mm], [degrees]; null: none '
+                                            'was')
+    moved: float | None = Field(None, description='how far the object had moved since [mm]')
 
 
 class Trial(Settings):
@@ -48,7 +50,8 @@ class Trial(Settings):
                                                    'told [mm], [degrees]')
     grips: tuple[Grip, ...] = ()
     largest_touch: float = Field(0.0, description='before the first grip closed [N]')
-    done: bool = Field(False, description='upright on the tray')
+    done: bool = Field(False, description='upright on the tray; from a tank: held clear of the '
+                       'water')
     said: str = Field('', description='what the executive said at the end')
     status: int = Field(0, description="of the executive's process")
     times: dict[str, float] = Field({}, description='[s]: rendering, physics, to the first grasp '
@@ -76,7 +79,8 @@ class Trial(Settings):
         if self.wrong_grips:
             return 'wrong pose'
         if self.grips:
-            return 'not upright' if self.status == 0 else 'slip'
+            upright = self.status == 0 and self.place == 'sink'
+            return 'not upright' if upright else 'slip'
         for cause in _SAID:
             if cause in self.said:
                 return cause

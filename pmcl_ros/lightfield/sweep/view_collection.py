@@ -1,7 +1,9 @@
 """Collects posed views of a moving camera: one of each place where it came to rest."""
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -107,7 +109,10 @@ class ViewCollection:
         """The views so far, which stay. Raises LightFieldError where there are none."""
         if not self._views:
             raise LightFieldError(f'there is no view: {summary(self.left_out) or "no frame came"}')
-        return CollectedViews(PosedViews(tuple(self._views)), tuple(self.left_out))
+        last = max(each.header.stamp_ns for each in self._views)
+        views = tuple(_aged(each, 1e-9 * (last - each.header.stamp_ns) * self._settings.drift)
+                      for each in self._views)
+        return CollectedViews(PosedViews(views), tuple(self.left_out))
 
     def _bytes(self, frame: SweepFrame) -> int:
         """Of all frames and views, with one more."""
@@ -125,3 +130,15 @@ class ViewCollection:
                          reduction.pinhole(self._pinhole), frame.pose,
                          (settings.sigma_position, settings.sigma_rotation), _GROUP,
                          settings.common)
+
+
+def _aged(view: PosedView, drift: float) -> PosedView:
+    """A view from which the object may have moved since, by a standard deviation [m].
+
+    That its camera is off by as much is the same, but that each view is so on its own.
+    """
+    if not drift:
+        return view
+    position, rotation = view.sigma
+    grown = float(np.hypot(position, drift))
+    return replace(view, sigma=(grown, rotation), common=view.common * (position / grown) ** 2)

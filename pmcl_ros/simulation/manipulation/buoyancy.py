@@ -12,7 +12,7 @@ _PITCH = 0.008  # m: between sample points
 _WATER, _GRAVITY = 1000.0, 9.81  # kg/m^3, m/s^2
 _DRAG = np.array([1.5, 1.5, 6.0])  # N s/m, of an immersed object; heaving makes waves
 _TURNING = 0.02  # N m s
-_DRIFT, _FASTEST = 0.003, 0.01  # m/s: of the water, standard deviation and largest
+DRIFT, _FASTEST = 0.0015, 0.005  # m/s: of the water, standard deviation and largest
 _CHANGES = 8.0  # s: over which the drift changes
 _RETURNS = 15.0  # s: in which the water would bring the object back
 
@@ -27,7 +27,7 @@ class Water:
                  ) -> None:
         self._points, self._volume = sample_volume(model)
         self._level, self._start, self._rng = level, np.array(start, float), rng
-        self._drift = rng.normal(0, _DRIFT, 2)
+        self._drift = rng.normal(0, DRIFT, 2)
 
     def force(self, pose: Array, centre: Array, velocity: Array, spin: Array, seconds: float
               ) -> Array:
@@ -53,7 +53,7 @@ class Water:
         """The drift changes at random, and back to where the object began."""
         part = seconds / _CHANGES
         self._drift += (-self._drift * part - (spot - self._start) * part / _RETURNS
-                        + self._rng.normal(0, _DRIFT * np.sqrt(2 * part), 2))
+                        + self._rng.normal(0, DRIFT * np.sqrt(2 * part), 2))
         self._drift *= min(1.0, _FASTEST / max(float(np.linalg.norm(self._drift)), 1e-9))
 
 

@@ -11,7 +11,7 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.grasps.ranking import Candidate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.manipulation.physics import MotionError
-from pmcl_ros.simulation.manipulation.workcell import Workcell
+from pmcl_ros.simulation.manipulation.workcell import CLEAR, HOLD, Workcell
 from pmcl_ros.simulation.manipulation.workplace import Workplace
 from pmcl_ros.simulation.scenes.poses import pose_of
 
@@ -19,8 +19,6 @@ Array = NDArray[np.float64]
 
 APPROACH = 0.10  # m: straight, before a grasp and after the object is put down
 LIFT = 0.15  # m: straight up from where the object was
-CLEAR = 0.10  # m: above the water
-_HOLD = 3.0  # s: for which it is held there
 _ABOVE = 0.002  # m: over the tray, where the object is let go
 _RESTS = 1.0  # s: after which it stands still
 _SPINS = 12
@@ -179,7 +177,8 @@ def _finish(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> 
     try:
         if cell.task.place.kind == 'tank':
             cell.move(goal, carried=carried, like=posture)
-            return _hold(cell, model)
+            cell.wait(HOLD)
+            return '' if cell.held_clear else 'slip while held'
         cell.move(raised(goal, APPROACH), carried=carried, like=posture)
         if not cell.held:
             return 'slip on the way'
@@ -190,11 +189,3 @@ def _finish(cell: Workcell, model: ObjectModel, tool: Array, carried: Array) -> 
         return f'no path: {error}'
     cell.wait(_RESTS)
     return '' if cell.standing_on_tray else 'not upright on the tray'
-
-
-def _hold(cell: Workcell, model: ObjectModel) -> str:
-    """Keep the object above the water for a while."""
-    cell.wait(_HOLD)
-    lowest = (model.vertices @ cell.thing[2, :3]).min() + cell.thing[2, 3]
-    clear = cell.held and lowest > cell.task.place.level + CLEAR
-    return '' if clear else 'slip while held'

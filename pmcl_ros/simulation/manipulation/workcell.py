@@ -40,6 +40,7 @@ _LOW = 0.15  # of its height: the centre of mass of what floats, so that it floa
 _WATCH_STEPS = 50  # of the physics, between two calls of `watch`
 _WATER_STEPS = 5  # of the physics, between two forces of the water
 _UPRIGHT = np.cos(np.radians(15))
+CLEAR, HOLD = 0.10, 3.0  # m, s: so far above the water and so long is held what is lifted
 
 
 class Workcell:
@@ -55,6 +56,7 @@ class Workcell:
                  rng: np.random.Generator | None = None,
                  gripper: GripperSettings | None = None) -> None:
         self.task, self._gripper = task, gripper or GripperSettings()
+        self._vertices = model.vertices
         spec = fetch_arm(self._gripper)
         for box in task.place.boxes:
             add_box(spec.worldbody, box.name, np.array(box.low), np.array(box.high), FIXED, ROBOT)
@@ -186,6 +188,13 @@ class Workcell:
         moves = np.linalg.norm(self._data.qvel[-6:-3])
         return bool(upright and moves < _STILL and self._touches('tray')
                     and not self._robot_touches().any())
+
+    @property
+    def held_clear(self) -> bool:
+        """The object is held, all of it clear of the water."""
+        thing = self.thing
+        lowest = (self._vertices @ thing[2, :3]).min() + thing[2, 3]
+        return bool(self.held and lowest > self.task.place.level + CLEAR)
 
     def _pose(self, body: str) -> Array:
         found = self._data.body(body)

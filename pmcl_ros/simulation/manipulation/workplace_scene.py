@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.simulation.described.place import Frame
+from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
     can_stand_in_water,
     standing_in_water,
@@ -21,20 +22,22 @@ from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose, pose_of
+from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
 _AHEAD = Rotation.from_euler('z', -np.pi / 2)  # of a frame whose y leads away from the robot
 _BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
+_GAP = 1e-4  # m: between the water of a tank and its floor
 _UPRIGHT = np.cos(np.deg2rad(2.0))  # an object that leans more does not stand
 
 
 @dataclass(frozen=True)
 class WorkplaceLook:
-    """How one sink looks: its finishes and its light are the same in all pictures.
+    """How one workplace looks: finishes, light and film are the same in all pictures.
 
-    seed: of all that. thing: the object. Running water has
-    other waves in each picture, standing water the same in all of them.
+    seed: of all that. thing: the object. Running water has other waves in each picture, standing
+    water the same in all of them. That of a tank is without waves, and its panes are left out.
     """
 
     place: Workplace
@@ -52,7 +55,8 @@ class WorkplaceLook:
         palette, metal, light = Palette(rng), random_finish(rng), random_lit_environment(rng)
         to_camera: Pose = inverse(camera)
         waves = np.random.default_rng([self.seed, number if self.place.jet else 0])
-        target, solids, sheets = self._sink(rng, waves, to_camera, pose, palette, metal)
+        make = self._sink if self.place.kind == 'sink' else self._tank
+        target, solids, sheets = make(rng, waves, to_camera, pose, palette, metal)
         inside = to_camera @ pose
         middle = inside[:3, :3] @ np.mean([self.thing.vertices.max(axis=0),
                                            self.thing.vertices.min(axis=0)], axis=0)
@@ -93,6 +97,24 @@ class WorkplaceLook:
         solids.append(frame.solid(water_surface(waves, low - _BEYOND, high + _BEYOND, place.level,
                                                 slope, hole, jet)))
         return target, solids, sheets
+
+    def _tank(self, rng: np.random.Generator, _: np.random.Generator, to_camera: Pose,
+              pose: Pose, palette: Palette, metal: Opaque
+              ) -> tuple[tuple[Solid, ...], list[Solid], list[Sheet]]:
+        place = self.place
+        middle = np.mean([place.low, place.high], axis=0)
+        frame, low, high = _frame(place, to_camera, middle)
+        water = frame.box(np.array([*low, place.floor + _GAP]), np.array([*high, place.level]),
+                          WATER)
+        film = random_film(rng, 1.0)
+        front = frame.across_y((low[0], high[0]), low[1] - _BEYOND, (place.floor, place.rim),
+                               film.texture, film.side)
+        sheets = [replace(front, opacity=film.opacity),
+                  frame.level((-2, -2), (2, 2), place.floor, palette.texture(), 0.4),
+                  frame.across_y((-2, 2), high[1] + 0.3, (place.floor, place.floor + 1.5),
+                                 palette.texture(), 0.6)]
+        solids = [water, *self._furniture(palette, rng, metal, to_camera)]
+        return self.thing.placed(to_camera @ pose), solids, sheets
 
     def _furniture(self, palette: Palette, rng: np.random.Generator, metal: Opaque,
                    to_camera: Pose) -> list[Solid]:

@@ -15,11 +15,11 @@ SHARP = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
 BLURRED = (SHARP // 8 + 100).astype(np.uint8)
 
 
-def frame(name, x=0.0, turn=0.0, image=SHARP, lens=None, **motion):
+def frame(name, x=0.0, turn=0.0, image=SHARP, lens=None, at=7, **motion):
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler('y', turn, degrees=True).as_matrix()
     pose[:3, 3] = x, 0, 0
-    return SweepFrame(name, 7, image, lens or Lens(PINHOLE), pose, **motion)
+    return SweepFrame(name, at, image, lens or Lens(PINHOLE), pose, **motion)
 
 
 def collection(**changes):
@@ -49,6 +49,17 @@ def test_a_view_of_each_place_where_the_camera_rests():
     assert text.startswith('3 posed views in base; left out: moving: moved by 2.0 px')
     assert 'one more: 3 views are there already (most_views)' in text
     assert '1 of places with a better one' in text
+
+
+def test_views_of_what_drifts_are_uncertain_by_their_age():
+    made = collection(drift=0.002, sigma_position=0.003, sigma_rotation=0.004, common=0.5)
+    for number, seconds in enumerate((0, 6, 8)):
+        made.add(frame(f'{number}', 0.1 * number, at=10 ** 9 * seconds))
+    views = made.assemble().source.views
+    assert [each.sigma for each in views] == [
+        (pytest.approx(np.hypot(0.003, drift)), 0.004) for drift in (0.016, 0.004, 0)]
+    # What the group has in common stays: the hand-eye error is as large as before.
+    assert [each.common * each.sigma[0] ** 2 for each in views] == pytest.approx([4.5e-6] * 3)
 
 
 def test_a_sharp_frame_takes_the_place_of_a_blurred_one():
