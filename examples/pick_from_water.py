@@ -96,7 +96,7 @@ class PickFromWater(Node):
             if not self.call(Trigger, service, Trigger.Request(), self.options.timeout):
                 raise GivenUp(f'{service} refuses')
         self.came.clear()
-        sides, taken, state = list(LOOKS), 0, 'not found'
+        sides, taken, state = list(self.options.sides or LOOKS), 0, 'not found'
         while taken < self.options.looks:
             if not self.look(sides, state == 'not sure' and taken >= self.options.least):
                 break
@@ -169,7 +169,7 @@ class PickFromWater(Node):
         """Whether it stands on the tray, or is lifted; GivenUp where there is no way."""
         for before, there in pairs:
             places = [] if self.options.lift_only else self.places(thing, there)
-            if not (self.options.lift_only or places):
+            if not (places or (self.options.lift_only and self.lifted(there))):
                 continue
             if not self.robot.move(WRIST, before):
                 continue
@@ -181,18 +181,19 @@ class PickFromWater(Node):
         if not self.robot.grip(True):
             self.robot.grip(False)
             return self.back(before)
-        self.raise_up(there)
+        goals = self.lifted(there)
+        any(self.robot.move(WRIST, goal, straight)
+            for straight in (True, False) for goal in goals)
         if not self.robot.holds():
             return self.back(None)
         return self.options.lift_only or self.place(places)
 
-    def raise_up(self, wrist):
-        """Lift straight up, or nearer to the robot where the arm does not reach so far."""
-        for nearer in NEARER:
-            goal = raised(wrist, self.options.lift)
+    def lifted(self, wrist):
+        """Poses of WRIST that the arm reaches: straight above, then nearer to the robot."""
+        goals = [raised(wrist, self.options.lift) for _ in NEARER]
+        for goal, nearer in zip(goals, NEARER, strict=True):
             goal[0, 3] -= nearer
-            if self.robot.move(WRIST, goal, straight=True):
-                return
+        return [goal for goal in goals if self.robot.plan(WRIST, goal)]
 
     def places(self, thing, wrist):
         """Poses of WRIST that put the object upright on the tray and that the arm reaches."""
@@ -307,6 +308,9 @@ def main():
     parser.add_argument('--aim', type=float, nargs=3, required=True, metavar=('X', 'Y', 'Z'),
                         help='middle of where the object is, in base_link [m]')
     parser.add_argument('--distance', type=float, default=0.45, help='of the camera [m]')
+    parser.add_argument('--from', dest='sides', type=float, nargs=2, action='append',
+                        metavar=('TURN', 'HEIGHT'), help='look from there: turn about the vertical, '
+                        "from the robot's side, and height [deg]; repeat it; default: all around")
     parser.add_argument('--sigma', type=float, default=0.0025,
                         help='standard deviation of the position that is sure enough [m]')
     parser.add_argument('--least', type=int, default=3, help='views before a grasp')

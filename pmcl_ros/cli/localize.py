@@ -38,15 +38,15 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--evidence', 'kind', type=click.Choice(['edges', 'map']),
               help=PmclSettings.model_fields['evidence'].description)
-@click.option('--set', 'changes', metavar='KEY=VALUE,...', help="Other values of the search's or "
-              "the volume's parameters.")
+@click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help="Other values of "
+              "the search's or the volume's parameters.")
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
 @click.option('--truth', type=FILE, help='A truth.json to compare with.')
 def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | None,
-             region: GivenRegion, mode: Mode, kind: EvidenceKind | None, changes: str | None,
+             region: GivenRegion, mode: Mode, kind: EvidenceKind | None, changes: tuple[str, ...],
              seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
@@ -63,9 +63,9 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     if object_id is not None:
         objects = bop.model_of(source.source, object_id),
         STDERR.print(f'object: {objects[0]}, in millimetres', markup=False, soft_wrap=True)
-    changed = None if changes is None else Variant.parse(changes)
+    changed = Variant.parse(','.join(changes)) if changes else None
     if changed is not None and changed.base != 'default':
-        raise click.UsageError(f'--set {changes}: there are no rows here; say --mode')
+        raise click.UsageError(f'--set {" ".join(changes)}: there are no rows here; say --mode')
     of_search, of_volume = ((), ()) if changed is None else (changed.pmcl, changed.dlv)
     chosen = {} if kind is None else {'evidence': kind}
     settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed}

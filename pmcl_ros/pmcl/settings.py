@@ -36,10 +36,12 @@ class PmclSettings(Settings):
     interface_index: float = Field(
         1.0, ge=1, le=3, description='refractive index of a liquid between the camera and the '
         'object, whose surface is flat: 1.33 for water; 1: there is none')
-    interface_point: tuple[float, float, float] = Field(
-        (0.0, 0.0, 0.0), description='any point of that surface, frame of roi_center [m]')
-    interface_normal: tuple[float, float, float] = Field(
-        (0.0, 0.0, 1.0), description='its direction towards the air and the camera')
+    interface_point: tuple[float, ...] = Field(
+        (0.0, 0.0, 0.0), description='any point of that surface, frame of roi_center; of a liquid '
+        'that ends at several planes, as water in a tank does at its surface and its front, three '
+        'numbers of each [m]')
+    interface_normal: tuple[float, ...] = Field(
+        (0.0, 0.0, 1.0), description='its direction towards the air, as many numbers')
     roi_depths: tuple[_Depth, _Depth] = Field(
         (0.0, 0.0), description='in place of that box: all that is in view between these two '
         'depths, of several views what all of them see; 0, 0: the box [m]')
@@ -81,13 +83,18 @@ class PmclSettings(Settings):
         """The surface of the liquid, if there is one."""
         if self.interface_index == 1:
             return None
-        normal = np.array(self.interface_normal)
-        return Interface(np.array(self.interface_point), normal / np.linalg.norm(normal),
+        normals = np.reshape(self.interface_normal, (-1, 3))
+        return Interface(np.reshape(self.interface_point, (-1, 3)),
+                         normals / np.linalg.norm(normals, axis=1)[:, None],
                          self.interface_index)
 
     @model_validator(mode='after')
     def _directed(self) -> 'PmclSettings':
-        if not any(self.interface_normal):
+        counts = len(self.interface_point), len(self.interface_normal)
+        if counts[0] != counts[1] or counts[0] % 3 or not counts[0]:
+            raise ValueError('interface_point and interface_normal have three numbers of each '
+                             f'plane: not {counts[0]} and {counts[1]}')
+        if not np.any(np.reshape(self.interface_normal, (-1, 3)), axis=1).all():
             raise ValueError('interface_normal has no direction')
         return self
 

@@ -10,6 +10,7 @@ from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.cli.localize import localize
 from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @pytest.fixture(scope='module')
@@ -50,6 +51,17 @@ def test_rows_are_no_parameters_here(capture, changes, message):
     done = run(capture, '--set', changes)
     assert done.exit_code == 2
     assert message in done.output
+
+
+def test_values_may_be_set_one_by_one(capture):
+    faces = ['interface_point=[0, 0, 0.9, 0, 0.5, 0]', 'interface_normal=[0, 0, -1, 0, -1, 0]']
+    together = run(capture, '--set', ','.join([QUICK, 'interface_index=1.33', *faces]))
+    apart = run(capture, '--set', QUICK, '--set', 'interface_index=1.33',
+                *(each for face in faces for each in ('--set', face)))
+    assert together.exit_code == apart.exit_code == 0, apart.output
+    assert json.loads(together.stdout)['position'] == json.loads(apart.stdout)['position']
+    with pytest.raises(SettingsError, match='three numbers of each plane: not 6 and 3'):
+        run(capture, '--set', 'interface_index=1.33', '--set', faces[0])
 
 
 def test_several_objects_are_told_by_their_names_and_the_missing_one_lost(capture, tmp_path):

@@ -13,7 +13,10 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 
 CAMERA = Pinhole(320, 240, 300.0, 300.0, 159.5, 119.5)
 UP = np.array([0, -np.sqrt(0.5), -np.sqrt(0.5)])  # of a camera that looks down at 45 degrees
-WATER = Interface(-0.3 * UP, UP, 1.33)
+WATER = Interface(-0.3 * UP[None], UP[None], 1.33)
+# A tank 0.3 m ahead, its surface 0.02 m below the camera.
+FACES = np.array([[0, -1.0, 0], [0, 0, -1.0]])
+TANK = Interface(-np.diag([0.02, 0.3]) @ FACES, FACES, 1.33)
 
 
 def test_rays_to_where_things_appear_obey_snells_law():
@@ -31,15 +34,43 @@ def test_rays_to_where_things_appear_obey_snells_law():
     np.testing.assert_allclose(above, 1.33 * under, atol=1e-6)
 
 
+def test_rays_into_a_tank_are_bent_where_they_enter_it():
+    points = np.random.default_rng(3).uniform([-0.3, -0.1, 0.2], [0.3, 0.3, 0.7], (800, 3))
+    seen = TANK.apparent(points)
+    wet = (points[:, 1] > 0.02) & (points[:, 2] > 0.3)
+    np.testing.assert_array_equal(seen[~wet], points[~wet])
+    points, seen = points[wet], seen[wet]
+    shift = seen - points
+    through = [np.abs(shift @ face) > 0.999 * np.linalg.norm(shift, axis=1) for face in FACES]
+    assert (through[0] ^ through[1]).all()  # towards the surface or towards the front
+    assert min(each.sum() for each in through) > 5
+    for number, which in enumerate(through):
+        face, height = FACES[number], TANK.heights[number]
+        meets = seen[which] * (-height / (seen[which] @ face))[:, None]
+        into = points[which] - meets
+        above, under = (np.linalg.norm(np.cross(each, face), axis=1)
+                        / np.linalg.norm(each, axis=1) for each in (meets, into))
+        np.testing.assert_allclose(above, 1.33 * under, atol=1e-6)
+        beside = TANK.heights[1 - number] + meets @ FACES[1 - number]
+        assert (beside < 1e-5).mean() > 0.9  # else it is behind the corner, where no ray gets
+
+
+def test_a_tank_from_below_its_surface_is_its_front():
+    low = Interface(np.array([[0, -0.1, 0], [0, 0, 0.3]]), FACES, 1.33)
+    points = np.random.default_rng(4).uniform([-0.3, 0.0, 0.31], [0.3, 0.3, 0.7], (100, 3))
+    front = Interface(low.points[1:], FACES[1:], 1.33)
+    np.testing.assert_allclose(low.apparent(points), front.apparent(points))
+
+
 def test_straight_down_depths_are_divided_by_the_index():
     seen = WATER.apparent(-0.7 * UP[None])
     np.testing.assert_allclose(seen[0], -(0.3 + 0.4 / 1.33) * UP, atol=1e-9)
 
 
 def test_in_the_water_nothing_is_bent():
-    flipped = Interface(0.3 * UP, UP, 1.33)
+    flipped = Interface(0.3 * UP[None], UP[None], 1.33)
     points = np.random.default_rng(1).normal(size=(20, 3))
-    assert flipped.height < 0
+    assert flipped.heights < 0
     np.testing.assert_array_equal(flipped.apparent(points), points)
 
 
@@ -52,20 +83,22 @@ def test_an_interface_moves_with_the_camera():
     moved = WATER.seen_from(camera)
     into = np.linalg.inv(camera)
     there = points @ into[:3, :3].T + into[:3, 3]
-    np.testing.assert_allclose((there - moved.point) @ moved.normal,
-                               (points - WATER.point) @ WATER.normal, atol=1e-12)
+    np.testing.assert_allclose((there - moved.points[0]) @ moved.normals[0],
+                               (points - WATER.points[0]) @ WATER.normals[0], atol=1e-12)
 
 
-@pytest.mark.parametrize('place', [(0.02, 0.03, 0.5), (0.02, -0.02, 0.42), (-0.26, 0.1, 0.5)],
-                         ids=['below', 'half below', 'at the edge of the picture'])
-def test_the_processor_draws_what_is_below_where_it_appears(place):
+@pytest.mark.parametrize(('place', 'water'), [
+    ((0.02, 0.03, 0.5), WATER), ((0.02, -0.02, 0.42), WATER), ((-0.26, 0.1, 0.5), WATER),
+    ((0.02, 0.02, 0.5), TANK), ((-0.22, 0.16, 0.45), TANK)],
+    ids=['below', 'half below', 'at the edge of the picture', 'in a tank', 'at its edge'])
+def test_the_processor_draws_what_is_below_where_it_appears(place, water):
     ball = trimesh.creation.icosphere(4, 0.04)
     model = ObjectModel('ball', np.asarray(ball.vertices), np.asarray(ball.faces), None, True)
     pose = np.eye(4)
     pose[:3, 3] = place
     window = Window(0, 0, (320, 240))
-    drawn = NumbaRenderer().depths(Scene(model, CAMERA, window, 0.1, 1.0, WATER), pose[None])[0]
-    raised = ObjectModel('ball', WATER.apparent(model.vertices + pose[:3, 3]), model.faces, None,
+    drawn = NumbaRenderer().depths(Scene(model, CAMERA, window, 0.1, 1.0, water), pose[None])[0]
+    raised = ObjectModel('ball', water.apparent(model.vertices + pose[:3, 3]), model.faces, None,
                          True)
     expected = NumbaRenderer().depths(Scene(raised, CAMERA, window, 0.1, 1.0), np.eye(4)[None])[0]
     assert (drawn > 0).sum() > 500

@@ -26,22 +26,26 @@ from pmcl_ros.simulation.manipulation.buoyancy import DRIFT
 from pmcl_ros.simulation.manipulation.fetch_arm import LIFT
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
-from pmcl_ros.simulation.manipulation.workplace import Task, WorkplaceKind, draw_task
+from pmcl_ros.simulation.manipulation.workplace import MIDDLE, Task, WorkplaceKind, draw_task
 
 _X, _Y, _Z = GraspSettings().shoulder
 _SHOULDER = _X, _Y, _Z + LIFT  # m: the torso is up
 _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 120.0  # s: for a program to end, and for the robot to judge before
+_ANSWER = 240.0  # s: for each answer, on a machine that does other things too
 _SHOWN = 800  # characters of a log
-# m: where the object's origin is sought.
-_REGION: dict[WorkplaceKind, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
-    'sink': ((0.65, 0.0, 0.64), (0.3, 0.3, 0.13)), 'tank': ((0.65, 0.0, 0.775), (0.3, 0.3, 0.1))}
-# What the executive is told. The aim is the middle of what can be seen of an object.
+# m: height of the middle of the region where the object's origin is sought, and its size.
+_REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
+    'sink': (0.64, (0.3, 0.3, 0.13)), 'tank': (0.775, (0.3, 0.3, 0.1))}
+# What the executive is told: the height of its aim, and more. Into a tank it looks through the
+# film on its front.
 _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
-    'sink': ('--aim', '0.65', '0', '0.64'),
-    'tank': ('--aim', '0.65', '0', '0.88', '--lift-only', '--lift', '0.3', '--least', '2',
-             '--sigma', '0.005')}
+    'sink': ('0.64',),
+    'tank': ('0.86', '--distance', '0.5', '--lift-only', '--lift', '0.3', '--least', '2',
+             '--sigma', '0.005', '--from', '30', '6', '--from', '-30', '6', '--from', '0', '6',
+             '--from', '45', '12', '--from', '-45', '12', '--from', '15', '10', '--from', '-15',
+             '10')}
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
@@ -134,12 +138,15 @@ class Series:
             _end(nodes)
 
     def _parameters(self, seed: int) -> dict[str, dict[str, object]]:
+        height, size = _REGION[self.place]
         search: dict[str, object] = {
-            'object': str(self.thing), 'roi_center': list(_REGION[self.place][0]),
-            'roi_size': list(_REGION[self.place][1])}
+            'object': str(self.thing), 'roi_center': [*MIDDLE[self.place], height],
+            'roi_size': list(size)}
         if self.declared:
+            faces = self._task(seed).place.faces
             search |= {'interface_index': WATER.index,
-                       'interface_point': [0.0, 0.0, self._task(seed).place.level]}
+                       'interface_point': [each for point, _ in faces for each in point],
+                       'interface_normal': [each for _, normal in faces for each in normal]}
         return {
             'sweep_driver': {
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
@@ -174,7 +181,8 @@ class Series:
     def _executive(self, seed: int, place: Path) -> tuple[int, str]:
         """Its status and its last line."""
         task = self._task(seed)
-        arguments = [*_ORDERS[self.place], '--tray', *map(str, task.place.tray),
+        arguments = ['--aim', *map(str, MIDDLE[self.place]), *_ORDERS[self.place],
+                     '--timeout', str(_ANSWER), '--tray', *map(str, task.place.tray),
                      '--bottom', str(float(self._model.vertices[:, 2].min()))]
         executive = resolve(_EXECUTIVE, 'executive')
         with (place / 'executive.log').open('w') as output:

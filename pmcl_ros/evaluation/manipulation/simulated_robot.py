@@ -49,7 +49,7 @@ BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_lin
 _WRIST = GripperSettings().parent_pose  # in gripper_link, which the physics moves
 _TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
 _PERIOD = 0.05  # s: between poses that are published around a picture
-_SEARCH = 4.0  # s: that pass during a search; the same in each, so that a seed repeats a trial
+_SEARCH = 8.0  # s: that pass during a search; the same in each, so that a seed repeats a trial
 _FILM, _EVERY = (320, 240), 5  # px; of the calls of `Workcell.watch`
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
 
-from pmcl_ros.pmcl.render.refraction import raised
+from pmcl_ros.pmcl.render.refraction import apparent
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import compiled
@@ -33,8 +33,8 @@ class Drawing(NamedTuple):
 
     vertices: (3, n) float32 [m]. faces: (m, 3) int32. closed: back faces are not drawn.
     camera: (4,) float32 fx, fy, cx, cy of the window [px]. width, height: of the window [px].
-    near, far: what is drawn [m]. water: (5,) float32, of an interface of water: its normal, the
-    camera's height above it [m], the index; all zero: there is none.
+    near, far: what is drawn [m]. water: (k, 5) float32, of each face of an interface its normal, the
+    camera's height above it [m], the index; k is 0 where there is none or the camera is in it.
     """
 
     vertices: NDArray[np.float32]
@@ -55,9 +55,11 @@ class Drawing(NamedTuple):
             raise RenderError(f'a window of {width}x{height} pixels is drawn on the processor up '
                               f'to {LARGEST} a side; choose a smaller region of interest')
         camera, interface = scene.camera, scene.interface
-        water = np.zeros(5, np.float32)
-        if interface is not None and interface.height > 0:
-            water[:] = *interface.normal, interface.height, interface.index
+        water = np.zeros((0, 5), np.float32)
+        if interface is not None and (interface.heights > 0).any():
+            index = np.full(len(interface.heights), interface.index)
+            water = np.column_stack([interface.normals, interface.heights, index]
+                                    ).astype(np.float32)
         return cls(np.ascontiguousarray(scene.model.vertices.T, np.float32),
                    np.ascontiguousarray(scene.model.faces, np.int32), scene.model.closed,
                    np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
@@ -176,17 +178,15 @@ def _project(vertices, pose, camera, near, water,  # type: ignore[no-untyped-def
     xs, ys, zs = vertices[0], vertices[1], vertices[2]
     across, down = corners[0], corners[1]
     us, vs, inverse = exact[0], exact[1], exact[2]
-    is_wet = water[4] > 0
+    is_wet = len(water) > 0
     for i in range(len(xs)):
         x, y, z = xs[i], ys[i], zs[i]
         right = r00 * x + r01 * y + r02 * z + tx
         below = r10 * x + r11 * y + r12 * z + ty
         depth = r20 * x + r21 * y + r22 * z + tz
         if is_wet:
-            up = np.float32(raised(right, below, depth, water))
-            right += up * water[0]
-            below += up * water[1]
-            depth += up * water[2]
+            seen = apparent(right, below, depth, water)
+            right, below, depth = np.float32(seen[0]), np.float32(seen[1]), np.float32(seen[2])
         one = np.float32(1) / depth
         u = fx * right * one + (cx + half)
         v = fy * below * one + (cy + half)
@@ -283,10 +283,8 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
             polygon[k, axis] = pose[axis, 3]
             for j in range(3):
                 polygon[k, axis] += float(pose[axis, j]) * vertices[j, face[k]]
-        if water[4] > 0:
-            up = raised(polygon[k, 0], polygon[k, 1], polygon[k, 2], water)
-            for axis in range(3):
-                polygon[k, axis] += up * water[axis]
+        if len(water) > 0:
+            polygon[k] = apparent(polygon[k, 0], polygon[k, 1], polygon[k, 2], water)
     count = 3
     reach = guard / 256 - 1
     for plane in range(5):

@@ -45,8 +45,8 @@ class Scene:
 
     model: its mesh. image: the whole image's camera. window: the part that is drawn. near, far:
         depths between which surfaces are drawn [m]; those of every pose should be.
-    interface: a surface of water between the camera and the object, in the camera's frame; only
-        what is drawn by the processor is drawn through it.
+    interface: of water between the camera and the object, in the camera's frame; only what the
+        processor draws is drawn through it.
     Raises RenderError when the object could be at the camera.
     """
 

@@ -15,10 +15,12 @@ WorkplaceKind = Literal['sink', 'tank']
 OBJECTS: dict[WorkplaceKind, tuple[str, float]] = {'sink': ('tumbler', 0.2),
                                                    'tank': ('bottle', 0.83)}
 Corner = tuple[float, float, float]
+Corner2 = tuple[float, float]
 
 _THICK = 0.02  # m: of walls, tray and shelf
 _COUNTER = 0.75  # height of a counter, and of the table below a tank
-_MIDDLE = 0.65, 0.0  # of the basin
+# Of the basin (x, y). A tank is so far away that the camera can look through its front.
+MIDDLE: dict[WorkplaceKind, Corner2] = {'sink': (0.65, 0.0), 'tank': (0.8, 0.0)}
 _SIDE = 0.2  # of the square in which the object is
 _GAP = 1e-4  # between an object and what it stands on
 _LEDGE = 0.006  # by which a ledge is higher than the water
@@ -44,14 +46,14 @@ class Workplace:
     """
 
     kind: WorkplaceKind
-    low: tuple[float, float]
-    high: tuple[float, float]
+    low: Corner2
+    high: Corner2
     floor: float
     rim: float
     level: float
     tray: Corner
     ledge: Box | None = None
-    jet: tuple[float, float] | None = None
+    jet: Corner2 | None = None
 
     @property
     def boxes(self) -> tuple[Box, ...]:
@@ -66,6 +68,17 @@ class Workplace:
                  Box('left', (x0, y1, low), (x1, y1 + t, high)),
                  Box('tray', (tx - 0.13, ty - 0.13, tz - t), (tx + 0.13, ty + 0.13, tz)))
         return (*walls, *self._tap, *([] if self.ledge is None else [self.ledge]))
+
+    @property
+    def faces(self) -> tuple[tuple[Corner, Corner], ...]:
+        """Through which a camera can see into the water: a point of each, its normal into the air.
+
+        The surface of a sink; of a tank its front too. Panes are so thin that they bend nothing.
+        """
+        surface = (0.0, 0.0, self.level), (0.0, 0.0, 1.0)
+        if self.kind == 'sink':
+            return (surface,)
+        return surface, ((self.low[0], 0.0, self.floor), (-1.0, 0.0, 0.0))
 
     @property
     def _tap(self) -> tuple[Box, ...]:
@@ -91,7 +104,7 @@ def draw_task(rng: np.random.Generator, kind: WorkplaceKind, model: ObjectModel)
 
     model: upright along its z. In a tank the pose is near that in which it floats.
     """
-    spot = np.array(_MIDDLE) + rng.uniform(-_SIDE / 2, _SIDE / 2, 2)
+    spot = np.array(MIDDLE[kind]) + rng.uniform(-_SIDE / 2, _SIDE / 2, 2)
     heading = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     if kind == 'tank':
         place = _tank(rng)
@@ -118,7 +131,7 @@ def _at(model: ObjectModel, turn: Rotation, spot: NDArray[np.float64], height: f
 def _sink(rng: np.random.Generator, spot: NDArray[np.float64], stands: bool) -> Workplace:
     depth, water = rng.uniform(0.14, 0.17), rng.uniform(0.014, 0.03)
     floor = _COUNTER - depth
-    low, high = (0.43, -0.23), (0.87, 0.23)
+    low, high = _basin('sink', 0.22, 0.23)
     jet = None
     if rng.random() < 0.7:
         corner = np.array([high[0] - 0.05, rng.choice([-1, 1]) * 0.17])
@@ -134,5 +147,11 @@ def _sink(rng: np.random.Generator, spot: NDArray[np.float64], stands: bool) -> 
 
 def _tank(rng: np.random.Generator) -> Workplace:
     deep = rng.uniform(0.16, 0.19)
-    return Workplace('tank', (0.45, -0.25), (0.87, 0.25), _COUNTER, _COUNTER + deep + 0.04,
+    return Workplace('tank', *_basin('tank', 0.2, 0.25), _COUNTER, _COUNTER + deep + 0.04,
                      _COUNTER + deep, (0.5, -0.45, _COUNTER + _THICK))
+
+
+def _basin(kind: WorkplaceKind, half_length: float, half_width: float) -> tuple[Corner2, Corner2]:
+    """Its corners `low` and `high` [m]."""
+    x, y = MIDDLE[kind]
+    return ((x - half_length, y - half_width), (x + half_length, y + half_width))
