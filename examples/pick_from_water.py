@@ -309,8 +309,9 @@ def main():
                         help='middle of where the object is, in base_link [m]')
     parser.add_argument('--distance', type=float, default=0.45, help='of the camera [m]')
     parser.add_argument('--from', dest='sides', type=float, nargs=2, action='append',
-                        metavar=('TURN', 'HEIGHT'), help='look from there: turn about the vertical, '
-                        "from the robot's side, and height [deg]; repeat it; default: all around")
+                        metavar=('TURN', 'HEIGHT'), help='look from there: turn about the '
+                        "vertical, from the robot's side, and height [deg]; repeat it; default: "
+                        'all around')
     parser.add_argument('--sigma', type=float, default=0.0025,
                         help='standard deviation of the position that is sure enough [m]')
     parser.add_argument('--least', type=int, default=3, help='views before a grasp')

@@ -33,8 +33,9 @@ class Drawing(NamedTuple):
 
     vertices: (3, n) float32 [m]. faces: (m, 3) int32. closed: back faces are not drawn.
     camera: (4,) float32 fx, fy, cx, cy of the window [px]. width, height: of the window [px].
-    near, far: what is drawn [m]. water: (k, 5) float32, of each face of an interface its normal, the
-    camera's height above it [m], the index; k is 0 where there is none or the camera is in it.
+    near, far: what is drawn [m]. water: (k, 5) float32, of each plane of an interface its normal,
+    the camera's height above it [m], the index; k is 0 where there is none, or the camera is in
+    it.
     """
 
     vertices: NDArray[np.float32]

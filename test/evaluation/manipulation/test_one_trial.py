@@ -1,4 +1,4 @@
-"""A simulated arm takes a glass out of water through the real nodes, over real DDS."""
+"""A simulated arm takes things out of water through the real nodes, over real DDS."""
 
 from dataclasses import replace
 
@@ -7,15 +7,21 @@ import pytest
 from pmcl_ros.evaluation.manipulation.series import Series
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.resources import resolve
+from pmcl_ros.simulation.manipulation.workplace import OBJECTS
 
 CAMERA = '{width: 320, height: 240, fx: 300, cx: 159.5, cy: 119.5}'
 
 
 @pytest.fixture
 def series(tmp_path):
-    (tmp_path / 'camera.yaml').write_text(CAMERA)
-    return Series('sink', resolve('package://pmcl_ros/config/objects/tumbler.yaml', 'object'), 0.2,
-                  tmp_path / 'camera.yaml', 'fast', 1, tmp_path / 'out')
+    return series_of('sink', tmp_path)
+
+
+def series_of(place, folder):
+    name, mass = OBJECTS[place]
+    (folder / 'camera.yaml').write_text(CAMERA)
+    return Series(place, resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object'), mass,
+                  folder / 'camera.yaml', 'fast', 1, folder / 'out')
 
 
 def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
@@ -30,6 +36,17 @@ def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
     assert [each.held for each in trial.grips][-1]
     assert trial.largest_touch < 10  # N
     assert series.run(1) == trial  # it is kept
+
+
+def test_a_drifting_bottle_is_found_behind_a_film_and_lifted(tmp_path):
+    series = replace(series_of('tank', tmp_path), samples=4)
+    trial = series.run(1)
+    logs = '\n'.join(each.read_text() for each in series.file(1).parent.glob('*.log'))
+    assert trial.done, logs
+    assert trial.cause == ''
+    assert trial.poses[-1][0] < 10  # mm
+    assert trial.grips[-1].moved > 1  # mm: it drifted after it was seen
+    assert trial.largest_touch < 10  # N
 
 
 def test_a_folder_is_of_one_series(series):
