@@ -2,31 +2,20 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
 
 import click
 import numpy as np
-from pydantic import Field
 
 from pmcl_ros.cli.base import FILE
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.lightfield.posed_view import PosedViews, check_pose
+from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, cap, next_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.settings import Settings
-
-_Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
-
-
-class Candidates(Settings):
-    """A file of candidate cameras."""
-
-    poses: list[_Pose] = Field(min_length=1, max_length=10_000, description='camera to the '
-                               'reference frame, 4x4 each, row by row [m]')
 
 
 @click.command('next-view')
@@ -70,9 +59,7 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
         cameras = cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
                       degrees, count)
     else:
-        cameras = np.array(Candidates.load(candidates).poses).reshape(-1, 4, 4)
-        for camera in cameras:
-            check_pose(camera, 'a candidate')
+        cameras = ViewPlan.read(candidates).cameras
     found = next_views(run.evidence, model, settings, run.estimate.pose, cameras,
                        run.source.views[0].pinhole)
     if as_json:

@@ -3,7 +3,7 @@
 import sys
 import time
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image
@@ -16,6 +16,7 @@ from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
+from pmcl_ros.lightfield.sweep.view_plan import ViewPlan
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from
@@ -32,6 +33,7 @@ from pmcl_ros.runtime.errors import (
 )
 from pmcl_ros.runtime.resources import resolve
 
+Plan = TypeVar('Plan', SweepPlan, ViewPlan)
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _WAITING = 100  # images that may wait for a pose
@@ -57,16 +59,20 @@ class SweepDriver(StageNode):
 
     def set_up(self, settings: SweepDriverSettings) -> None:
         """Read the plan, if there is one."""
-        self._middle = None
-        if settings.plan:
-            plan = SweepPlan.read(resolve(settings.plan, 'plan'))
-            if plan.frame and plan.frame != settings.fixed_frame:
-                raise SettingsError(f'{settings.plan} is in frame {plan.frame!r}, the poses are '
-                                    f'in fixed_frame {settings.fixed_frame!r}: change one')
+        self._middle = self._planned = None
+        if settings.collect == 'plan':
+            if not settings.plan:
+                raise SettingsError('collect is plan, and plan is empty: set it to a YAML file '
+                                    'with `poses` (docs/howto/posed_views.md)')
+            self._planned = _in_frame(ViewPlan.read(resolve(settings.plan, 'plan')),
+                                      settings).cameras
+        elif settings.plan:
+            plan = _in_frame(SweepPlan.read(resolve(settings.plan, 'plan')), settings)
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})
             self._middle = plan.middle
         self._settings = settings
+        self._collection = self._new_collection()
         self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
                                   transform(settings.mount_position, settings.mount_rpy))
         self._outputs = view_outputs(self)
@@ -79,9 +85,9 @@ class SweepDriver(StageNode):
             return (f'a sweep is {settings.rows}x{settings.columns} views, {settings.baseline} m '
                     'apart, ' + ('at the planned poses' if self._middle is not None
                                  else 'wherever the camera goes'))
-        when = ('wherever the camera comes to rest' if settings.collect == 'rest'
-                else 'at each call of ~/take')
-        return f'collects up to {settings.most_views} posed views, {when}'
+        when = {'rest': 'wherever the camera comes to rest', 'service': 'at each call of ~/take',
+                'plan': 'at the planned poses'}[settings.collect]
+        return f'collects up to {self._collection.cells} posed views, {when}'
 
     def start(self) -> None:
         """Listen."""
@@ -114,7 +120,7 @@ class SweepDriver(StageNode):
     def _new_collection(self) -> Collection | ViewCollection:
         if self._settings.collect == 'grid':
             return Collection(self._settings, self._middle)
-        return ViewCollection(self._settings, self._settings.fixed_frame)
+        return ViewCollection(self._settings, self._settings.fixed_frame, self._planned)
 
     # in
 
@@ -271,6 +277,17 @@ class SweepDriver(StageNode):
             'views': f'{self._collection.filled} of {self._collection.cells}',
             'frames kept': len(self._collection.frames),
             'frames left out': len(self._collection.left_out)}
+        if self._planned is not None and isinstance(self._collection, ViewCollection):
+            self.health.extra['planned poses without a view'] = ', '.join(
+                map(str, self._collection.missing)) or 'none'
+
+
+def _in_frame(plan: Plan, settings: SweepDriverSettings) -> Plan:
+    """The plan; SettingsError where it is in another frame than the cameras."""
+    if plan.frame and plan.frame != settings.fixed_frame:
+        raise SettingsError(f'{settings.plan} is in frame {plan.frame!r}, the poses are in '
+                            f'fixed_frame {settings.fixed_frame!r}: change one')
+    return plan
 
 
 def main() -> int:

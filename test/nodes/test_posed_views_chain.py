@@ -246,6 +246,36 @@ def test_a_picture_that_was_asked_for_comes_or_the_log_says_why_not(tmp_path, us
     assert 'Traceback' not in node.log
 
 
+def missing_of(diagnostics):
+    values = {each.key: each.value for each in diagnostics.status[0].values}
+    return values['planned poses without a view']
+
+
+def test_a_plan_says_from_where_views_are_wanted(tmp_path, user, frames):
+    planned = [frames[2], frames[0]]
+    (tmp_path / 'plan.yaml').write_text(yaml.safe_dump({
+        'frame': 'base_link', 'poses': [each.pose.ravel().tolist() for each in planned]}))
+    settings = {'poses': 'topic', 'collect': 'plan', 'plan': str(tmp_path / 'plan.yaml'),
+                'gap': 20.0, 'movement': 5.0, 'patience': 20.0}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+        robot = Robot(user)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        user.wait(lambda: states, 'what is missing')
+        for number, each in enumerate(frames[:3]):
+            robot.shoot(replace(each, stamp_ns=START + number * SECOND))
+        user.wait(lambda: all(came), 'the views')
+        user.wait(lambda: missing_of(states[-1]) == 'none', 'a view of each pose')
+    assert missing_of(states[0]) == '1, 2'
+    found = posed_views_from(*(each[0] for each in came))
+    np.testing.assert_allclose([each.camera_to_reference for each in found.views],
+                               [frames[0].pose, frames[2].pose], atol=1e-6)
+    assert '2 posed views in base_link; left out: frame 2: it is at no planned pose' in node.log
+
+
 def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user, frames):
     settings = {'poses': 'topic', 'collect': 'rest', 'gap': 20.0, 'movement': 5.0,
                 'least_views': 1, 'patience': 20.0}

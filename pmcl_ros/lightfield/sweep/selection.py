@@ -135,10 +135,19 @@ def moves(frame: SweepFrame, settings: SweepSettings) -> str:
 
 
 def distance(one: SweepFrame, other: SweepFrame, near: float) -> float:
-    """Distance of two poses [m]; a rotation counts by its motion of points at depth `near`."""
-    cosine = (np.trace(one.pose[:3, :3].T @ other.pose[:3, :3]) - 1) / 2
-    return float(np.linalg.norm(one.position - other.position)
-                 + near * np.arccos(np.clip(cosine, -1, 1)))
+    """Distance of two frames [m], as of `distances`."""
+    return float(distances(one.pose, other.pose[None], near)[0])
+
+
+def distances(pose: NDArray[np.float64], others: NDArray[np.float64], near: float
+              ) -> NDArray[np.float64]:
+    """(n,) distances [m] of a pose (4, 4) from others (n, 4, 4).
+
+    A rotation counts by its motion of points at depth `near`.
+    """
+    cosines = (np.einsum('ij,nij->n', pose[:3, :3], others[:, :3, :3]) - 1) / 2
+    return np.asarray(np.linalg.norm(pose[:3, 3] - others[:, :3, 3], axis=1)
+                      + near * np.arccos(np.clip(cosines, -1, 1)))
 
 
 def relative_sharpness(frames: Sequence[SweepFrame]) -> NDArray[np.float64]:

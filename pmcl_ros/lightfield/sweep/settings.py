@@ -78,12 +78,14 @@ class ViewSettings(SweepSettings):
 class SweepDriverSettings(ViewSettings):
     """Images and poses -> LightField or PosedViews."""
 
-    collect: Literal['grid', 'rest', 'service'] = Field(
+    collect: Literal['grid', 'rest', 'service', 'plan'] = Field(
         'grid', description='grid: parallel views on a plane, published as a light field (views); '
         'rest: a posed view wherever the camera comes to rest (posed_views); service: one for '
-        'each call of ~/take')
-    plan: str = Field('', description='path of a plan, YAML (pmcl sweep plan): its grid replaces '
-                      'rows, columns and baseline; empty: a grid where most views have a frame')
+        'each call of ~/take; plan: one at each pose of the plan')
+    plan: str = Field('', description='path of a plan, YAML. Of a grid (pmcl sweep plan): it '
+                      'replaces rows, columns and baseline; empty: a grid where most views have a '
+                      'frame. Where collect is plan: `poses`, camera to fixed_frame, 16 numbers '
+                      'each; a frame within `apart` of one is at it')
     poses: Literal['auto', 'tf', 'topic'] = Field(
         'auto', description='source of camera poses: /tf, or the topic camera_pose (PoseStamped); '
         'auto: tf where tf2_ros is installed, else topic')

@@ -1,9 +1,10 @@
-"""Collects posed views of a moving camera: one of each place where it came to rest."""
+"""Collects posed views of a moving camera: of each place where it came to rest, or of a plan."""
 
 from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -12,9 +13,9 @@ from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.sweep.assemble import summary
 from pmcl_ros.lightfield.sweep.collection import MOST_BYTES
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
-from pmcl_ros.lightfield.sweep.selection import distance, moves
+from pmcl_ros.lightfield.sweep.selection import distance, distances, moves
 from pmcl_ros.lightfield.sweep.settings import ViewSettings
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
 _REMEMBERED = 1000  # frames that were left out: a camera at rest gives them day and night
@@ -38,11 +39,16 @@ class ViewCollection:
     """Frames of any directions as they come, as views without distortion.
 
     All have the pinhole of the first frame; those of other cameras are resampled to it.
-    frame: of the poses.
+    frame: of the poses. planned: (n, 4, 4) where views are wanted, one at each; None: anywhere.
+    Raises SettingsError for planned poses that are nearer to each other than views may be.
     """
 
-    def __init__(self, settings: ViewSettings, frame: str) -> None:
-        self._settings, self._frame = settings, frame
+    def __init__(self, settings: ViewSettings, frame: str,
+                 planned: NDArray[np.float64] | None = None) -> None:
+        self._settings, self._frame, self._planned = settings, frame, planned
+        self._spots: list[int] = []  # the planned pose of each view
+        if planned is not None:
+            _check_plan(planned, settings)
         self.frames: list[SweepFrame] = []
         self.left_out: deque[LeftOut] = deque(maxlen=_REMEMBERED)
         self._views: list[PosedView] = []
@@ -51,7 +57,7 @@ class ViewCollection:
     @property
     def cells(self) -> int:
         """Number of views that are wanted."""
-        return self._settings.most_views
+        return self._settings.most_views if self._planned is None else len(self._planned)
 
     @property
     def filled(self) -> int:
@@ -62,6 +68,12 @@ class ViewCollection:
     def complete(self) -> bool:
         """Whether there are as many views as are wanted."""
         return self.filled == self.cells
+
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of the planned poses, from 1, that have no view yet; without a plan none."""
+        count = 0 if self._planned is None else len(self._planned)
+        return [number + 1 for number in range(count) if number not in self._spots]
 
     @property
     def due(self) -> bool:
@@ -77,9 +89,12 @@ class ViewCollection:
         if reason:
             self.leave_out(frame.name, reason)
             return False
-        for number, other in enumerate(self.frames):
+        spot = self._spot(frame)
+        if spot is None:
+            return False
+        for number, (other, own) in enumerate(zip(self.frames, self._spots, strict=True)):
             apart = distance(frame, other, self._settings.near)
-            if apart >= self._settings.apart:
+            if own != spot or (self._planned is None and apart >= self._settings.apart):
                 continue
             blurred = bool((other.sharpness < self._settings.sharpness * frame.sharpness).any())
             worse, better = (other, frame) if blurred else (frame, other)
@@ -99,7 +114,20 @@ class ViewCollection:
                 f'{size / 2 ** 30:.1f} GiB; take fewer, or make pixels larger (shrink)')
         self._views.append(self._view(frame))
         self.frames.append(frame)
+        self._spots.append(spot)
         return True
+
+    def _spot(self, frame: SweepFrame) -> int | None:
+        """The planned pose that a frame is at; a frame at none is left out. 0 without a plan."""
+        if self._planned is None:
+            return 0
+        away = distances(frame.pose, self._planned, self._settings.near)
+        spot = int(away.argmin())
+        if away[spot] <= self._settings.apart:
+            return spot
+        self.leave_out(frame.name, f'it is at no planned pose: pose {spot + 1} is the nearest, '
+                       f'{1e3 * away[spot]:.0f} mm away')
+        return None
 
     def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
         """Record a dropped frame."""
@@ -130,6 +158,18 @@ class ViewCollection:
                          reduction.pinhole(self._pinhole), frame.pose,
                          (settings.sigma_position, settings.sigma_rotation), _GROUP,
                          settings.common)
+
+
+def _check_plan(planned: NDArray[np.float64], settings: ViewSettings) -> None:
+    for number in range(1, len(planned)):
+        away = distances(planned[number], planned[:number], settings.near)
+        if away.min() < settings.apart:
+            raise SettingsError(f'planned poses {away.argmin() + 1} and {number + 1} are '
+                                f'{1e3 * away.min():.0f} mm apart, views are {settings.apart} m '
+                                'apart at least: plan fewer, or set apart')
+    if len(planned) > settings.most_views:
+        raise SettingsError(f'{len(planned)} poses are planned, most_views is '
+                            f'{settings.most_views}: plan fewer, or set most_views')
 
 
 def _aged(view: PosedView, drift: float) -> PosedView:

@@ -8,7 +8,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 PINHOLE = Pinhole(64, 48, 60.0, 60.0, 31.0, 24.0)
 SHARP = np.random.default_rng(0).integers(0, 255, (48, 64, 3), np.uint8)
@@ -60,6 +60,41 @@ def test_views_of_what_drifts_are_uncertain_by_their_age():
         (pytest.approx(np.hypot(0.003, drift)), 0.004) for drift in (0.016, 0.004, 0)]
     # What the group has in common stays: the hand-eye error is as large as before.
     assert [each.common * each.sigma[0] ** 2 for each in views] == pytest.approx([4.5e-6] * 3)
+
+
+def planned(*places, **changes):
+    poses = np.tile(np.eye(4), (len(places), 1, 1))
+    poses[:, 0, 3] = places
+    return ViewCollection(ViewSettings(**changes), 'base_link', poses)
+
+
+def test_a_plan_wants_a_view_at_each_of_its_poses():
+    made = planned(0, 0.1, 0.2)
+    assert (made.cells, made.missing) == (3, [1, 2, 3])
+    assert made.add(frame('first', 0.109))
+    assert not made.add(frame('between', 0.149))
+    assert not made.add(frame('turned', 0.2, turn=10))  # 0.3 m away things move by 52 mm
+    assert not made.add(frame('again', 0.09))  # no second view of a pose
+    assert made.missing == [1, 3]
+    assert not made.complete
+    assert made.add(frame('third', 0.201))
+    assert made.add(frame('second', 0.0))
+    assert made.complete
+    assert made.missing == []
+    assert [str(each) for each in made.left_out] == [
+        'between: it is at no planned pose: pose 2 is the nearest, 49 mm away',
+        'turned: it is at no planned pose: pose 3 is the nearest, 52 mm away',
+        'again: first is there, 19.0 mm beside it']
+    views = made.assemble().source.views
+    np.testing.assert_allclose([each.camera_to_reference[0, 3] for each in views],
+                               [0.109, 0.201, 0.0])
+
+
+def test_planned_poses_are_as_far_apart_as_views():
+    with pytest.raises(SettingsError, match='planned poses 1 and 3 are 20 mm apart'):
+        planned(0, 0.1, 0.02)
+    with pytest.raises(SettingsError, match='3 poses are planned, most_views is 2'):
+        planned(0, 0.1, 0.2, most_views=2)
 
 
 def test_a_sharp_frame_takes_the_place_of_a_blurred_one():

@@ -1,0 +1,38 @@
+"""Plans of posed views: from where a camera is to look, or could."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from pmcl_ros.lightfield.posed_view import check_pose
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.settings import Settings
+
+_Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
+
+
+class ViewPlan(Settings):
+    """Poses of a camera's optical frame (x right, y down, z forward), in any directions."""
+
+    frame: str = Field('', description='reference frame of the poses; empty: that of the views')
+    poses: list[_Pose] = Field(min_length=1, max_length=10_000, description='camera to the '
+                               'reference frame, 4x4 each, row by row [m]')
+
+    @classmethod
+    def read(cls, path: Path) -> 'ViewPlan':
+        """Read a plan; SettingsError for an invalid one."""
+        plan = cls.load(path)
+        try:
+            for number, camera in enumerate(plan.cameras, 1):
+                check_pose(camera, f'pose {number}')
+        except LightFieldError as error:
+            raise SettingsError(f'{path}: {error}') from None
+        return plan
+
+    @property
+    def cameras(self) -> NDArray[np.float64]:
+        """(n, 4, 4)."""
+        return np.array(self.poses).reshape(-1, 4, 4)
