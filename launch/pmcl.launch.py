@@ -3,7 +3,8 @@
 Arguments: params_file, namespace, autostart (true or false), without (names of nodes, by commas),
 grasps (a grasp file: grasp_node is started too), sweep (a plan: sweep_driver is started in place
 of lytro_driver and subaperture_node), views (rest or service: sweep_driver is started likewise, to
-collect posed views), pose (the topic on which the pose is published, and on which
+collect posed views), lytro (true, with views: of the centre views of a Lytro, so that lytro_driver
+and subaperture_node are started too), pose (the topic on which the pose is published, and on which
 grasp_node and a grasp pipeline find it), respawn (true: a node that ends is started again and
 taken to active).
 """
@@ -21,18 +22,18 @@ from launch_ros.substitutions import FindPackageShare
 from lifecycle_msgs.msg import Transition
 
 from launch import LaunchDescription
-from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, VIEWS
+from pmcl_ros.nodes.graph import GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
 
-def node_of(entry, respawn, *parameters):
+def node_of(entry, respawn, *parameters, remappings=()):
     """The node of a table entry; all share the file, the namespace and the name of the pose."""
     return LifecycleNode(package='pmcl_ros', executable=entry.name, name=entry.name,
                          namespace=LaunchConfiguration('namespace'), output='screen',
                          parameters=[LaunchConfiguration('params_file'), *parameters],
-                         remappings=[('pose', LaunchConfiguration('pose'))], respawn=respawn,
-                         respawn_delay=2.0)
+                         remappings=[('pose', LaunchConfiguration('pose')), *remappings],
+                         respawn=respawn, respawn_delay=2.0)
 
 
 def change(node, transition):
@@ -68,14 +69,16 @@ def start(context):
     views = LaunchConfiguration('views').perform(context)
     if sweep and views:
         raise RuntimeError('sweep is for a light field, views for posed views: give one of them')
-    without += SWEPT if sweep or views else ()
-    own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}]
+    lytro = LaunchConfiguration('lytro').perform(context).lower() == 'true'
+    if lytro and not views:
+        raise RuntimeError('lytro says what the views are of: give views too')
+    own = {'pmcl_node': [{'source': 'posed_views' if views else 'light_field'}],
+           SWEEP.name: [{'plan': sweep, 'collect': 'grid'} if sweep else {'collect': views}]
            } if sweep or views else {}
-    nodes = [node_of(entry, respawn, *own.get(entry.name, ())) for entry in reversed(NODES)
+    nodes = [node_of(entry, respawn, *own.get(entry.name, ()),
+                     remappings=OF_LYTRO.items() if lytro and entry is SWEEP else ())
+             for entry in reversed(chain(bool(sweep or views), lytro))
              if entry.name not in without]
-    if sweep or views:
-        nodes.append(node_of(SWEEP, respawn, {'plan': sweep, 'collect': 'grid'} if sweep
-                             else {'collect': views}))
     grasps = LaunchConfiguration('grasps').perform(context)
     if grasps:
         nodes.insert(0, node_of(GRASPS, respawn, {'grasps': grasps}))  # consumers first
@@ -113,6 +116,8 @@ def generate_launch_description():
                               'lytro_driver and subaperture_node'),
         DeclareLaunchArgument('views', default_value='', choices=['', *VIEWS],
                               description='start sweep_driver likewise, to collect posed views'),
+        DeclareLaunchArgument('lytro', default_value='false', choices=['true', 'false'],
+                              description='with views: of the centre views of a Lytro'),
         DeclareLaunchArgument('pose', default_value='pose',
                               description='topic of the pose, as a grasp pipeline expects it'),
         DeclareLaunchArgument('respawn', default_value='false', choices=['true', 'false'],

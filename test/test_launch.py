@@ -58,7 +58,7 @@ def launch(monkeypatch):
 def started(launch, **given):
     """The actions that are started, and what each emitted or chained event does, in words."""
     context = {'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '', 'views': '',
-               'respawn': 'false'} | given
+               'lytro': 'false', 'respawn': 'false'} | given
     actions = launch['start'](context)
     nodes = [each for each in actions if each.call == 'LifecycleNode']
 
@@ -82,7 +82,7 @@ def test_arguments(launch):
     names = [each.given[0] for each in description.given[0]
              if each.call == 'DeclareLaunchArgument']
     assert names == ['params_file', 'namespace', 'autostart', 'without', 'grasps', 'sweep',
-                     'views', 'pose', 'respawn']
+                     'views', 'lytro', 'pose', 'respawn']
 
 
 def test_nodes_are_configured_then_activated_one_after_the_other(launch):
@@ -117,7 +117,8 @@ def test_a_grasp_file_starts_the_grasp_node_first(launch):
     assert nodes == ['grasp_node', 'pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
     assert first == [('grasp_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'views': '', 'respawn': 'false'})
+                               'sweep': '', 'views': '', 'lytro': 'false',
+                               'respawn': 'false'})
     assert actions[0].parameters[1] == {'grasps': 'glass.yaml'}
 
 
@@ -126,7 +127,8 @@ def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
     assert nodes == ['pmcl_node', 'sweep_driver']
     assert first == [('pmcl_node', launch['CONFIGURE'])]
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': '',
-                               'sweep': 'plan.yaml', 'views': '', 'respawn': 'false'})
+                               'sweep': 'plan.yaml', 'views': '', 'lytro': 'false',
+                               'respawn': 'false'})
     assert actions[-1].parameters[1] == {'plan': 'plan.yaml', 'collect': 'grid'}
     assert actions[0].name == 'pmcl_node'
     assert actions[0].parameters[1] == {'source': 'light_field'}
@@ -134,7 +136,7 @@ def test_a_plan_starts_the_sweep_driver_in_place_of_the_lytro(launch):
 
 def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
     given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
-             'respawn': 'false'}
+             'lytro': 'false', 'respawn': 'false'}
     nodes = {each.name: each for each in launch['start'](given)}
     assert list(nodes) == ['pmcl_node', 'dlv_node', 'sweep_driver']
     assert nodes['sweep_driver'].parameters[1] == {'collect': 'rest'}
@@ -143,16 +145,31 @@ def test_posed_views_start_the_sweep_driver_and_are_what_is_searched(launch):
         launch['start'](given | {'sweep': 'plan.yaml'})
 
 
+def test_posed_views_can_be_the_centre_views_of_a_lytro(launch):
+    given = {'without': '', 'autostart': 'false', 'grasps': '', 'sweep': '', 'views': 'rest',
+             'lytro': 'true', 'respawn': 'false'}
+    nodes = {each.name: each for each in launch['start'](given)}
+    assert list(nodes) == ['pmcl_node', 'dlv_node', 'sweep_driver', 'subaperture_node',
+                           'lytro_driver']
+    assert nodes['sweep_driver'].remappings[1:] == [
+        ('image', 'center/image'), ('camera_info', 'center/camera_info')]
+    assert len(nodes['pmcl_node'].remappings) == 1
+    with pytest.raises(RuntimeError, match='give views too'):
+        launch['start'](given | {'views': ''})
+
+
 def test_the_pose_is_remapped_for_who_publishes_and_who_takes_it(launch):
     actions = launch['start']({'without': '', 'autostart': 'false', 'grasps': 'glass.yaml',
-                               'sweep': '', 'views': '', 'respawn': 'false'})
+                               'sweep': '', 'views': '', 'lytro': 'false',
+                               'respawn': 'false'})
     remapped = {each.name: [(name, to.given) for name, to in each.remappings] for each in actions}
     assert remapped['pmcl_node'] == remapped['grasp_node'] == [('pose', ('pose',))]
 
 
 def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
     actions = launch['start']({'without': '', 'autostart': 'true', 'grasps': '', 'sweep': '',
-                               'views': '', 'respawn': 'true'})
+                               'views': '', 'lytro': 'false',
+                               'respawn': 'true'})
     nodes = [each for each in actions if each.call == 'LifecycleNode']
     assert [each.respawn for each in nodes] == [True] * 4
     handlers = [each.given[0] for each in actions if each.call == 'RegisterEventHandler']

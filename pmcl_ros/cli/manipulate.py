@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.base import FOLDER, STDERR
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
@@ -13,11 +13,12 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.ros_domain import own_domain
+from pmcl_ros.simulation.manipulation.camera_kinds import F01, F01_RAW, load_camera
 from pmcl_ros.simulation.manipulation.physics import mujoco
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 NAME = 'manipulation.html'
+_CAMERA = 'package://pmcl_ros/config/manipulation/camera.yaml'
 
 
 @click.command()
@@ -26,18 +27,19 @@ NAME = 'manipulation.html'
               help='Those that are in --out are kept.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='Trial k is that of seed + k.')
-@click.option('--camera', type=FILE, help='At the wrist, YAML as of `pmcl simulate`; default: '
-              '640x480, 56 degrees wide.')
+@click.option('--camera', metavar='FILE', help='At the wrist: an ordinary one, YAML, as of `pmcl '
+              f'simulate`; or {F01}: centre views of an F01, 39 degrees wide; or {F01_RAW}: its '
+              'raw pictures, decoded by subaperture_node. Default: 640x480, 56 degrees wide.')
 @click.option('--renderer', type=click.Choice(['fast', 'physical']), default='fast',
               show_default=True, help="fast: the package's own; physical: path tracing, extra "
               "'simulate', which needs hundreds of samples below water.")
-@click.option('--samples', type=click.IntRange(1), default=4, show_default=True,
+@click.option('--samples', type=click.IntRange(1), show_default='4; of a raw pixel 1',
               help='Rays or paths of a pixel.')
 @click.option('--undeclared', is_flag=True, help='Do not tell pmcl_node where the surface of the '
               'water is.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
-def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None, renderer: str,
-               samples: int, undeclared: bool, out: Path) -> None:
+def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, renderer: str,
+               samples: int | None, undeclared: bool, out: Path) -> None:
     """Let a simulated robot take an object out of water, and count.
 
     sink: a glass, which it puts upright on a tray. tank: a floating bottle, which it lifts.
@@ -48,9 +50,12 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     mujoco()  # said at once where it is missing
     own_domain()
     name, mass = OBJECTS[place]
-    camera = camera or resolve('package://pmcl_ros/config/manipulation/camera.yaml', 'camera')
+    if camera not in (F01, F01_RAW):
+        camera = str((Path(camera) if camera else resolve(_CAMERA, 'camera')).resolve())
+    load_camera(camera)  # said at once where it is none
+    samples = samples or (1 if camera == F01_RAW else 4)
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
-    series = Series(place, thing, mass, camera.resolve(), renderer, samples, out.resolve(),
+    series = Series(place, thing, mass, camera, renderer, samples, out.resolve(),
                     not undeclared)
     series.claim()
     seeds = range(seed, seed + count)
@@ -66,11 +71,12 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: Path | None,
     click.echo(table(HEAD, rows(seen) + rows(told)))
     for line in causes(seen):
         click.echo(line)
-    about = {'object': name, 'pictures': f'{renderer}, {samples} samples of a pixel',
+    about = {'object': name, 'camera': Path(camera).name,
+             'pictures': f'{renderer}, {samples} samples of a pixel',
              'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}
     (out / NAME).write_text(page(
         f'{name.capitalize()} out of a {place}', about, seen, told,
         [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
-        OrdinaryCamera.load(camera).pinhole))
+        series.pinhole))
     click.echo(out / NAME)

@@ -10,7 +10,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.node import Node
 
-from pmcl_ros.nodes.graph import GRASPS, NODES, SWEEP, SWEPT, VIEWS, NodeEntry
+from pmcl_ros.nodes.graph import GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, NodeEntry, chain
 from pmcl_ros.nodes.runtime.lifecycle import ACTIVATE, CONFIGURE, Lifecycle, LifecycleError
 from pmcl_ros.nodes.runtime.parameter_file import (
     check_parameter_file,
@@ -25,10 +25,8 @@ from pmcl_ros.runtime.errors import PmclError
 
 def bring_up(options: argparse.Namespace, ros_args: Sequence[str]) -> None:
     """Start the nodes and stay until a signal comes; PmclError when a node fails or ends."""
-    moved = options.sweep or options.views
-    without = [*options.without, *(SWEPT if moved else ())]
-    entries = [SWEEP] if moved else []
-    entries += [entry for entry in NODES if entry.name not in without]
+    entries = [entry for entry in chain(bool(options.sweep or options.views), options.lytro)
+               if entry.name not in options.without]
     entries += [GRASPS] if options.grasps else []
     running: dict[str, Running] = {}
     bus = IntraProcessBus()  # volumes go by reference between the nodes of this process
@@ -119,7 +117,10 @@ def main(args: Sequence[str] | None = None) -> int:
                         help='start sweep_driver in place of lytro_driver and subaperture_node, '
                         'with this plan, YAML (pmcl sweep plan)')
     parser.add_argument('--views', choices=VIEWS, help='start sweep_driver likewise, for posed '
-                        'views: where the camera comes to rest, or at each call of ~/take')
+                        'views: where the camera comes to rest, at each call of ~/take, or at the '
+                        'poses of a plan, which the parameter plan names')
+    parser.add_argument('--lytro', action='store_true', help='with --views: of the centre views '
+                        'of a Lytro, so that lytro_driver and subaperture_node are started too')
     parser.add_argument('--pose', metavar='TOPIC', help='where pmcl_node publishes its pose, and '
                         'grasp_node and a grasp pipeline find it, instead of pose')
     parser.add_argument('--timeout', type=float, default=120.0,
@@ -136,6 +137,11 @@ def main(args: Sequence[str] | None = None) -> int:
         ros_args += ['--ros-args', '-r', f'pose:={options.pose}', '--']
     if options.sweep and options.views:
         parser.error('--sweep is for a light field, --views for posed views: give one of them')
+    if options.lytro:
+        if not options.views:
+            parser.error('--lytro says what the views are of: give --views too')
+        for name, heard in OF_LYTRO.items():
+            ros_args += ['--ros-args', '-r', f'{SWEEP.name}:{name}:={heard}', '--']
     collect, source = options.views, 'posed_views' if options.views else None
     if options.sweep:  # whatever a parameter file says
         collect, source = 'grid', 'light_field'

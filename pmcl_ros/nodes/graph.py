@@ -32,9 +32,19 @@ GRASPS = NodeEntry('grasp_node', 'pmcl_ros.nodes.grasp_node', 'GraspNode')
 # In place of lytro_driver and subaperture_node, where a camera is moved instead: when bring-up and
 # launch get a plan of its sweep, or when it is to collect posed views.
 SWEEP = NodeEntry('sweep_driver', 'pmcl_ros.nodes.sweep_driver', 'SweepDriver')
-SWEPT = ('lytro_driver', 'subaperture_node')  # what it takes the place of
-VIEWS = ('rest', 'service')  # when it takes a posed view
+VIEWS = ('rest', 'service', 'plan')  # when it takes a posed view
 ALL = (*NODES, GRASPS, SWEEP)
+# What it listens to where a Lytro is moved: the centre views.
+OF_LYTRO = {'image': 'center/image', 'camera_info': 'center/camera_info'}
+
+
+def chain(moved: bool, lytro: bool = False) -> tuple[NodeEntry, ...]:
+    """The nodes up to a pose, in the order of the data.
+
+    moved: pictures are of a camera that is moved. lytro: which is a Lytro, decoded as ever.
+    """
+    decoding, rest = NODES[:2], NODES[2:]
+    return (*decoding, SWEEP, *rest) if lytro else (SWEEP, *rest) if moved else NODES
 
 
 class Quality(NamedTuple):

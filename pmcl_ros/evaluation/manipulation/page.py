@@ -59,6 +59,8 @@ def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole) 
         trial.grips and trial.grips[-1].pose is not None) else None
     row = []
     for each in trial.pictures:
+        if not (folder / each.file).is_file():  # a raw picture that was not decoded
+            continue
         picture = read_picture(folder / each.file)
         if pose is not None:
             camera = np.reshape(each.camera, (4, 4))

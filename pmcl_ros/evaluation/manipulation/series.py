@@ -13,7 +13,9 @@ from signal import SIGINT
 import numpy as np
 import yaml
 
+from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.evaluation.manipulation.trial import Grip, Trial
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
@@ -22,18 +24,22 @@ from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.described.substances import WATER
+from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
+from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.manipulation.buoyancy import DRIFT
+from pmcl_ros.simulation.manipulation.camera_kinds import F01_RAW, WIDE_F01, load_camera
 from pmcl_ros.simulation.manipulation.fetch_arm import LIFT
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell
 from pmcl_ros.simulation.manipulation.workplace import MIDDLE, Task, WorkplaceKind, draw_task
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
 _X, _Y, _Z = GraspSettings().shoulder
 _SHOULDER = _X, _Y, _Z + LIFT  # m: the torso is up
 _EXECUTIVE = 'package://pmcl_ros/examples/pick_from_water.py'
 _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 120.0  # s: for a program to end, and for the robot to judge before
-_ANSWER = 240.0  # s: for each answer, on a machine that does other things too
+_ANSWER = 900.0  # s: for each answer, of a robot that may render raw pictures
 _SHOWN = 800  # characters of a log
 # m: height of the middle of the region where the object's origin is sought, and its size.
 _REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
@@ -47,6 +53,7 @@ _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
              '--from', '45', '12', '--from', '-45', '12', '--from', '15', '10', '--from', '-15',
              '10')}
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
+_REACH = 0.6  # m: of the camera from the aim; farther the arm does not come to all sides
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
 
@@ -54,15 +61,15 @@ _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 class Series:
     """What is tried.
 
-    thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera:
-    camera.yaml. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
+    thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera: as of
+    `load_camera`. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
     declared: whether pmcl_node is told where the water's surface is.
     """
 
     place: WorkplaceKind
     thing: Path
     mass: float
-    camera: Path
+    camera: str
     renderer: str
     samples: int
     out: Path
@@ -72,6 +79,11 @@ class Series:
     def grasps(self) -> Path:
         """The grasp file of the object."""
         return self.thing.with_suffix('.grasps.yaml')
+
+    @property
+    def pinhole(self) -> Pinhole:
+        """Of the pictures that are searched."""
+        return self._camera.sensor(np.random.default_rng(0)).grid.pinhole
 
     def claim(self) -> None:
         """Use the folder; SettingsError where it has trials of another series."""
@@ -94,6 +106,8 @@ class Series:
         place = self.file(seed).parent
         place.mkdir(parents=True, exist_ok=True)
         (place / 'robot.json').unlink(missing_ok=True)  # of a trial that was cut short
+        if self.camera == F01_RAW:
+            write_calibration(self._calibration, WIDE_F01)
         with self._graph(seed, place):
             return self._trial(seed, place)
 
@@ -129,7 +143,8 @@ class Series:
         with log.open('w') as output:
             nodes = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
-                 '--views', 'rest', '--grasps', str(self.grasps), '--without', 'dlv_node'],
+                 '--views', 'rest', '--grasps', str(self.grasps), '--without', 'dlv_node',
+                 *(['--lytro', '--without', 'lytro_driver'] if self.camera == F01_RAW else [])],
                 stdout=output, stderr=subprocess.STDOUT)
         try:
             _wait(nodes, log, 'active: ')
@@ -147,8 +162,12 @@ class Series:
             search |= {'interface_index': WATER.index,
                        'interface_point': [each for point, _ in faces for each in point],
                        'interface_normal': [each for _, normal in faces for each in normal]}
-        return {
+        decoding: dict[str, dict[str, object]] = {'subaperture_node': {
+            'calibration': str(self._calibration / 'calibration.yaml'),
+            'white': str(self._calibration / 'white')}} if self.camera == F01_RAW else {}
+        return decoding | {
             'sweep_driver': {
+                'gamma': self._gamma,
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9, 'drift': _DRIFT[self.place]},
@@ -162,7 +181,7 @@ class Series:
             robot = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.evaluation.manipulation.simulated_robot',
                  '--place', self.place, '--object', str(self.thing), '--mass', str(self.mass),
-                 '--camera', str(self.camera), '--renderer', self.renderer,
+                 '--camera', self.camera, '--renderer', self.renderer,
                  '--samples', str(self.samples), '--seed', str(seed), '--out', str(place)],
                 stdout=output, stderr=subprocess.STDOUT)
         try:
@@ -182,13 +201,43 @@ class Series:
         """Its status and its last line."""
         task = self._task(seed)
         arguments = ['--aim', *map(str, MIDDLE[self.place]), *_ORDERS[self.place],
-                     '--timeout', str(_ANSWER), '--tray', *map(str, task.place.tray),
+                     *self._adapted, '--timeout', str(_ANSWER),
+                     '--tray', *map(str, task.place.tray),
                      '--bottom', str(float(self._model.vertices[:, 2].min()))]
         executive = resolve(_EXECUTIVE, 'executive')
         with (place / 'executive.log').open('w') as output:
             done = subprocess.run([sys.executable, str(executive), *arguments], stdout=output,
                                   stderr=subprocess.STDOUT, check=False)
         return done.returncode, _tail(place / 'executive.log').splitlines()[-1]
+
+    @property
+    def _adapted(self) -> tuple[str, ...]:
+        """Orders that depend on the camera.
+
+        A Lytro sees little: it keeps so far away that an object anywhere in the region is in view.
+        """
+        camera = self._camera
+        if not isinstance(camera, LytroCamera):
+            return ()
+        seen = max(_REGION[self.place][1]) + float(np.ptp(self._model.vertices, axis=0).max())
+        return '--distance', f'{min(seen / camera.field, _REACH):.3f}'
+
+    @property
+    def _gamma(self) -> float:
+        """Exponent that linearises the pictures."""
+        camera = self._camera
+        if isinstance(camera, OrdinaryCamera):
+            return camera.gamma
+        return 1 / CameraMetadata.parse(camera.text()).image.color.gamma
+
+    @property
+    def _camera(self) -> OrdinaryCamera | LytroCamera:
+        return load_camera(self.camera)
+
+    @property
+    def _calibration(self) -> Path:
+        """The folder of what decodes raw pictures."""
+        return self.out / 'f01'
 
     @property
     def _model(self) -> ObjectModel:

@@ -14,37 +14,31 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from numpy.typing import NDArray
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import SetBool, Trigger
 
 from pmcl_ros.evaluation.manipulation.trial import Grip, Picture, Trial
+from pmcl_ros.evaluation.manipulation.wrist_eyes import RENDERERS, wrist_eye
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.grasps.settings import GripperSettings
-from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.header import header_to_message
-from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.pose import pose_from, pose_to_message
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError, RenderError
 from pmcl_ros.simulation.described.object_description import load_object
+from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.manipulation.film import strip
 from pmcl_ros.simulation.manipulation.workcell import HOLD, Workcell
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, draw_task
 from pmcl_ros.simulation.manipulation.workplace_scene import WorkplaceLook
 from pmcl_ros.simulation.manipulation.wrist_camera import MOUNT, WristCamera, read_joints
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
-from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.scenes.poses import Pose
-from pmcl_ros.simulation.scenes.render import fast
 
 T = TypeVar('T')
-RENDERERS = {'fast': fast, 'physical': physical}
 BASE, CAMERA, WRIST = 'base_link', 'wrist_camera_optical_frame', 'wrist_roll_link'
 _WRIST = GripperSettings().parent_pose  # in gripper_link, which the physics moves
 _TIPS = {WRIST: _WRIST, CAMERA: _WRIST @ MOUNT}
@@ -58,16 +52,15 @@ class SimulatedRobot(Node):
 
     `~/plan` (nav_msgs/GetPlan): can the link start.header.frame_id come to `goal`, in base_link?
     An empty path: no. tolerance 0: along a straight line; else anywhere. `~/execute` does the
-    last plan; once the camera has been moved and is at rest, a picture is published: `image`,
-    `camera_info`, `camera_pose`. `~/grip`: true closes, and tells whether something is held.
+    last plan; once the camera has been moved and is at rest, its `WristEye` publishes a picture,
+    and the robot `camera_pose`. `~/grip`: true closes, and tells whether something is held.
     `~/holds`. Planning avoids the object where `pose` says it is, until it is gripped. Stamps are
     of the simulated time, which passes in motions; what floats drifts during a search too.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
         super().__init__('robot')
-        self._out, self._samples = options.out, options.samples
-        self._renderer = RENDERERS[options.renderer]
+        self._out = options.out
         self._rng = np.random.default_rng([options.seed, 1])
         self._model = ObjectModel.load(options.object)
         self._task = draw_task(np.random.default_rng(options.seed), options.place, self._model)
@@ -76,8 +69,9 @@ class SimulatedRobot(Node):
         self._cell.wait(0.5)  # a lying object comes to rest
         self._frames: list[NDArray[np.uint8]] = []
         self._start_film()
-        self._camera = OrdinaryCamera.load(options.camera)
-        self._sensor = self._camera.sensor(np.random.default_rng([options.seed, 2]))
+        self._sensor = load_camera(options.camera).sensor(
+            np.random.default_rng([options.seed, 2]))
+        self._eye = wrist_eye(self, options.camera, self._rng, options.samples, options.renderer)
         self._wrist_camera = WristCamera.draw(self._rng)
         self._look = WorkplaceLook(self._task.place, load_object(options.object), options.seed)
         self._believed: Pose | None = None
@@ -88,10 +82,7 @@ class SimulatedRobot(Node):
         self._began, self._epoch = time.monotonic(), self.get_clock().now().nanoseconds
         self._spent = {'rendering': 0.0, 'physics': 0.0}
         self.trial = Trial(seed=options.seed, place=options.place, stands=self._task.stands)
-        reliable = QoSProfile(depth=10)
-        self._image = self.create_publisher(Image, 'image', reliable)
-        self._info = self.create_publisher(CameraInfo, 'camera_info', reliable)
-        self._pose = self.create_publisher(PoseStamped, 'camera_pose', reliable)
+        self._pose = self.create_publisher(PoseStamped, 'camera_pose', SMALL)
         self.create_subscription(PoseStamped, 'pose', self._on_pose, SMALL)
         self.create_service(GetPlan, '~/plan', self._plan)
         self.create_service(Trigger, '~/execute', self._execute)
@@ -178,21 +169,17 @@ class SimulatedRobot(Node):
         joints = read_joints(self._rng, self._cell.joints)
         told = self._wrist_camera.told(self._cell.forward(joints) @ _WRIST)
         scene = self._look.scene(camera, self._cell.thing, self._sensor, number)
-        picture = take_picture(scene, self._camera, self._rng, self._samples, self._renderer)
+        name, now = f'{number:03d}.png', self._epoch + round(1e9 * self._cell.time)
+        self._eye.shoot(scene, Header(now, CAMERA), self._out / name)
         self._spent['rendering'] += time.monotonic() - began
-        name = f'{number:03d}.png'
-        cv2.imwrite(str(self._out / name), picture[..., ::-1])
         off = pose_error(told, camera, Symmetry())
         self._note(pictures=(*self.trial.pictures, Picture(
             file=name, camera=tuple(told.ravel().tolist()),
             error=(1e3 * off.translation, float(np.rad2deg(off.rotation))))))
-        now = self._epoch + round(1e9 * self._cell.time)
-        self._info.publish(pinhole_to_message(Header(now, CAMERA), self._camera.pinhole))
         for step in (-1, 0, 1):
             stamp = Header(now + round(step * _PERIOD * 1e9), BASE)
             self._pose.publish(PoseStamped(header=header_to_message(stamp),
                                            pose=pose_to_message(told)))
-        self._image.publish(picture_to_message(Header(now, CAMERA), picture))
 
     def _start_film(self) -> None:
         """Pictures from outside, twice a second of the simulated time."""
@@ -251,7 +238,7 @@ def main() -> int:
     parser.add_argument('--place', choices=list(OBJECTS), default='sink')
     parser.add_argument('--object', type=Path, required=True, help='YAML with appearance')
     parser.add_argument('--mass', type=float, default=0.25, help='of the object [kg]')
-    parser.add_argument('--camera', type=Path, required=True, help='camera.yaml')
+    parser.add_argument('--camera', required=True, help='camera.yaml, f01 or f01-raw')
     parser.add_argument('--renderer', choices=list(RENDERERS), default='fast')
     parser.add_argument('--samples', type=int, default=8, help='of a pixel')
     parser.add_argument('--seed', type=int, default=0)

@@ -76,16 +76,25 @@ def board_poses(camera: LytroCamera, board: Checkerboard = BOARD) -> Iterator[ND
         yield pose
 
 
-def write_calibration_pictures(folder: Path, camera: LytroCamera) -> None:
-    """Write white/, board1/ ... board8/ and calibration.yaml, the exact one, into a folder.
+def write_calibration(folder: Path, camera: LytroCamera) -> None:
+    """Write what a decoder needs into a folder: calibration.yaml, the exact one, and white/.
 
-    Each has IMG.RAW, IMG.TXT, truth.json; those that are there are kept.
+    white/ has IMG.RAW, IMG.TXT, truth.json; one that is there is kept.
     """
+    folder.mkdir(parents=True, exist_ok=True)
     camera.calibration.save(folder / 'calibration.yaml', 'Of a simulated camera: exact.')
     lattice = camera.lattice.model_dump(mode='json')
     if not is_there(folder / 'white'):
         _write(folder / 'white', white_picture(camera, np.random.default_rng(0)),
                {'lattice': lattice})
+
+
+def write_calibration_pictures(folder: Path, camera: LytroCamera) -> None:
+    """Write white/, board1/ ... board8/ and calibration.yaml, the exact one, into a folder.
+
+    Each has IMG.RAW, IMG.TXT, truth.json; those that are there are kept.
+    """
+    write_calibration(folder, camera)
     for number, pose in enumerate(board_poses(camera), 1):
         place = folder / f'board{number}'
         if not is_there(place):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 
 from pmcl_ros.evaluation.manipulation.series import Series
+from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS
@@ -21,7 +22,7 @@ def series_of(place, folder):
     name, mass = OBJECTS[place]
     (folder / 'camera.yaml').write_text(CAMERA)
     return Series(place, resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object'), mass,
-                  folder / 'camera.yaml', 'fast', 1, folder / 'out')
+                  str(folder / 'camera.yaml'), 'fast', 1, folder / 'out')
 
 
 def test_a_glass_is_found_grasped_and_put_upright_on_the_tray(series):
@@ -49,8 +50,21 @@ def test_a_drifting_bottle_is_found_behind_a_film_and_lifted(tmp_path):
     assert trial.largest_touch < 10  # N
 
 
+def test_the_same_by_the_centre_views_of_an_f01(series):
+    series = replace(series, camera='f01')
+    trial = series.run(1)
+    assert trial.done, '\n'.join(each.read_text() for each in
+                                 series.file(1).parent.glob('*.log'))
+    assert trial.poses[-1][0] < 10  # mm
+    for each in trial.pictures:
+        assert read_picture(series.file(1).parent / each.file).shape == (328, 328, 3)
+    assert (series.pinhole.width, series.pinhole.height) == (328, 328)
+
+
 def test_a_folder_is_of_one_series(series):
     series.claim()
     series.claim()
+    with pytest.raises(SettingsError, match='has trials of another series'):
+        replace(series, camera='f01').claim()
     with pytest.raises(SettingsError, match='has trials of another series'):
         replace(series, samples=2).claim()
