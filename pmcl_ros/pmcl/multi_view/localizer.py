@@ -25,6 +25,7 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.sunken import with_sunken
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
@@ -201,7 +202,7 @@ class MultiViewLocalizer:
             except LocalizationError as error:
                 _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
                 continue
-            found.append(joint.cameras[number] @ poses)
+            found.append(joint.cameras[number] @ with_sunken(poses, self._model, view.interface))
             if len(found) == _PROPOSING:
                 break
         if not found:
