@@ -100,10 +100,27 @@ def point_covariance(covariance: NDArray[np.float64], lever: NDArray[np.float64]
 
     covariance: (6, 6) of its pose. lever: (..., 3) from the object's origin to the points [m].
     """
+    jacobian = _lever_jacobian(lever)
+    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+
+def covariance_at(covariance: NDArray[np.float64], lever: NDArray[np.float64]
+                  ) -> NDArray[np.float64]:
+    """(6, 6) covariance of a pose whose origin is another point of the object, to first order.
+
+    covariance: (6, 6) of its pose. lever: (3,) from the object's origin to that point [m].
+    """
+    jacobian = np.eye(6)
+    jacobian[:3] = _lever_jacobian(lever)
+    return jacobian @ covariance @ jacobian.T
+
+
+def _lever_jacobian(lever: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3, 6) of the positions of points `lever` (..., 3) from the origin, by the pose."""
     jacobian = np.zeros((*lever.shape[:-1], 3, 6))
     jacobian[..., :3] = np.eye(3)
     x, y, z = np.moveaxis(lever, -1, 0)
     jacobian[..., 0, 4], jacobian[..., 0, 5] = z, -y
     jacobian[..., 1, 3], jacobian[..., 1, 5] = -z, x
     jacobian[..., 2, 3], jacobian[..., 2, 4] = y, -x
-    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    return jacobian
