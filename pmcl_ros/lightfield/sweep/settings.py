@@ -70,9 +70,9 @@ class ViewSettings(SweepSettings):
         0.5, ge=0, le=1, description='posed views: share of these variances that all views have '
         'in common, as an error of the hand-eye transform [1]')
     drift: float = Field(
-        0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an object '
-        'that does not rest, on each axis. The pose is that at the last view; earlier views count '
-        'as less certain, by their age [m/s]')
+        0.0, ge=0, le=1, description='posed views: standard deviation of the velocity of an '
+        'object that does not rest, on each axis. The pose is that at the last view; earlier '
+        'views count as less certain, by their age [m/s]')
 
 
 class SweepDriverSettings(ViewSettings):
