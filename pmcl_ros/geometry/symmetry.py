@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
 
-from pmcl_ros.geometry.se3 import local, rotation_angle, rotations_about
+from pmcl_ros.geometry.se3 import least_turn, local, rotation_angle, rotations_about
 from pmcl_ros.runtime.errors import ObjectModelError
 
 FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over the full turn
@@ -210,7 +210,7 @@ class Symmetry:
             return mean
         direction = weights @ (poses[:, :3, :3] @ self.axis)
         mean[:3, :3] = poses[int(weights.argmax()), :3, :3]
-        swing = Rotation.align_vectors(direction[None], (mean[:3, :3] @ self.axis)[None])[0]
+        swing = least_turn(mean[:3, :3] @ self.axis, direction)
         mean[:3, :3] = swing.as_matrix() @ mean[:3, :3]
         return self.canonical_spin(mean)
 
