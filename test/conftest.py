@@ -49,11 +49,12 @@ hypothesis.settings.load_profile('pmcl_ros')
 
 
 # Rooms and files whose tests start processes, search for poses or trace rays.
-SLOW = {'nodes', 'evaluation', 'simulation', 'learning', 'cli', 'tracking', 'multi_object',
-        'test_kernels.py', 'test_same_digits.py', 'test_localizer.py', 'test_particle_filter.py',
-        'test_level_of_detail.py', 'test_proposals.py', 'test_pipeline.py', 'test_package.py',
-        'test_launch.py', 'test_docs.py', 'test_calibrate.py', 'test_boards.py',
-        'test_bundle.py', 'test_back_end.py', 'test_render_back_end.py'}
+SLOW = {'nodes', 'launch', 'evaluation', 'simulation', 'learning', 'cli', 'tracking',
+        'multi_object', 'test_kernels.py', 'test_same_digits.py', 'test_localizer.py',
+        'test_particle_filter.py', 'test_level_of_detail.py', 'test_proposals.py',
+        'test_pipeline.py', 'test_package.py', 'test_launch.py', 'test_docs.py',
+        'test_calibrate.py', 'test_boards.py', 'test_bundle.py', 'test_back_end.py',
+        'test_render_back_end.py'}
 
 
 def _is_slow(path):

@@ -1,29 +1,37 @@
 """launch/pmcl.launch.py starts every node of the table and chains its events.
 
 `launch` and `launch_ros` are not on PyPI, so the file runs here on recorders of its calls; on a
-full ROS it is run for real.
+full ROS test/launch runs it for real. That file is checked here too.
 """
 
 import importlib.util
 import runpy
 import sys
-from pathlib import Path
+import unittest
 from types import ModuleType, SimpleNamespace
 
+import ament_index_python.packages
 import pytest
+from harness import ROOT, Process
+
+from pmcl_ros.runtime.start import MODULES as ENTRY_POINTS
 
 pytest.importorskip('lifecycle_msgs')
 
-FILE = Path(__file__).parents[1] / 'launch' / 'pmcl.launch.py'
+FILE = ROOT / 'launch' / 'pmcl.launch.py'
+LAUNCH_TEST = ROOT / 'test' / 'launch' / 'test_launched_pose.py'
 MODULES = {
     'launch': ['LaunchDescription'],
-    'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'OpaqueFunction',
-                       'RegisterEventHandler'],
+    'launch.actions': ['DeclareLaunchArgument', 'EmitEvent', 'IncludeLaunchDescription',
+                       'OpaqueFunction', 'RegisterEventHandler'],
     'launch.event_handlers': ['OnProcessStart'],
     'launch.events': ['matches_action'],
+    'launch.launch_description_sources': ['PythonLaunchDescriptionSource'],
     'launch.substitutions': ['LaunchConfiguration', 'PathJoinSubstitution'],
+    'launch_testing': [],
+    'launch_testing.actions': ['ReadyToTest'],
     'launch_ros': [],
-    'launch_ros.actions': ['LifecycleNode'],
+    'launch_ros.actions': ['LifecycleNode', 'Node'],
     'launch_ros.event_handlers': ['OnStateTransition'],
     'launch_ros.events': [],
     'launch_ros.events.lifecycle': ['ChangeState'],
@@ -43,16 +51,27 @@ def recorder(name):
 
 
 @pytest.fixture
-def launch(monkeypatch):
-    """The names that the launch file defines."""
+def recorders(monkeypatch):
+    """In the place of the modules of a full ROS."""
     if importlib.util.find_spec('launch_ros'):
-        pytest.skip('full ROS: run `ros2 launch pmcl_ros pmcl.launch.py`')
+        pytest.skip('full ROS: run `ros2 launch pmcl_ros pmcl.launch.py`, `pytest test/launch`')
     for name, functions in MODULES.items():
         module = ModuleType(name)
         for each in functions:
             setattr(module, each, recorder(each))
         monkeypatch.setitem(sys.modules, name, module)
+
+
+@pytest.fixture
+def launch(recorders):
+    """The names that the launch file defines."""
     return runpy.run_path(str(FILE))
+
+
+@pytest.fixture
+def launch_test(recorders):
+    """The names that the launch test defines."""
+    return runpy.run_path(str(LAUNCH_TEST))
 
 
 def started(launch, **given):
@@ -182,3 +201,42 @@ def test_nodes_are_taken_to_active_whenever_they_are_started(launch):
         assert [each.event.transition_id for each in configured.entities] == [launch['ACTIVATE']]
         assert (configured.start_state, configured.goal_state) == ('configuring', 'inactive')
         assert not hasattr(configured, 'handle_once')
+
+
+def test_the_launch_test_starts_the_launch_file_and_the_bag(launch, launch_test, monkeypatch):
+    describe = launch_test['generate_test_description']
+    assert [mark.name for mark in describe.pytestmark] == ['launch_test']
+
+    def share_of(name):
+        if name != built:
+            raise ament_index_python.packages.PackageNotFoundError(name)
+
+    monkeypatch.setitem(describe.__globals__, 'get_package_share_directory', share_of)
+    built = ''
+    with pytest.raises(unittest.SkipTest, match='colcon build --packages-select pmcl_ros'):
+        describe()
+    built = 'pmcl_ros'
+    included, player, ready = describe().given[0]
+    assert ready.call == 'ReadyToTest'
+    source, = included.given
+    (joined,), = source.given
+    (share, *parts), = joined.given
+    assert share.given == ('pmcl_ros',)
+    assert ROOT.joinpath(*parts) == FILE
+    nodes, first, _ = started(launch, **dict(included.launch_arguments))
+    assert nodes == ['pmcl_node', 'dlv_node', 'subaperture_node']
+    assert first  # they are taken to active
+    assert (player.package, player.executable in ENTRY_POINTS) == ('pmcl_ros', True)
+
+
+def test_the_launch_test_s_own_test_passes_with_the_nodes_of_pmcl_bringup(
+        launch_test, recorders, tmp_path):
+    """The same nodes with the same parameters, as one process."""
+    player = launch_test['generate_test_description'].__globals__['BAG']
+    suite = unittest.defaultTestLoader.loadTestsFromTestCase(launch_test['TestLaunchedPose'])
+    assert suite.countTestCases() == 1
+    with (Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file',
+                  ROOT / 'config' / 'pmcl.yaml', '--without', 'lytro_driver'),
+          Process(tmp_path, 'pmcl_ros.nodes.replay', player, '--timeout', '300')):
+        result = unittest.TextTestRunner().run(suite)
+    assert result.wasSuccessful(), result

@@ -38,6 +38,28 @@ def rotations_about(axis: NDArray[np.float64], angles: NDArray[np.float64]
     return matrices
 
 
+def least_turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> Rotation:
+    """The smallest rotation that takes one direction (3,) to another, neither of length 0.
+
+    Of opposite directions: half a turn about the axis across both that is farthest from the
+    coordinate axis nearest to it. (`Rotation.align_vectors` of one pair is not the smallest
+    before SciPy 1.12.)
+    """
+    start, end = start / np.linalg.norm(start), end / np.linalg.norm(end)
+    flip = Rotation.identity()
+    if start @ end < 0:  # near half a turn the rest is short, and exact
+        across = np.cross(start, end)
+        if np.linalg.norm(across) < 1e-12:
+            across = np.cross(start, np.eye(3)[np.abs(start).argmin()])
+        across -= (across @ start) * start
+        flip = Rotation.from_rotvec(np.pi * across / np.linalg.norm(across))
+        start = -start
+    turn = np.cross(start, end)
+    sine = np.linalg.norm(turn)
+    scale = np.arctan2(sine, start @ end) / sine if sine > 0 else 1.0
+    return Rotation.from_rotvec(scale * turn) * flip
+
+
 def rotation_angle(poses: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) angles [rad] between the orientations of poses (n, 4, 4) and of one pose (4, 4)."""
     cosine = (np.einsum('nij,ij->n', poses[:, :3, :3], other[:3, :3]) - 1) / 2
@@ -61,6 +83,8 @@ def retract(poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDAr
     poses are expressed.
     """
     result = np.array(np.broadcast_to(poses, (len(deviations), 4, 4)))
+    if len(deviations) == 0:  # which Rotation takes from SciPy 1.15 on only
+        return result
     result[:, :3, 3] += deviations[:, :3]
     result[:, :3, :3] = Rotation.from_rotvec(deviations[:, 3:]).as_matrix() @ result[:, :3, :3]
     return result
@@ -71,6 +95,8 @@ def local(poses: NDArray[np.float64], mean: NDArray[np.float64]) -> NDArray[np.f
 
     Translation [m], then a rotation vector [rad]; `retract` is the inverse.
     """
+    if len(poses) == 0:
+        return np.zeros((0, 6))
     rotation = (Rotation.from_matrix(poses[:, :3, :3])
                 * Rotation.from_matrix(mean[..., :3, :3]).inv()).as_rotvec()
     return np.concatenate([poses[:, :3, 3] - mean[..., :3, 3], rotation], axis=1)
@@ -100,10 +126,27 @@ def point_covariance(covariance: NDArray[np.float64], lever: NDArray[np.float64]
 
     covariance: (6, 6) of its pose. lever: (..., 3) from the object's origin to the points [m].
     """
+    jacobian = _lever_jacobian(lever)
+    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+
+
+def covariance_at(covariance: NDArray[np.float64], lever: NDArray[np.float64]
+                  ) -> NDArray[np.float64]:
+    """(6, 6) covariance of a pose whose origin is another point of the object, to first order.
+
+    covariance: (6, 6) of its pose. lever: (3,) from the object's origin to that point [m].
+    """
+    jacobian = np.eye(6)
+    jacobian[:3] = _lever_jacobian(lever)
+    return jacobian @ covariance @ jacobian.T
+
+
+def _lever_jacobian(lever: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(..., 3, 6) of the positions of points `lever` (..., 3) from the origin, by the pose."""
     jacobian = np.zeros((*lever.shape[:-1], 3, 6))
     jacobian[..., :3] = np.eye(3)
     x, y, z = np.moveaxis(lever, -1, 0)
     jacobian[..., 0, 4], jacobian[..., 0, 5] = z, -y
     jacobian[..., 1, 3], jacobian[..., 1, 5] = -z, x
     jacobian[..., 2, 3], jacobian[..., 2, 4] = y, -x
-    return jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    return jacobian

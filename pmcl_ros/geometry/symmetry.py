@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
 
-from pmcl_ros.geometry.se3 import local, rotation_angle
+from pmcl_ros.geometry.se3 import least_turn, local, rotation_angle, rotations_about
 from pmcl_ros.runtime.errors import ObjectModelError
 
 FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over the full turn
@@ -111,6 +111,33 @@ class Symmetry:
                                                 )[0].as_matrix()
         return result
 
+    def nearest(self, equivalents: NDArray[np.float64], reference: NDArray[np.float64]
+                ) -> NDArray[np.float64]:
+        """(4, 4) the one of equivalent poses (k, 4, 4) with the rotation nearest a reference's.
+
+        Its spin is that of `nearest_spin`.
+        """
+        nearest = equivalents[int(self._angle(equivalents, reference).argmin())]
+        return self.nearest_spin(nearest, reference)
+
+    def nearest_spin(self, pose: NDArray[np.float64], reference: NDArray[np.float64]
+                     ) -> NDArray[np.float64]:
+        """(4, 4) the pose, rotated about the axis so that its rotation is nearest a reference's.
+
+        Without an axis of symmetry, or where any spin is as near, the pose is returned as it is.
+        """
+        if self.axis is None:
+            return pose
+        apart = reference[:3, :3].T @ pose[:3, :3]
+        # The trace of `apart` times a rotation about the axis is largest at the least angle.
+        across = np.trace(apart) - self.axis @ apart @ self.axis
+        about = self.axis @ [apart[1, 2] - apart[2, 1], apart[2, 0] - apart[0, 2],
+                             apart[0, 1] - apart[1, 0]]
+        if math.hypot(across, about) < 1e-9:  # the axis is reversed
+            return pose
+        turn = rotations_about(self.axis, np.array([math.atan2(about, across)]))
+        return np.asarray(pose @ turn[0])
+
     # distances
 
     def rotation_distance(self, poses: NDArray[np.float64], other: NDArray[np.float64]
@@ -183,7 +210,7 @@ class Symmetry:
             return mean
         direction = weights @ (poses[:, :3, :3] @ self.axis)
         mean[:3, :3] = poses[int(weights.argmax()), :3, :3]
-        swing = Rotation.align_vectors(direction[None], (mean[:3, :3] @ self.axis)[None])[0]
+        swing = least_turn(mean[:3, :3] @ self.axis, direction)
         mean[:3, :3] = swing.as_matrix() @ mean[:3, :3]
         return self.canonical_spin(mean)
 

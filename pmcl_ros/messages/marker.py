@@ -11,7 +11,7 @@ from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Box
 
 
 def mesh_to_marker(model: ObjectModel) -> Marker:
@@ -22,7 +22,7 @@ def mesh_to_marker(model: ObjectModel) -> Marker:
                   points=[Point(x=x, y=y, z=z) for x, y, z in corners])
 
 
-def region_to_marker(region: Region) -> Marker:
+def region_to_marker(region: Box) -> Marker:
     """The box that the object's origin is looked for in; `place_markers` says of which capture."""
     x, y, z = region.center
     return Marker(ns='region', type=Marker.CUBE, color=ColorRGBA(r=1.0, g=0.8, b=0.2, a=0.15),

@@ -3,6 +3,7 @@
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -40,7 +41,8 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region, with_region
+from pmcl_ros.pmcl.region import Box, with_region
+from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
 from pmcl_ros.runtime.resources import resolve
@@ -76,6 +78,7 @@ class PmclNode(StageNode):
                                            self._overlays, self._markers)
             self._work(self._several.localizer, ', '.join(self._several.names))
             names, models = self._several.names, self._several.models
+            self._continuities = [Continuity(each.symmetry, _region(settings)) for each in models]
         else:
             self._set_up_one(settings)
             names, models = [self._model.name], [self._model]
@@ -97,7 +100,8 @@ class PmclNode(StageNode):
 
     def _use(self, settings: PmclNodeSettings, localizer: AnyLocalizer[PoseEstimate]) -> None:
         """Search with a localizer of one object, in the region that the settings say."""
-        self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
+        self._box = region_to_marker(_region(settings))
+        self._continuities = [Continuity(self._model.symmetry, _region(settings))]
         if isinstance(localizer, Localizer | MultiViewLocalizer):
             self._tracker = Tracker(localizer, self._model, settings)
 
@@ -133,6 +137,8 @@ class PmclNode(StageNode):
     def _forget(self) -> None:
         if self._tracker is not None:
             self._tracker.reset()
+        for each in self._continuities:
+            each.reset()
         self._overlays.forget()
         self._of_views.forget()
         self._random = np.random.default_rng(self._settings.seed)
@@ -217,12 +223,16 @@ class PmclNode(StageNode):
             if self._worker.stopping:
                 self.dropped(f'capture {evidence.header.stamp_ns}: {ENDED}')
             elif isinstance(found, PoseEstimate):
+                found = self._continuities[0].follow(found, camera)
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, found)
                 self._publish(found, given, latency)
                 self._optional.publish([found])
                 self._of_views.publish_chart()  # after the pose, which does not wait for it
             elif self._several is not None:
+                found = replace(found, estimates=tuple(
+                    one.follow(each, camera) for one, each
+                    in zip(self._continuities, found.estimates, strict=True)))
                 self._several.publish(found, evidence.header, evidence.pinhole, latency)
                 self._optional.publish(found.estimates)
 
@@ -285,6 +295,10 @@ class PmclNode(StageNode):
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
             self._markers.publish(no_markers())
+
+
+def _region(settings: PmclNodeSettings) -> Box:
+    return Box(settings.roi_center, settings.roi_size)
 
 
 def main() -> int:

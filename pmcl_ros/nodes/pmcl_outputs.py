@@ -35,7 +35,7 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import (
     distinct_names,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -166,7 +166,7 @@ class SeveralObjects:
                        for name in self.names]
         self._frames = [ObjectFrame(node, name) for name in self.names if broadcast_tf]
         self._meshes: list[Marker] = []  # made for the first subscriber
-        self._box = region_to_marker(Region(settings.roi_center, settings.roi_size))
+        self._box = region_to_marker(Box(settings.roi_center, settings.roi_size))
 
     def localizer(self) -> SceneLocalizer:
         """A localizer of all of them; call it on the thread that uses it."""

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -50,7 +51,7 @@ def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np
     else:
         axis = rotation @ model.axis
         away = axis - 2 * (axis @ sight) * sight
-        turned = [Rotation.align_vectors(each[None], axis[None])[0].as_matrix() @ rotation
+        turned = [least_turn(axis, each).as_matrix() @ rotation
                   for each in (-axis, away, -away)]
     result = np.tile(np.eye(4), (len(turned), 1, 1))
     result[:, :3, :3] = turned

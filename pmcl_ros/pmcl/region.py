@@ -1,4 +1,4 @@
-"""The region of interest: a box in the camera's optical frame that holds the object's origin."""
+"""The region of interest: a box that holds the object's origin."""
 
 import itertools
 import math
@@ -21,8 +21,8 @@ _RAYS, _STEPS = 25, 25  # places of a view: across and down, along each ray
 
 
 @dataclass(frozen=True)
-class Region:
-    """A box: center and size [m], camera's optical frame."""
+class Box:
+    """A box along the axes of the frame that poses are in: center and size [m]."""
 
     center: tuple[float, float, float]
     size: tuple[float, float, float]
@@ -31,6 +31,33 @@ class Region:
         if not np.isfinite([*self.center, *self.size]).all() or min(self.size) <= 0:
             raise LocalizationError(f'region of interest at {self.center} m of size {self.size} '
                                     'm: every number must be finite and every size positive')
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """(3,) its least corner [m]."""
+        return np.array(self.center) - np.array(self.size) / 2
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """(3,) its greatest corner [m]."""
+        return np.array(self.center) + np.array(self.size) / 2
+
+    def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
+        """(n,) which points (n, 3) lie in the box."""
+        reach = np.array(self.size) / 2 + 1e-9
+        return (np.abs(points - np.array(self.center)) <= reach).all(axis=-1)
+
+    def clip(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Points (n, 3), those outside the box moved onto its surface."""
+        return np.clip(points, self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Region(Box):
+    """A box in the camera's optical frame, in front of the camera."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.near <= 0.02:
             raise LocalizationError(f'region of interest begins at {self.near:.3f} m: it must lie '
                                     'in front of the camera (z forward)')
@@ -108,25 +135,6 @@ class Region:
             f'the region of interest at {self.center} m of size {self.size} m is outside the '
             f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '
             'x right, y down, z forward')
-
-    @property
-    def low(self) -> NDArray[np.float64]:
-        """(3,) its least corner [m]."""
-        return np.array(self.center) - np.array(self.size) / 2
-
-    @property
-    def high(self) -> NDArray[np.float64]:
-        """(3,) its greatest corner [m]."""
-        return np.array(self.center) + np.array(self.size) / 2
-
-    def contains(self, points: NDArray[np.floating]) -> NDArray[np.bool_]:
-        """(n,) which points (n, 3) lie in the box."""
-        reach = np.array(self.size) / 2 + 1e-9
-        return (np.abs(points - np.array(self.center)) <= reach).all(axis=-1)
-
-    def clip(self, points: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Points (n, 3), those outside the box moved onto its surface."""
-        return np.clip(points, self.low, self.high)
 
 
 def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -88,7 +89,7 @@ def _viewing_rotations(model: ObjectModel) -> NDArray[np.float64]:
     """
     turns = model.symmetry.rotations_in_place
     if model.axis is not None:
-        upright = Rotation.align_vectors([[0, 0, 1.0]], model.axis[None])[0]
+        upright = least_turn(model.axis, np.array([0, 0, 1.0]))
         tilts = np.linspace(0, np.pi, _TILTS)
         if len(turns) > 1:  # it can only turn the axis round
             tilts = tilts[:_TILTS // 2 + 1]

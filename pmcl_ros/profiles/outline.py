@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.runtime.errors import ProfileError
 
 Box = tuple[float, float, float, float]  # left, top, width, height [px]
@@ -130,14 +130,7 @@ def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
     z = np.array([0, 0, 1.0])
     if up @ z < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])
-    return np.asarray(Rotation.from_rotvec(_between(z, up)).as_matrix())
-
-
-def _between(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) rotation vector of the least turn from a unit vector to another."""
-    axis = np.cross(one, other)
-    sine = float(np.linalg.norm(axis))
-    return axis * (np.arctan2(sine, one @ other) / sine if sine > 0 else 0.0)
+    return np.asarray(least_turn(z, up).as_matrix())
 
 
 def _text(box: tuple[float, ...]) -> str:

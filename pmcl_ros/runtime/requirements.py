@@ -3,7 +3,11 @@
 import re
 import shlex
 import sys
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
+
+# What a distribution may bring without pip's knowing: the package, and its module.
+_UNKNOWN_TO_PIP = {'opencv-python-headless': 'cv2'}
 
 
 def lacking() -> list[str]:
@@ -43,9 +47,14 @@ def install_command(requirements: list[str]) -> str:
 
 
 def _version(requirement: str) -> str | None:
+    name = re.split(r'[^\w.-]', requirement)[0]
     try:
-        return version(re.split(r'[^\w.-]', requirement)[0])
+        return version(name)
     except PackageNotFoundError:
+        pass
+    try:
+        return str(import_module(_UNKNOWN_TO_PIP[name]).__version__)
+    except (KeyError, ImportError, AttributeError):  # the last: it is for another numpy
         return None
 
 

@@ -59,7 +59,7 @@ def random_edge_scene(rng: np.random.Generator, error: ModelError) -> EdgeScene:
     model = random_solid(rng)
     centre = np.append(rng.uniform(-0.02, 0.02, 2), rng.uniform(0.45, 0.6))
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    pose[:3, :3] = Rotation.random(None, rng).as_matrix()
     pose[:3, 3] = centre + rng.uniform(-0.4, 0.4, 3) * _SIDE
     depths = depth_labels(centre[2] - _SIDE / 2 - model.radius,
                           centre[2] + _SIDE / 2 + model.radius, _LABELS)

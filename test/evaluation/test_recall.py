@@ -71,7 +71,7 @@ def test_coverage_of_samples_of_a_known_gaussian(axis, scale, low, high):
     spread = rng.standard_normal((6, 6)) * np.repeat([0.002, 0.02], 3)[:, None]
     covariance = spread @ spread.T
     mean = np.eye(4)
-    mean[:3, :3], mean[:3, 3] = Rotation.random(rng=rng).as_matrix(), (0.1, 0, 0.5)
+    mean[:3, :3], mean[:3, 3] = Rotation.random(None, rng).as_matrix(), (0.1, 0, 0.5)
     spindle = None if axis is None else mean[:3, :3] @ axis
     levels = []
     for _ in range(_SAMPLES):

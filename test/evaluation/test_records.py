@@ -26,7 +26,7 @@ def plan(tmp_path):
 
 def random_pose(seed):
     rng = np.random.default_rng(seed)
-    return np.concatenate([Rotation.random(rng=rng).as_matrix(), rng.random((3, 1))], axis=1)
+    return np.concatenate([Rotation.random(None, rng).as_matrix(), rng.random((3, 1))], axis=1)
 
 
 def read_bop(path):

@@ -30,7 +30,7 @@ def two_poses(seed, far=0.02, turn=0.4):
     """A truth, and a pose off by some distance and angle."""
     rng = np.random.default_rng(seed)
     truth, pose = np.eye(4), np.eye(4)
-    truth[:3, :3] = Rotation.random(rng=rng).as_matrix()
+    truth[:3, :3] = Rotation.random(None, rng).as_matrix()
     truth[:3, 3] = rng.uniform([-0.05, -0.05, 0.4], [0.05, 0.05, 0.7])
     pose[:3, :3] = Rotation.from_rotvec(turn * rng.uniform(-1, 1, 3)).as_matrix() @ truth[:3, :3]
     pose[:3, 3] = truth[:3, 3] + far * rng.uniform(-1, 1, 3)

@@ -19,6 +19,11 @@ OPERATORS = {'Conv': {'kernel_shape', 'strides', 'pads'}, 'Relu': set(), 'Concat
 SEEDS = range(1_000_000, 1_000_016)
 
 
+# [nat] by which the map may depend on the number of threads: OpenCV divides the work among them
+# from 4.7 on so that it does not.
+ROUNDING = 0 if tuple(map(int, cv2.__version__.split('.')[:2])) >= (4, 7) else 1e-5
+
+
 @pytest.fixture(scope='module')
 def pictures():
     return [labelled_picture(seed) for seed in SEEDS]
@@ -74,7 +79,7 @@ def test_the_digits_do_not_depend_on_threads_or_earlier_pictures(pictures):
     try:
         for number in (1, 2, 3):
             cv2.setNumThreads(number)
-            np.testing.assert_array_equal(contour_net()(picture), expected)
+            np.testing.assert_allclose(contour_net()(picture), expected, rtol=0, atol=ROUNDING)
             contour_net()(picture[:150])
     finally:
         cv2.setNumThreads(threads)

@@ -8,7 +8,7 @@ from pmcl_scenes import pose_of, random_poses
 from scipy.spatial.transform import Rotation
 from scipy.special import softmax
 
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import least_turn, retract
 from pmcl_ros.geometry.symmetry import FREE_AXIS_VARIANCE, Symmetry
 from pmcl_ros.pmcl.particles import perturb
 
@@ -62,9 +62,9 @@ def test_the_side_after_the_axis_faces_the_camera():
 def test_canonical_seen_along_the_axis(axis, tilt):
     symmetry = Symmetry(axis)
     position = np.array([0.1, -0.05, 0.5])
-    ahead = Rotation.align_vectors(position[None] / np.linalg.norm(position), axis[None])[0]
+    ahead = least_turn(np.array(axis, float), position)
     pose = pose_of(Rotation.from_rotvec([tilt, 0, 0]) * ahead if tilt < 1 else
-                   Rotation.align_vectors(-position[None], axis[None])[0], position)
+                   least_turn(np.array(axis, float), -position), position)
     turned = symmetry.canonical_spin(pose)
     assert np.isfinite(turned).all()
     np.testing.assert_allclose(turned[:3, :3] @ axis, pose[:3, :3] @ axis, atol=1e-7)

@@ -7,9 +7,13 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import (
+    covariance_at,
     inverse,
+    least_turn,
+    local,
     point_covariance,
     remove_spin,
+    retract,
     rotate_covariance,
     rotations_about,
     transform,
@@ -87,3 +91,37 @@ def test_a_spin_about_the_axis_counts_for_nothing():
     spun[3:, 3:] += np.pi ** 2 / 3 * np.outer(axis, axis)
     np.testing.assert_allclose(remove_spin(spun, axis), remove_spin(covariance, axis),
                                atol=1e-15)
+
+
+directions = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda each: np.linalg.norm(each) > 1e-3)
+
+
+@settings(max_examples=100, deadline=None)
+@given(directions, directions, st.sampled_from([None, 0.0, 1e-9, 1e-5]))
+def test_the_least_turn_takes_one_direction_to_another_by_the_angle_between_them(
+        start, end, nearly):
+    start, end = np.array(start), np.array(end)
+    if nearly is not None:  # opposite, or nearly so
+        end = -2 * start + nearly * end
+    turn = least_turn(start, end)
+    unit = [each / np.linalg.norm(each) for each in (start, end)]
+    np.testing.assert_allclose(turn.apply(unit[0]), unit[1], atol=1e-12)
+    angle = 2 * np.arctan2(np.linalg.norm(unit[0] - unit[1]), np.linalg.norm(sum(unit)))
+    assert turn.magnitude() == pytest.approx(angle, abs=1e-9)
+
+
+def test_no_deviations_move_no_poses():
+    assert retract(np.eye(4), np.zeros((0, 6))).shape == (0, 4, 4)
+    assert local(np.zeros((0, 4, 4)), np.eye(4)).shape == (0, 6)
+
+
+def test_a_covariance_at_another_point_is_that_of_samples_there():
+    rng = np.random.default_rng(4)
+    spread = rng.normal(size=(6, 6))
+    spread = spread @ spread.T * 1e-6
+    pose, point = transform((0.1, 0.2, 0.5), (0.3, -0.4, 1)), transform((0.03, 0.05, -0.1))
+    samples = retract(pose, rng.multivariate_normal(np.zeros(6), spread, 200_000))
+    there = pose @ point
+    found = np.cov(local(samples @ point, there).T)
+    np.testing.assert_allclose(covariance_at(spread, there[:3, 3] - pose[:3, 3]), found,
+                               atol=0.02 * np.abs(found).max())

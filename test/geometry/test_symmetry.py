@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import rotation_angle, rotations_about
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.modes import ambiguous_poses
@@ -251,3 +252,31 @@ def test_an_object_is_found_whichever_of_its_poses_is_the_truth(context, name):
         assert np.sqrt(np.diag(estimate.covariance)[:3]).max() < 0.01
     first, second = estimates
     assert Symmetry(model.axis).rotation_distance(first.pose[None], second.pose)[0] < 0.15
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.sampled_from(sorted(MODELS)), st.integers(0, 2 ** 20))
+def test_the_nearest_is_nearer_than_every_other_that_looks_alike(name, seed):
+    model = MODELS[name]
+    symmetry = model.symmetry
+    reference, pose = random_poses(2, seed)
+    found = symmetry.nearest(symmetry.equivalents(pose), reference)
+    assert Surface.from_model(model).mssd(found, pose) < 2e-5
+    angles = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    spins = [np.eye(4)] if model.axis is None else rotations_about(model.axis, angles)
+    alike = np.concatenate([symmetry.equivalents(pose) @ each for each in spins])
+    least = rotation_angle(found[None], reference)[0]
+    assert least <= rotation_angle(alike, reference).min() + 1e-6
+    # Whichever of them was found by the search, the same one is chosen.
+    for each in alike[::97]:
+        again = symmetry.nearest(symmetry.equivalents(each), reference)
+        np.testing.assert_allclose(again, found, atol=1e-6)
+    for each in alike[::97]:
+        np.testing.assert_allclose(symmetry.nearest(symmetry.equivalents(pose), each)[:3, :3],
+                                   each[:3, :3], atol=1e-6)
+
+
+def test_of_a_reversed_axis_any_spin_is_as_near():
+    rod = Symmetry(np.array([0, 0, 1.0]))
+    pose = about([0.3, -0.2, 0.9])
+    assert rod.nearest_spin(pose, pose @ HALF_X) is pose

@@ -13,7 +13,7 @@ SECOND = 1_000_000_000
 
 def pose(seed):
     made = np.eye(4)
-    made[:3, :3] = Rotation.random(random_state=seed).as_matrix()
+    made[:3, :3] = Rotation.random(None, np.random.default_rng(seed)).as_matrix()
     made[:3, 3] = np.random.default_rng(seed).normal(size=3)
     return made
 

@@ -93,7 +93,7 @@ def test_a_file_that_was_cut_short(bag, kept):
 
 
 @pytest.mark.parametrize(('content', 'told'), [
-    ('[' * 100_000, 'more than 100000 values or 64 levels'),
+    ('[' * 500, 'more than 100000 values or 64 levels'),
     ('rosbag2_bagfile_information: 3', 'has no rosbag2_bagfile_information'),
     ('rosbag2_bagfile_information: {version: 9}', 'storage_identifier: Field required'),
     ('a0: &a0 {x: 1}\n' + '\n'.join(

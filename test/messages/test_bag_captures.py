@@ -70,7 +70,7 @@ def posed_views():
     made = []
     for k in range(3):
         pose = np.eye(4)
-        pose[:3, :3] = Rotation.random(random_state=k).as_matrix()
+        pose[:3, :3] = Rotation.random(None, np.random.default_rng(k)).as_matrix()
         pose[:3, 3] = rng.normal(size=3)
         made.append(PosedView(
             Header(HEADER.stamp_ns + 10 * k, 'base_link'), rng.random((5, 6, 3), np.float32),

@@ -34,7 +34,7 @@ def estimates():
     rng = np.random.default_rng(3)
 
     def estimate(share, lost=False):
-        pose = pose_of(Rotation.random(random_state=rng), rng.normal(size=3))
+        pose = pose_of(Rotation.random(None, rng), rng.normal(size=3))
         factor = rng.normal(size=(6, 6))
         modes = (PoseMode(pose, share, 1234.5), PoseMode(pose, 1 - share, 1200.0))
         return PoseEstimate(HEADER, pose, factor @ factor.T, pose[None], np.zeros(1), 1234.5, lost,

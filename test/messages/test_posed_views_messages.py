@@ -21,7 +21,7 @@ def views(count=3, pinholes=(PINHOLE,)):
     made = []
     for k in range(count):
         pose = np.eye(4)
-        pose[:3, :3] = Rotation.random(random_state=k).as_matrix()
+        pose[:3, :3] = Rotation.random(None, np.random.default_rng(k)).as_matrix()
         pose[:3, 3] = rng.normal(size=3)
         pinhole = pinholes[k % len(pinholes)]
         picture = rng.integers(0, 65536, (pinhole.height, pinhole.width, 3)) / 65535

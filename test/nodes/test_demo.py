@@ -7,6 +7,7 @@ import sys
 
 import cv2
 from harness import ROOT
+from shipped_bag import NEAR, UPRIGHT
 
 
 def test_a_simulated_camera_s_picture_becomes_a_pose(tmp_path):
@@ -16,7 +17,7 @@ def test_a_simulated_camera_s_picture_becomes_a_pose(tmp_path):
     assert done.returncode == 0, done.stdout + done.stderr
     assert 'lytro_driver: published sha1-' in done.stdout
     found = re.search(r'error: ([\d.]+) mm, ([\d.]+) degrees', done.stdout)
-    assert float(found[1]) < 20
-    assert float(found[2]) < 10
+    assert float(found[1]) < 1e3 * NEAR
+    assert float(found[2]) < UPRIGHT
     for name in ('centre', 'depth', 'overlay'):
         assert cv2.imread(str(tmp_path / f'{name}.png')) is not None

@@ -8,11 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from click.testing import CliRunner
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, ROOT, Process
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
@@ -22,6 +27,7 @@ from test_sweep_driver import BASE, SECOND, START, Robot, info_of, pose_of, reco
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import rotation_angle
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.pictures import read_picture
@@ -31,9 +37,15 @@ from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.image import picture_from
-from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
+from pmcl_ros.messages.pose import (
+    estimate_to_transform,
+    pose_from,
+    pose_with_covariance_from,
+    transform_from,
+)
 from pmcl_ros.messages.posed_views import posed_views_from, posed_views_to_messages
 from pmcl_ros.messages.volume import volume_from
+from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
@@ -347,6 +359,71 @@ def test_fixed_cameras_follow_an_object(tmp_path, user, frames, truth, search):
     for each in found:
         assert off(each, truth).translation < 0.01
     assert 0 < off(found[1], found[0]).translation < 0.003
+
+
+class Sent:
+    """In the place of a broadcaster, as tf2_ros is not on PyPI: keeps what it would send."""
+
+    def __init__(self):
+        self.transforms = []
+
+    def broadcast(self, estimate):
+        self.transforms.append(estimate_to_transform(estimate, 'glass'))
+
+
+def test_the_object_s_frame_does_not_turn_with_the_cameras(user, frames, truth, search):
+    """The same views in another order; the object is on a table at the height of the base."""
+    down = np.eye(4)
+    down[2, 3] = -truth[2, 3]
+    views = [replace(each, pose=down @ each.pose) for each in frames]
+    middle = search['roi_center'] + down[:3, 3]
+    context = Context()
+    rclpy.init(context=context)
+    node = PmclNode(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in (search | {
+            'roi_center': middle.tolist(), 'source': 'posed_views'}).items()])
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    user.others.append(executor)
+    try:
+        assert node.trigger_configure() == Result.SUCCESS
+        node.object_frame = tf = Sent()
+        assert node.trigger_activate() == Result.SUCCESS
+        poses = user.listen(PoseStamped, 'pose', SMALL)
+        spreads = user.listen(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
+        publishers = [user.publisher(kind, topic, qos) for kind, topic, qos in TOPICS]
+
+        def show(views, number):
+            at = [replace(each, stamp_ns=START + (10 * number + k) * SECOND)
+                  for k, each in enumerate(views)]
+            for publisher, message in zip(publishers, sent_by(at, 4), strict=True):
+                publisher.publish(message)
+            user.wait(lambda: len(poses) == len(spreads) == len(tf.transforms) == number,
+                      f'pose {number}')
+
+        show(views, 1)
+        show(views[::-1], 2)
+        assert user.call(Trigger, '/pmcl_node/reset', Trigger.Request()).success
+        show(views[::-1], 3)
+    finally:
+        user.others.clear()
+        executor.shutdown()
+        node.close()
+        rclpy.shutdown(context=context)
+    first, second, third = (pose_from(each)[1] for each in poses)
+    glass = Symmetry(np.array([0.0, 0, 1]))
+    for each in (first, second, third):
+        assert off(each, down @ truth).translation < 0.01
+    assert np.degrees(rotation_angle(second[None], first)[0]) < 1.5
+    assert rotation_angle(second[None], first)[0] == pytest.approx(
+        glass.rotation_distance(second[None], first)[0], abs=1e-6)
+    # As the first, its x points to the camera of the first view that sees it.
+    assert np.degrees(rotation_angle(third[None], second)[0]) > 20
+    for pose, spread, sent in zip(poses, spreads, tf.transforms, strict=True):
+        assert spread.header == sent.header == pose.header
+        assert spread.pose.pose == pose.pose
+        assert sent.transform.rotation == pose.pose.orientation
+        np.testing.assert_array_equal(transform_from(sent)[2], pose_from(pose)[1])
 
 
 def test_what_a_node_of_posed_views_cannot_do_is_refused(tmp_path, user, search):

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.region import Region, with_region
+from pmcl_ros.pmcl.region import Box, Region, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, SettingsError
 
@@ -34,6 +34,13 @@ def test_near_and_far_hold_the_object():
 def test_impossible_regions_are_refused(center, size, message):
     with pytest.raises(LocalizationError, match=message):
         Region(center, size)
+
+
+def test_a_box_of_another_frame_may_be_anywhere():
+    box = Box((0.5, 0.1, 0.0), (0.2, 0.2, 0.1))
+    assert box.contains(np.array([[0.5, 0.1, -0.04], [0.5, 0.1, 0.06]])).tolist() == [True, False]
+    with pytest.raises(LocalizationError, match='must be finite'):
+        Box((0, 0, np.nan), (1, 1, 1))
 
 
 def test_footprint_is_the_projection_of_a_slice():
@@ -176,7 +183,7 @@ def test_what_several_cameras_see_is_in_the_box_and_little_else(count, seed):
     cameras = []
     for _ in range(count):  # about a place 0.5 m away
         pose = np.eye(4)
-        pose[:3, :3] = Rotation.random(random_state=rng).as_matrix()
+        pose[:3, :3] = Rotation.random(None, rng).as_matrix()
         pose[:3, 3] = rng.normal(0, 0.02, 3) - 0.5 * pose[:3, 2]
         cameras.append((CAMERA, pose))
     low, high = box_of(cameras, roi_depths=(0.3, 0.7))

@@ -1,12 +1,14 @@
 """Entry points where something is missing: one message, with the command that installs it."""
 
+import os
 import subprocess
 import sys
-from importlib.metadata import requires, version
+from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 import pytest
 
+from pmcl_ros.runtime import requirements
 from pmcl_ros.runtime.requirements import install_command, installed
 from pmcl_ros.runtime.start import MODULES
 
@@ -49,6 +51,41 @@ def test_every_entry_point_names_what_is_missing_and_the_command(words):
     assert told == (f'{name}: not installed, or too old: numba>=0.61, pydantic>=2.7, '
                     'rich>=13.7 (here is 1.0)')
     assert advice.endswith("-m pip install 'numba>=0.61' 'pydantic>=2.7' 'rich>=13.7'")
+
+
+@pytest.fixture
+def old_pydantic(tmp_path):
+    """The environment of a Python that finds a pydantic without the names of version 2."""
+    (tmp_path / 'pydantic').mkdir()
+    (tmp_path / 'pydantic' / '__init__.py').write_text(''.join(
+        f'class {name}: pass\n' for name in ('BaseModel', 'ConfigDict', 'ValidationError')))
+    info = tmp_path / 'pydantic-1.10.14.dist-info'
+    info.mkdir()
+    (info / 'METADATA').write_text('Metadata-Version: 2.1\nName: pydantic\nVersion: 1.10.14\n')
+    return os.environ | {'PYTHONPATH': f'{tmp_path}:{ROOT}'}
+
+
+@pytest.mark.parametrize('name', MODULES)
+def test_every_entry_point_says_that_ubuntu_s_pydantic_is_too_old(old_pydantic, name):
+    script = f'import sys; from pmcl_ros.runtime.start import {name}; sys.exit({name}())'
+    done = subprocess.run([sys.executable, '-c', script], capture_output=True, text=True,
+                          check=False, env=old_pydantic)
+    assert (done.returncode, done.stdout) == (1, '')
+    told, advice = done.stderr.splitlines()
+    assert told == f'{name}: not installed, or too old: pydantic>=2.7 (here is 1.10.14)'
+    assert advice.endswith("-m pip install 'pydantic>=2.7'")
+
+
+def test_an_opencv_of_the_distribution_which_pip_does_not_know_counts(monkeypatch):
+    def unknown(name):
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(requirements, 'version', unknown)
+    assert installed('opencv-python-headless>=4.6.0')
+    assert not installed('opencv-python-headless>=999')
+    assert not installed('no-such-package>=1')
+    monkeypatch.setitem(sys.modules, 'cv2', None)  # as where it cannot be imported
+    assert not installed('opencv-python-headless>=4.6.0')
 
 
 def test_the_doctor_works_without_them():

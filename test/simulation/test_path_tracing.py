@@ -71,7 +71,7 @@ def box(depth: float, thick: float, medium: Clear) -> Solid:
 def test_every_direction_of_the_room_is_where_it_belongs() -> None:
     rng = np.random.default_rng(0)
     panorama = cv2.GaussianBlur(random_environment(rng).panorama, (0, 0), 6)
-    turn = Rotation.random(rng=rng).as_matrix()
+    turn = Rotation.random(None, rng).as_matrix()
     of = scene(room=Environment(panorama), turn=turn)
     pinhole = of.sensor.grid.pinhole
     seen = physical(of)(of.sensor, 0, 0, 0, 32, 0)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_map import ContourMap
@@ -24,6 +23,7 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.local_model import LocalModel, without_negative
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
@@ -200,7 +200,7 @@ def cap(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]], degre
     turn = np.pi * (1 + 5 ** 0.5) * number
     flat = np.sqrt(1 - z ** 2)
     local = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
-    onto = Rotation.align_vectors(middle[None], [[0, 0, 1]])[0]
+    onto = least_turn(np.array([0, 0, 1.0]), middle)
     made = np.tile(np.eye(4), (count, 1, 1))
     for k, direction in enumerate(onto.apply(local)):
         made[k, :3, :3] = _looking(cameras[0], -direction)
@@ -237,5 +237,5 @@ def _middle(pose: NDArray[np.float64], cameras: Sequence[NDArray[np.float64]]
 
 def _looking(camera: NDArray[np.float64], direction: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3, 3) a camera (4, 4) turned as little as possible, so that it looks along a direction."""
-    turn = Rotation.align_vectors([direction], [camera[:3, 2]])[0].as_matrix()
+    turn = least_turn(camera[:3, 2], direction).as_matrix()
     return np.asarray(turn @ camera[:3, :3])

@@ -13,7 +13,7 @@ from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import Weights
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.tracking.action import ActionModel, State
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
@@ -79,7 +79,7 @@ class Tracker:
         self._action = None if settings.tracking == 'none' else ActionModel(
             settings.tracking, settings.track_sigma_translation, settings.track_sigma_rotation,
             settings.track_period)
-        self._region = Region(settings.roi_center, settings.roi_size)
+        self._region = Box(settings.roi_center, settings.roi_size)
         self.status = Track(self._symmetry)
 
     def reset(self) -> None:

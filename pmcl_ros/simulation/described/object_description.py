@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file, read_mesh
 from pmcl_ros.runtime.errors import ObjectModelError
@@ -192,4 +192,4 @@ def _upright(look: Appearance, model: ObjectModel) -> NDArray[np.float64]:
         return np.eye(3)
     if up[2] < -1 + 1e-12:
         return np.diag([1.0, -1.0, -1.0])
-    return np.asarray(Rotation.align_vectors([[0, 0, 1.0]], up[None])[0].as_matrix())
+    return np.asarray(least_turn(up, np.array([0, 0, 1.0])).as_matrix())

@@ -130,7 +130,7 @@ def _content(rng: np.random.Generator, vessel: Vessel) -> tuple[Solid, ...]:
     profile = radius * np.stack([np.abs(np.cos(turn)), np.sin(turn)], axis=1)
     ball = Frusta.from_profile(profile, 0, 1)
     middle = np.array([0, 0, floor + radius + 0.003])
-    return (Solid(ball, (random_finish(rng),), pose_of(Rotation.random(rng=rng), middle)),)
+    return (Solid(ball, (random_finish(rng),), pose_of(Rotation.random(None, rng), middle)),)
 
 
 def _of_vessel(name: str, vessel: Vessel, solids: tuple[Solid, ...],

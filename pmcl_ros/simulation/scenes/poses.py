@@ -4,6 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import least_turn
+
 Pose = NDArray[np.float64]
 _Z = np.array([0, 0, 1.0])
 
@@ -28,7 +30,7 @@ def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str,
             'tilted': np.arccos(rng.uniform(-1, 1))}[way]
     about = Rotation.from_euler('z', rng.uniform(0, 2 * np.pi))
     if not np.array_equal(up, _Z):
-        turn = turn * Rotation.align_vectors(_Z[None], np.asarray(up)[None])[0]
+        turn = turn * least_turn(np.asarray(up, float), _Z)
     rotation = about * Rotation.from_euler('x', lean) * turn
     low = rotation.apply(vertices)[:, 2].min()
     held = rng.uniform(0, 0.04) if way == 'tilted' else 0.0

@@ -202,7 +202,7 @@ def test_of_frames_of_one_place_the_sharpest_is_kept(poses):
 @given(st.integers(1, 6), st.integers(2, 6), st.integers(0, 2 ** 32 - 1))
 def test_planned_poses_fill_every_cell_however_they_lie_in_the_room(rows, columns, seed):
     rng = np.random.default_rng(seed)
-    base = pose_at(*rng.normal(0, 1, 3), Rotation.random(rng=rng).as_rotvec(degrees=True))
+    base = pose_at(*rng.normal(0, 1, 3), Rotation.random(None, rng).as_rotvec(degrees=True))
     settings = SweepSettings(rows=rows, columns=columns, baseline=0.02)
     collection = Collection(settings)
     small = Lens(PINHOLE.resized(8, 6))
@@ -250,7 +250,7 @@ def test_frames_that_are_none_are_refused(frames, changes, reason):
 @given(st.integers(1, 5), st.integers(2, 5), st.integers(0, 2 ** 32 - 1))
 def test_without_a_plan_the_grid_lies_where_most_cells_have_a_frame(rows, columns, seed):
     rng = np.random.default_rng(seed)
-    base = pose_at(*rng.normal(0, 1, 3), Rotation.random(rng=rng).as_rotvec(degrees=True))
+    base = pose_at(*rng.normal(0, 1, 3), Rotation.random(None, rng).as_rotvec(degrees=True))
     poses = raster(rows, columns, 0.02, 0.001, 0.5, seed, base)
     wrong = rng.uniform(1, 2), *rng.normal(0, 2, 2)
     poses.append(base @ pose_at(*wrong, rng.normal(0, 30, 3)))

@@ -12,7 +12,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import least_turn, retract
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.local_model import LocalModel
@@ -220,7 +220,7 @@ def test_creases_tell_look_alikes_that_outlines_cannot():
     mesh = trimesh.creation.box((0.03, 0.03, 0.03))
     model = model_of(mesh)
     diagonal = np.array([1, 1, 1]) / np.sqrt(3)
-    towards = Rotation.align_vectors([[0, 0, -1]], [diagonal])[0]
+    towards = least_turn(diagonal, np.array([0, 0, -1.0]))
     truth = pose_of(towards, (0, 0, 0.7))
     other = pose_of(Rotation.from_euler('z', 60, degrees=True) * towards, (0, 0, 0.7))
     corners = mesh.vertices @ truth[:3, :3].T + truth[:3, 3]

@@ -66,7 +66,7 @@ def test_patterns_are_periodic_reflectances(name):
 def test_a_room_shades_as_its_light_is_gathered():
     rng = np.random.default_rng(6)
     room = random_environment(rng)
-    turn = Rotation.random(rng=rng).as_matrix()
+    turn = Rotation.random(None, rng).as_matrix()
     coefficients = room.irradiance(turn.T)
     ways = rng.standard_normal((20000, 3))
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
