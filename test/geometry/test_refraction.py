@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.render.level_of_detail import subdivided
+from pmcl_ros.pmcl.render.level_of_detail import longest_edge, subdivided
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 
@@ -114,4 +117,22 @@ def test_a_finer_mesh_is_the_same_surface():
     mesh = trimesh.Trimesh(fine.vertices, fine.faces, process=False)
     assert mesh.is_watertight
     assert mesh.volume == pytest.approx(tube.volume)
-    assert mesh.edges_unique_length.max() < model.radius / 8
+    assert mesh.edges_unique_length.max() <= longest_edge(model)
+
+
+def test_contours_near_the_surface_are_left_out():
+    ball = trimesh.creation.icosphere(4, 0.04)
+    model = ObjectModel('ball', np.asarray(ball.vertices), np.asarray(ball.faces), None, True)
+    pose = np.eye(4)
+    pose[:3, 3] = 0.02, -0.01, 0.43  # half below
+    edges = EdgeVolume(Header(), np.zeros((240, 320, 2, 3), np.float32), np.array([0.8, 0.2]),
+                       CAMERA)
+    window = Window(0, 0, (320, 240))
+    wet, dry = (NumbaRenderer().contour_score(
+        Scene(subdivided(model), CAMERA, window, 0.1, 1.0, each), edges,
+        ContourProfile.contrast()).points(pose) for each in (WATER, None))
+    rays = np.column_stack([(wet.pixels - [CAMERA.cx, CAMERA.cy]) / CAMERA.fx,
+                            np.ones(len(wet.pixels))])
+    away = np.abs(wet.depths[:, None] * rays @ UP + 0.3)
+    assert away.min() > longest_edge(model) / 2
+    assert 0.5 * dry.lengths.sum() < wet.lengths.sum() < dry.lengths.sum()

@@ -53,6 +53,7 @@ _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
              '--from', '45', '12', '--from', '-45', '12', '--from', '15', '10', '--from', '-15',
              '10')}
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
+_USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
 _REACH = 0.6  # m: of the camera from the aim; farther the arm does not come to all sides
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 
@@ -167,7 +168,7 @@ class Series:
             'white': str(self._calibration / 'white')}} if self.camera == F01_RAW else {}
         return decoding | {
             'sweep_driver': {
-                'gamma': self._gamma,
+                'gamma': self._gamma, 'shrink': self._shrink,
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
                 'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9, 'drift': _DRIFT[self.place]},
@@ -229,6 +230,12 @@ class Series:
         if isinstance(camera, OrdinaryCamera):
             return camera.gamma
         return 1 / CameraMetadata.parse(camera.text()).image.color.gamma
+
+    @property
+    def _shrink(self) -> int:
+        """Pixels as large as the search wants them, which is made for objects of `_USUAL`."""
+        extent = float(np.ptp(self._model.vertices, axis=0).max())
+        return max(1, int(extent * self.pinhole.fx / _DISTANCE / _USUAL))
 
     @property
     def _camera(self) -> OrdinaryCamera | LytroCamera:

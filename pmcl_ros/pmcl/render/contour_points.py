@@ -1,11 +1,12 @@
 """The contour of one pose, point by point in the order in which a finger would follow it."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.render.contour import (
     Edges,
     find,
@@ -62,6 +63,20 @@ class ContourPoints:
         return cls(values[:, :2], values[:, 2:4], 1 / values[:, 4], lengths, energies,
                    profile.evidence(energies), piece, along, values[:, 6],
                    float(_covered(box, z, edges)))
+
+    def beside(self, planes: NDArray[np.floating], image: Pinhole, margin: float
+               ) -> 'ContourPoints':
+        """Those farther than a margin [m] from each of the planes.
+
+        planes: (k, 4) unit normals, and heights of the camera above them [m]. image: whose pixels
+        these are.
+        """
+        rays = np.column_stack([(self.pixels - [image.cx, image.cy]) / [image.fx, image.fy],
+                                np.ones(len(self.pixels))])
+        places = self.depths[:, None] * rays
+        kept = (np.abs(places @ planes[:, :3].T + planes[:, 3]) > margin).all(axis=1)
+        return replace(self, **{each.name: getattr(self, each.name)[kept]
+                                for each in fields(self) if each.name != 'covered'})
 
     def joined(self, other: 'ContourPoints') -> 'ContourPoints':
         """These points, then those of another set, read at as many offsets."""

@@ -17,7 +17,7 @@ _FEWEST = 1000  # faces that are not worth simplifying, and the first try
 _PIECES = 64  # of the model's diameter: faces are cut to such pieces, to be found by their centres
 _NEAR = 16  # pieces whose faces are tried for the nearest
 _ROUNDS = 3
-_FINER = 8  # a model of so many to its radius shows what refraction bends
+_FINER = 16  # a model of so many to its radius shows what refraction bends
 _FEW = 4000  # points that a try must pass first
 
 
@@ -46,10 +46,15 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
 
 
 @lru_cache(maxsize=8)
+def longest_edge(model: ObjectModel) -> float:
+    """Of a subdivided model [m]."""
+    return model.radius / _FINER
+
+
 def subdivided(model: ObjectModel) -> ObjectModel:
-    """The model with edges of at most an eighth of its radius: straight edges can then bend."""
+    """The model with edges of at most `longest_edge`: straight edges can then bend."""
     subdivide: Any = trimesh.remesh.subdivide_to_size
-    vertices, faces = subdivide(model.vertices, model.faces, model.radius / _FINER)
+    vertices, faces = subdivide(model.vertices, model.faces, longest_edge(model))
     merged = trimesh.Trimesh(vertices, faces, process=False)
     merged.merge_vertices()
     return replace(model, vertices=np.asarray(merged.vertices, np.float64),

@@ -19,6 +19,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour import Edges, check_profile, label_scale, sums
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_sum
+from pmcl_ros.pmcl.render.level_of_detail import longest_edge
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.kernels import LOCK, compiled
@@ -82,7 +83,7 @@ class NumbaContourScore:
         check_profile(profile)
         self._profile = profile
         self.evaluations = 0
-        self._drawing = Drawing.from_scene(scene)
+        self._scene, self._drawing = scene, Drawing.from_scene(scene)
         self._edges = Edges.from_volume(scene, edges, profile)
         self._room = Room.for_threads(self._drawing)
         self._found = np.zeros((len(self._room.z), 2 * self._room.z.shape[1]), np.int32)
@@ -109,7 +110,13 @@ class NumbaContourScore:
         """See `ContourScore`."""
         self.evaluations += 1
         with LOCK:
-            return ContourPoints.from_zbuffer(*self._drawn(pose), self._edges, self._profile)
+            points = ContourPoints.from_zbuffer(*self._drawn(pose), self._edges, self._profile)
+        water = self._drawing.water
+        if not len(water):
+            return points
+        # An edge of the mesh from the air into the water is drawn straight, which it is not.
+        return points.beside(water[:, :4], self._scene.image,
+                             longest_edge(self._scene.model) / 2)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""

@@ -5,6 +5,7 @@ import math
 from pmcl_ros.geometry.interface import EDGE
 from pmcl_ros.runtime.kernels import compiled
 
+_THIN = 1e-9  # m: a point on a plane counts as so far beyond it
 _SNELL = 5  # steps of Newton's method for where a ray meets the water
 
 
@@ -30,7 +31,7 @@ def apparent(x, y, z, water):  # type: ignore[no-untyped-def]
             break
         last, height, index = deep, float(water[face, 3]), float(water[face, 4])
         across = math.sqrt(max(x * x + y * y + z * z - deep * deep, 0.0))
-        meets, up = _bent(across, deep - height, height, index)
+        meets, up = _bent(across, max(deep - height, _THIN), height, index)
         # The ray meets the face a part of the way from the camera's foot to the point's.
         part = meets / max(across, 1e-12)
         move = part * deep - height

@@ -73,12 +73,15 @@ class Workplace:
     def faces(self) -> tuple[tuple[Corner, Corner], ...]:
         """Through which a camera can see into the water: a point of each, its normal into the air.
 
-        The surface of a sink; of a tank its front too. Panes are so thin that they bend nothing.
+        The surface of a sink; of a tank its front and its sides too. Panes are so thin that they
+        bend nothing.
         """
         surface = (0.0, 0.0, self.level), (0.0, 0.0, 1.0)
         if self.kind == 'sink':
             return (surface,)
-        return surface, ((self.low[0], 0.0, self.floor), (-1.0, 0.0, 0.0))
+        (x0, y0), y1, z = self.low, self.high[1], self.floor
+        return (surface, ((x0, 0.0, z), (-1.0, 0.0, 0.0)), ((0.0, y0, z), (0.0, -1.0, 0.0)),
+                ((0.0, y1, z), (0.0, 1.0, 0.0)))
 
     @property
     def _tap(self) -> tuple[Box, ...]:
