@@ -10,6 +10,7 @@ rclpy, numpy and common messages, nothing of pmcl_ros.
 """
 
 import argparse
+import itertools
 import sys
 import time
 
@@ -181,9 +182,9 @@ class PickFromWater(Node):
         if not self.robot.grip(True):
             self.robot.grip(False)
             return self.back(before)
-        goals = self.lifted(there)
-        any(self.robot.move(WRIST, goal, straight)
-            for straight in (True, False) for goal in goals)
+        for straight, goal in itertools.product((True, False), self.lifted(there)):
+            if self.robot.move(WRIST, goal, straight):
+                break
         if not self.robot.holds():
             return self.back(None)
         return self.options.lift_only or self.place(places)
