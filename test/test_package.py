@@ -14,6 +14,7 @@ PACKAGE = ROOT / 'pmcl_ros'
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 ROS = ('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_srvs', 'launch', 'launch_ros')
 WITH_ROS = ('nodes/', 'evaluation/bench/', 'evaluation/manipulation/simulated_robot',
+            'evaluation/manipulation/wrist_eyes',
             *(f'messages/{name}.py' for name in ('diagnostics', 'grasp', 'marker')))
 
 
