@@ -26,7 +26,9 @@ from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.runtime.errors import PmclError
 from pmcl_ros.runtime.ros_domain import own_domain
 
@@ -69,9 +71,12 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
                 'subaperture_node': {'calibration': str(_CALIBRATION), 'white': str(_WHITE)},
                 'dlv_node': _listed(dlv.model_dump()), 'pmcl_node': _listed(pmcl.model_dump())}
 
+            # As the node publishes it: its frame does not turn between captures.
+            steady = Continuity(model.symmetry, Box(pmcl.roi_center, pmcl.roi_size))
+
             def offline() -> NDArray[np.float64]:
                 run = pipeline.run(lambda: decoders.decode(read_raw_frame(raw)), random)
-                return run.estimate.pose
+                return steady.follow(run.estimate).pose
 
             with Graph(parameters, folder, arguments) as graph:
                 result = _compare(graph, offline, captures)

@@ -68,10 +68,10 @@ def test_what_is_followed_is_the_product_of_prior_and_evidence(captures, of):
     evidence, truth = captures[0]
     evidence = of_strength(evidence, 0.05)  # else it leaves less than a mode is found to
     with MultiViewLocalizer(CUP, of) as localizer:
-        def follow(pose, sigma):
+        def follow(pose, sigma, seed=1):
             wide = np.diag(np.repeat(np.square(sigma), 3))
             prior = Gaussian.from_covariance(pose, wide, CUP.symmetry)
-            return localizer.follow(evidence, prior, np.random.default_rng(1), 4000, 64)
+            return localizer.follow(evidence, prior, np.random.default_rng(seed), 4000, 64)
 
         free = follow(truth, (0.01, 0.1))
         # Along the axis that the evidence knows least, off by one deviation.
@@ -79,13 +79,17 @@ def test_what_is_followed_is_the_product_of_prior_and_evidence(captures, of):
         sigma = float(np.sqrt(values[-1]))
         aside = free.pose.copy()
         aside[:3, 3] += sigma * vectors[:, -1]
-        bound = [follow(aside, (part * sigma, 0.1)) for part in (1, 0.2)]
+        # Which proposals a mode is refined from scatters its place by some tenths of sigma.
+        bound = [[follow(aside, (part * sigma, 0.1), seed) for seed in range(5)]
+                 for part in (1, 0.2)]
         scores = localizer.log_likelihoods(evidence, np.stack([truth, aside @ np.diag(
             [1, -1, -1, 1])]))
     axis = vectors[:, -1]
-    moved = [(each.pose - free.pose)[:3, 3] @ axis / sigma for each in bound]
+    moved = [np.median([(each.pose - free.pose)[:3, 3] @ axis / sigma for each in found])
+             for found in bound]
     assert 0.05 < moved[0] < 0.95 * moved[1] < 1
-    left = [axis @ each.covariance[:3, :3] @ axis / sigma ** 2 for each in bound]
+    left = [np.median([axis @ each.covariance[:3, :3] @ axis / sigma ** 2 for each in found])
+            for found in bound]
     assert 1 > left[0] > left[1]
     assert scores[0] > scores[1] + 1
 
