@@ -44,18 +44,18 @@ _SHOWN = 800  # characters of a log
 # m: height of the middle of the region where the object's origin is sought, and its size.
 _REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
     'sink': (0.64, (0.3, 0.3, 0.13)), 'tank': (0.775, (0.3, 0.3, 0.1))}
+_USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
 # What the executive is told: the height of its aim, and more. Into a tank it looks through the
 # film on its front, by two views at a time, as the bottle drifts; it is sure enough with a
 # quarter of the room that a finger has beside the cap.
 _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
     'sink': ('0.64',),
-    'tank': ('0.86', '--distance', '0.5', '--lift-only', '--lift', '0.3', '--least', '2',
+    'tank': ('0.86', '--distance', str(_DISTANCE), '--lift-only', '--lift', '0.3', '--least', '2',
              '--sigma', '0.008', '--together', '2', '--looks', '8', *(
                  each for turn, height in ((30, 6), (-30, 6), (15, 10), (-15, 10), (45, 12),
                                            (-45, 12), (0, 6), (35, 10), (-35, 10))
                  for each in ('--from', str(turn), str(height))))}
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
-_USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
 _REACH = 0.6  # m: of the camera from the aim; farther the arm does not come to all sides
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
 

@@ -16,6 +16,7 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
+from pmcl_ros.pmcl.multi_view.sunken import with_sunken
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
@@ -25,7 +26,6 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.sunken import with_sunken
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress

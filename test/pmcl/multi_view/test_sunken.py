@@ -5,8 +5,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.interface import Interface
+from pmcl_ros.pmcl.multi_view.sunken import with_sunken
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.sunken import with_sunken
 
 TUBE = trimesh.creation.cylinder(0.03, 0.1, sections=24)
 MODEL = ObjectModel('tube', np.asarray(TUBE.vertices), np.asarray(TUBE.faces), None, True)
