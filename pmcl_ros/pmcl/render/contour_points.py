@@ -64,8 +64,8 @@ class ContourPoints:
                    profile.evidence(energies), piece, along, values[:, 6],
                    float(_covered(box, z, edges)))
 
-    def beside(self, planes: NDArray[np.floating], image: Pinhole, margin: float
-               ) -> 'ContourPoints':
+    def away_from(self, planes: NDArray[np.floating], image: Pinhole, margin: float
+                  ) -> 'ContourPoints':
         """Those farther than a margin [m] from each of the planes.
 
         planes: (k, 4) unit normals, and heights of the camera above them [m]. image: whose pixels
