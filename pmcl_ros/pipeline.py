@@ -32,7 +32,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
@@ -42,7 +42,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Region, size_in_view
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
@@ -85,9 +85,11 @@ def make_localizer(model: ObjectModel, settings: PmclSettings, posed: bool = Fal
 
 
 def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
-                   kind: EvidenceKind = 'edges') -> Evidence:
+                   kind: EvidenceKind = 'edges',
+                   size_in: Callable[[PosedView], float] = lambda _: 0.0) -> Evidence:
     """What the localizer of a mode reads of a capture.
 
+    size_in: how large the object is in an ordinary picture, as of `build_map`.
     Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
     """
     if mode == 'faithful':
@@ -96,11 +98,18 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
         raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
                           'default')
     if isinstance(source, PosedViews):
-        return ViewsEvidenceBuilder(settings, kind == 'map').build(source)
+        return ViewsEvidenceBuilder(settings, kind == 'map', size_in).build(source)
     if kind == 'map':
-        return build_map(source, settings)
+        return build_map(source, settings,
+                         size=size_in(source) if isinstance(source, PosedView) else 0.0)
     return (build_edges(source, settings) if isinstance(source, LightField)
             else view_edges(source, settings))
+
+
+def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView], float]:
+    """How large an object in the middle of the region of interest is in a picture [px]."""
+    return lambda view: size_in_view(model.diameter, settings.roi_center, view.pinhole,
+                                     view.camera_to_reference)
 
 
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
@@ -249,7 +258,9 @@ class Pipeline(Generic[Estimate]):
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
-        evidence = build_evidence(source, settings, self.mode, kind)
+        evidence = build_evidence(
+            source, settings, self.mode, kind,
+            *(() if self._model is None else [size_in(self._model, self._settings)]))
         finished('evidence')
         volume = evidence if isinstance(evidence, DepthLikelihoodVolume) else None
         if with_volume and volume is None and isinstance(source, LightField):

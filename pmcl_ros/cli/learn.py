@@ -23,7 +23,7 @@ from pmcl_ros.learning.posed_views import ViewsExample, learned_from
 from pmcl_ros.learning.posed_views import searches as posed_searches
 from pmcl_ros.learning.searches import Search, Supports, searches
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.pipeline import build_evidence
+from pmcl_ros.pipeline import build_evidence, size_in
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
@@ -168,10 +168,12 @@ def _views_of(captures: Sequence[Capture]) -> Iterator[ViewsExample]:
         if not isinstance(source, PosedViews):
             raise SettingsError(f'{each.folder} has no several views; render them with pmcl '
                                 'scenes render --cameras')
-        evidence = build_evidence(source, DlvSettings(), 'default', 'map')
+        model = ObjectModel.load(each.model)
+        settings = PmclSettings(roi_center=truth.roi_center, roi_size=truth.roi_size)
+        evidence = build_evidence(source, DlvSettings(), 'default', 'map',
+                                  size_in(model, settings))
         assert isinstance(evidence, ViewsEvidence)
-        yield ViewsExample(evidence, ObjectModel.load(each.model), truth.pose, PmclSettings(
-            roi_center=truth.roi_center, roi_size=truth.roi_size), not truth.empty)
+        yield ViewsExample(evidence, model, truth.pose, settings, not truth.empty)
 
 
 def maps_of(captures: Sequence[Capture], views: int, numbers: LearnedMapEvidence, purpose: str

@@ -180,9 +180,11 @@ class Worker:
         decoders = self._decoders  # made once, not timed
         source = self._source.get(capture.source, lambda: capture.read(decoders))
         settings = variant.volume(capture, model, source)
-        key = capture.source, variant.base, *variant.chosen.values(), settings
-        evidence = self._evidence.get(key, lambda: variant.build(source, settings))
         search = variant.search(capture)
+        key = (capture.source, variant.base, *variant.chosen.values(), settings, search.roi_center,
+               model.diameter)
+        evidence = self._evidence.get(
+            key, lambda: variant.build(source, settings, capture, model))
         posed = isinstance(source, PosedViews)
         localizer = self._localizer.get((job.sought.model, search, posed),
                                         lambda: make_localizer(model, search, posed))

@@ -17,6 +17,7 @@ from pmcl_ros.pipeline import (
     build_evidence,
     depths_of,
     evidence_kind,
+    size_in,
     volume_settings,
 )
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -101,13 +102,15 @@ class Variant:
         grid = source.grid if isinstance(source, LightField) else None
         return volume_settings(self.mode, near, far, grid, dict(self.dlv), self.name)
 
-    def build(self, source: Source, settings: DlvSettings) -> Evidence:
+    def build(self, source: Source, settings: DlvSettings, capture: Capture, model: ObjectModel
+              ) -> Evidence:
         """The evidence that the row's search reads; of the centre view alone, labels are equal."""
         if self.base == 'map-centre' and isinstance(source, LightField):
             source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
             return build_evidence(source, settings, self.mode,
-                                  evidence_kind(PmclSettings(**self.chosen), source))
+                                  evidence_kind(PmclSettings(**self.chosen), source),
+                                  size_in(model, self.search(capture)))
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(
             PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))

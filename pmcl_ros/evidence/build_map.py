@@ -1,5 +1,7 @@
 """LightField or PosedView -> ContourMap."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,20 +14,25 @@ from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, exposed
+from pmcl_ros.lightfield.readers.pictures import Reduction
 
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
+_SEARCHED = 160.0  # px: size of an object in the pictures that the search is made for
+_LEAST = 64  # px: no picture is made smaller
 
 
 def build_map(source: LightField | PosedView, settings: DlvSettings,
-              net: ContourNet | None = None, numbers: LearnedMapEvidence | None = None
-              ) -> ContourMap:
+              net: ContourNet | None = None, numbers: LearnedMapEvidence | None = None,
+              size: float = 0.0) -> ContourMap:
     """The contour map of a capture, for the pixels of `PixelGrid.from_crop` the settings.
 
     Of a light field: of the inner views, refocused at `REFOCUSED` depths. Of one picture: the same
     at all depths.
     settings: depths, inner views and crop. net, numbers: by default those that the package ships.
+    size: of the object in one picture [px]. Where it is large, the map has a coarser one of the
+    picture with larger pixels beside it, in which the search begins.
     Raises VolumeError for an impossible crop and as `refocused`, PictureError, SettingsError
     without a network.
     """
@@ -43,7 +50,26 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         odds = np.repeat(odds, len(depths), axis=2)
     inside = odds[..., 5].clip(-_MOST_INSIDE, _MOST_INSIDE)
     return ContourMap(source.header, np.ascontiguousarray(odds[..., :5]), depths, lattice.pinhole,
-                      inside, numbers or learned_map_evidence())
+                      inside, numbers or learned_map_evidence(),
+                      _reduced(source, settings, net, numbers, min(
+                          larger_pixels(size), min(lattice.width, lattice.height) // _LEAST)))
+
+
+def larger_pixels(size: float) -> int:
+    """Side of the squares of pixels that make an object of this size [px] `_SEARCHED` large."""
+    return max(1, round(size / _SEARCHED))
+
+
+def _reduced(source: LightField | PosedView, settings: DlvSettings, net: ContourNet,
+             numbers: LearnedMapEvidence | None, larger: int) -> ContourMap | None:
+    """The map of one picture in which squares of `larger` pixels are one; None below 2."""
+    if larger < 2 or isinstance(source, LightField):
+        return None
+    reduction = Reduction(1, larger)
+    crop = settings.crop and tuple(each // larger for each in settings.crop)
+    picture = np.clip(reduction.shrunk(source.picture), 0, 1)
+    return build_map(replace(source, picture=picture, pinhole=reduction.pinhole(source.pinhole)),
+                     settings.model_copy(update={'crop': crop}), net, numbers)
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

@@ -31,10 +31,12 @@ class ContourMap(EvidenceVolume):
     inside: (height, width, labels) float32 log odds that a pixel shows a solid [nat / px].
     Both are relative to their base rates.
     numbers: how they become evidence.
+    reduced: what `coarser` is.
     """
 
     inside: NDArray[np.float32]
     numbers: LearnedMapEvidence
+    reduced: 'ContourMap | None' = None
 
     components: ClassVar[int] = 5
     kind: ClassVar[str] = 'contour map'
@@ -59,6 +61,11 @@ class ContourMap(EvidenceVolume):
         if self.numbers.inside_weight == 0:
             return super().region
         return np.float32(self.numbers.inside_weight) * self.inside
+
+    @property
+    def coarser(self) -> 'ContourMap | None':
+        """See `EvidenceVolume`."""
+        return self.reduced
 
     @property
     def resolution(self) -> float:
@@ -107,9 +114,12 @@ class ContourMap(EvidenceVolume):
         basis = harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
         # Equally spaced directions make the harmonics orthogonal.
         inverse = basis / np.square(basis).sum(axis=0)
-        tensor = self.tensor.copy()
+        sharp, tensor = self.tensor[rows, columns], self.tensor.copy()
         for label in range(tensor.shape[2]):
-            ratios = np.exp(self.tensor[rows, columns, label] @ basis.T)
+            if label and np.array_equal(sharp[:, :, label], sharp[:, :, label - 1]):
+                tensor[rows, columns, label] = tensor[rows, columns, label - 1]  # of one picture
+                continue
+            ratios = np.exp(sharp[:, :, label] @ basis.T)
             if ratios.size:
                 blurred = cv2.GaussianBlur(ratios, (0, 0), sigma)
                 tensor[rows, columns, label] = np.log(blurred) @ inverse

@@ -65,6 +65,11 @@ class EvidenceVolume(ABC):
         return False
 
     @property
+    def coarser(self) -> 'EvidenceVolume | None':
+        """Of the same picture with larger pixels: the search begins there; None: here."""
+        return None
+
+    @property
     def resolution(self) -> float:
         """Contours that are nearer to each other than this are one in the evidence [px]."""
         return 0.0

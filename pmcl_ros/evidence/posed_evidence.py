@@ -1,6 +1,6 @@
 """Evidence of several posed views: one evidence volume each, with its camera's pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,15 @@ class ViewsEvidence:
         """All views; None where one is not known."""
         views = tuple(each.view for each in self.views if each.view is not None)
         return PosedViews(views) if len(views) == len(self.views) else None
+
+    @property
+    def coarser(self) -> 'ViewsEvidence | None':
+        """With the coarser evidence of views that have one; None where no view has."""
+        if all(each.evidence.coarser is None for each in self.views):
+            return None
+        return replace(self, views=tuple(
+            replace(each, evidence=each.evidence.coarser or each.evidence)
+            for each in self.views))
 
     @property
     def pinhole(self) -> Pinhole:

@@ -34,7 +34,7 @@ from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
 from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.nodes.transport.losses import MissingCaptures
-from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer
+from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer, size_in
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
@@ -102,6 +102,8 @@ class PmclNode(StageNode):
         """Search with a localizer of one object, in the region that the settings say."""
         self._box = region_to_marker(_region(settings))
         self._continuities = [Continuity(self._model.symmetry, _region(settings))]
+        self._evidence_of = ViewsEvidenceBuilder(
+            DlvSettings(), settings.evidence != 'edges', size_in(self._model, settings))
         if isinstance(localizer, Localizer | MultiViewLocalizer):
             self._tracker = Tracker(localizer, self._model, settings)
 
@@ -123,8 +125,6 @@ class PmclNode(StageNode):
             self._camera_poses.start()
         self._input: EvidenceInput | None = None
         if self._posed:
-            self._evidence_of = ViewsEvidenceBuilder(DlvSettings(),
-                                                     self._settings.evidence != 'edges')
             PosedViewsInput(self, self._on_evidence)
         else:
             self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
@@ -208,12 +208,12 @@ class PmclNode(StageNode):
             return not self._worker.stopping
 
         with self.watched('search'):
+            if not self._is_placed:
+                localizer = self._placed(given)
             evidence = (self._evidence_of.build(given) if isinstance(given, PosedViews)
                         else given)
             if self._settings.mode != 'faithful' and isinstance(evidence, DepthLikelihoodVolume):
                 evidence = edges_from_likelihood(evidence)
-            if not self._is_placed:
-                localizer = self._placed(given)
             found: PoseEstimate | SceneEstimate
             if self._tracker is not None and isinstance(evidence, EdgeVolume | ViewsEvidence):
                 found = self._tracker.track(evidence, self._random, progress, camera)

@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-Stage = Literal['proposals', 'coarse', 'fine', 'ambiguous', 'scattered', 'modes',
-                'approximate', 'posterior', 'filter']
+Stage = Literal['proposals', 'coarse', 'fine', 'ambiguous', 'scattered', 'sharpened',
+                'modes', 'approximate', 'posterior', 'filter']
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """EvidenceVolume -> PoseEstimate: the default mode, by the object's contour."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -20,7 +21,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.proposals import Proposals
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.back_end import make_renderer
+from pmcl_ros.pmcl.render.back_end import ContourScore, make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
@@ -150,21 +151,24 @@ class Localizer:
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
         if start is None:
-            start, scores = self._proposals.propose(evidence.edges, self._settings.proposals)
+            start, scores = self._proposals.propose(edges.coarser or edges,
+                                                    self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
-        optimizers = evidence.optimizers()
-        with evidence.score() as exact:
-            posterior = evidence.posterior(exact, exact.points, exact.creases)
-            score = posterior.exact if evidence.creases is not None else None
-            sample = ContourSearch(
-                evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),
-                evidence.refinement(optimizers[1], score=score),
-                evidence.refinement(optimizers[2], score=score), posterior).run(
-                    start, rng, progress, watch)
+        with contextlib.ExitStack() as stack:
+            search, exact, optimizers = _opened(evidence, stack)
+            if edges.coarser is None:
+                sample = search.run(start, rng, progress, watch)
+            else:
+                coarser = replace(self._evidence(edges.coarser), constraint=feasible)
+                first, _, others = _opened(coarser, stack)
+                poses = first.find(start, rng, progress, watch)
+                optimizers = optimizers + others
+                sample = search.sample(search.sharpen(poses, watch), rng, progress, watch)
             estimate = self._estimator.from_posterior(
-                edges.header, [(edges.pinhole, np.eye(4))], sample, posterior.local_model_at,
-                exact.points, self._least(edges, evidence), rng, flat=True)
+                edges.header, [(edges.pinhole, np.eye(4))], sample,
+                search.posterior.local_model_at, exact.points, self._least(edges, evidence), rng,
+                flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
@@ -253,3 +257,17 @@ class Localizer:
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
+
+
+def _opened(evidence: ContourEvidence, stack: contextlib.ExitStack
+            ) -> tuple[ContourSearch, ContourScore, list[GaussNewton]]:
+    """A search, what scores its poses until the stack is closed, and what refines them."""
+    optimizers = evidence.optimizers()
+    exact = stack.enter_context(evidence.score())
+    posterior = evidence.posterior(exact, exact.points, exact.creases)
+    score = posterior.exact if evidence.creases is not None else None
+    search = ContourSearch(
+        evidence.refinement(optimizers[0], 0), evidence.refinement(optimizers[0]),
+        evidence.refinement(optimizers[1], score=score),
+        evidence.refinement(optimizers[2], score=score), posterior)
+    return search, exact, optimizers

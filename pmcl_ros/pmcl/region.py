@@ -137,6 +137,17 @@ class Region(Box):
             'x right, y down, z forward')
 
 
+def size_in_view(diameter: float, center: tuple[float, float, float], pinhole: Pinhole,
+                 camera: NDArray[np.float64]) -> float:
+    """How large an object in the middle of a region is in a camera's picture [px].
+
+    diameter: of the object. center: of the region, in the reference frame of the camera (4, 4)
+    [m]. 0 behind the camera.
+    """
+    depth = float((np.array(center) - camera[:3, 3]) @ camera[:3, 2])
+    return max(pinhole.fx, pinhole.fy) * diameter / depth if depth > 0 else 0.0
+
+
 def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
                 radius: float) -> Given:
     """Settings with the box that `roi_depths` and `roi_table` mean in the views of some cameras.

@@ -68,12 +68,36 @@ class ContourSearch:
         watch: called with the poses after each refinement, and every generation of particles.
         """
         stages = _Stages(progress)
+        return self.sample(self._found(start, rng, stages, watch), rng, stages.part(0.6), watch)
+
+    def find(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+             watch: Watch | None = None) -> NDArray[np.float64]:
+        """(n, 4, 4) the best poses of the search alone, best first. The rest as in `run`."""
+        return self._found(start, rng, _Stages(progress), watch)
+
+    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
+                ) -> NDArray[np.float64]:
+        """(n, 4, 4) the best of poses found with larger pixels, refined with these."""
+        found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
+        return self._judged(found, _NONE, 'sharpened', watch).poses[:_MODES]
+
+    def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+               watch: Watch | None = None) -> Posterior:
+        """The posterior about the modes near poses (n, 4, 4). The rest as in `run`."""
+        modes = self._modes(poses)
+        if watch is not None:
+            watch(Generation('modes', np.stack([mode.pose for mode in modes]),
+                             np.array([mode.local.evidence for mode in modes])))
+        return self.posterior.sample(modes, rng, progress, watch)
+
+    def _found(self, start: NDArray[np.float64], rng: np.random.Generator, stages: '_Stages',
+               watch: Watch | None) -> NDArray[np.float64]:
         found = start
         if stages.go_on(0):
             values = self.rough(found)[1]
             found = found[np.argsort(-values, kind='stable')[:_LIKELY]]
             found = self._refined(self.coarse, found, _HOPEFUL, 'coarse', watch)
-        judged = _Judged(found[:0], np.zeros(0))
+        judged = _NONE
         if stages.go_on(0.3):
             judged = self._judged(found, judged, 'fine', watch)
         if stages.go_on(0.4):
@@ -83,12 +107,8 @@ class ContourSearch:
                 judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
         if stages.go_on(0.5):
             judged = self._judged(self._scattered(judged.poses, rng), judged, 'scattered', watch)
-        modes = self._modes(judged.poses[:_MODES] if len(judged.poses) else
-                            self.finest(found[:_MODES])[0])
-        if watch is not None:
-            watch(Generation('modes', np.stack([mode.pose for mode in modes]),
-                             np.array([mode.local.evidence for mode in modes])))
-        return self.posterior.sample(modes, rng, stages.part(0.6), watch)
+        return (judged.poses[:_MODES] if len(judged.poses)
+                else self.finest(found[:_MODES])[0])
 
     def _refined(self, refine: Refine, poses: NDArray[np.float64], count: int, stage: Stage,
                  watch: Watch | None) -> NDArray[np.float64]:
@@ -140,6 +160,9 @@ class _Judged:
 
     poses: NDArray[np.float64]
     values: NDArray[np.float64]
+
+
+_NONE = _Judged(np.zeros((0, 4, 4)), np.zeros(0))
 
 
 class _Stages:

@@ -57,14 +57,15 @@ def test_the_centre_view_alone_knows_no_depth(capture):
     """All labels are alike; and no other view has a part in it, whatever it shows."""
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4')
-    chosen = variant.volume(capture, ObjectModel.load(capture.model), field)
-    edges = variant.build(field, chosen)
+    model = ObjectModel.load(capture.model)
+    chosen = variant.volume(capture, model, field)
+    edges = variant.build(field, chosen, capture, model)
     assert edges.tensor.max() > 0.5
     for label in range(1, 4):
         np.testing.assert_array_equal(edges.tensor[:, :, label], edges.tensor[:, :, 0])
     other = field.views.copy()
     other[[0, 0, 2], [0, 1, 2]] = 0.5
-    again = variant.build(light_field_of(field, other), chosen)
+    again = variant.build(light_field_of(field, other), chosen, capture, model)
     np.testing.assert_array_equal(again.tensor, edges.tensor)
     whole = build_edges(field, chosen)
     assert whole.tensor.shape == edges.tensor.shape
@@ -79,8 +80,9 @@ def light_field_of(field, views):
 def test_a_crop_is_the_centre_views_too(capture):
     field = light_field(pose(0), cup())
     variant = Variant.parse('row=centre,labels=5,edge_labels=4,crop=[10,20,40,30],stride=2')
-    chosen = variant.volume(capture, ObjectModel.load(capture.model), field)
-    edges, whole = variant.build(field, chosen), build_edges(field, chosen)
+    model = ObjectModel.load(capture.model)
+    chosen = variant.volume(capture, model, field)
+    edges, whole = variant.build(field, chosen, capture, model), build_edges(field, chosen)
     assert edges.tensor.shape == whole.tensor.shape
     assert edges.pinhole == whole.pinhole
     assert len({variant, variant}) == 1

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evidence.build_map import REFOCUSED, build_map
+from pmcl_ros.evidence.build_map import REFOCUSED, build_map, larger_pixels
 from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.posed_view import centre_view
+from pmcl_ros.lightfield.posed_view import PosedView, centre_view
 from pmcl_ros.runtime.errors import VolumeError
 
 SIDE, RADIUS, MIDDLE = 224, 50.0, (110.0, 117.0)
@@ -84,3 +84,22 @@ def test_of_a_crop_the_surroundings_are_seen_too(light_field):
     with pytest.raises(VolumeError, match='reaches out of views'):
         build_map(centre_view(light_field), SETTINGS.model_copy(
             update={'crop': (200, 0, 100, 100)}))
+
+
+def test_of_a_large_object_there_is_a_map_with_larger_pixels_too(light_field):
+    view = centre_view(light_field)
+    assert build_map(view, SETTINGS, size=200.0).coarser is None
+    assert build_map(light_field, SETTINGS, size=900.0).coarser is None
+    least = build_map(view, SETTINGS, size=1e6).coarser.pinhole
+    assert 64 <= least.width < 128  # the object is mostly out of view
+    fine = build_map(view, SETTINGS, size=330.0)
+    np.testing.assert_array_equal(fine.tensor, build_map(view, SETTINGS).tensor)
+    assert larger_pixels(330.0) == 2
+    half = view.picture.reshape(SIDE // 2, 2, SIDE // 2, 2, 3).mean(axis=(1, 3))
+    pinhole = view.pinhole.resized(SIDE // 2, SIDE // 2)
+    halved = PosedView(view.header, np.clip(half, 0, 1), pinhole)
+    expected = build_map(halved, SETTINGS)
+    assert fine.coarser.pinhole == expected.pinhole
+    np.testing.assert_allclose(fine.coarser.tensor, expected.tensor, atol=1e-3)
+    part = build_map(view, SETTINGS.model_copy(update={'crop': (48, 64, 132, 128)}), size=330.0)
+    assert part.coarser.pinhole == halved.pinhole.crop(24, 32, 66, 64)

@@ -70,29 +70,58 @@ class MultiViewLocalizer:
         that sees the region.
         Raises LocalizationError where no view sees the region of interest.
         """
+        progress = progress or (lambda _: True)
+        coarser = evidence.coarser
+        found, evaluations = ((None, 0) if coarser is None
+                              else self._found(coarser, rng, progress, start, watch))
         joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
-        begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
-        if watch is not None:
-            watch(Generation('proposals', begin, np.zeros(len(begin))))
-        optimizers = joint.optimizers()
         with contextlib.ExitStack() as stack:
-            contours = joint.open(stack)
-            posterior = JointPosterior(self._model, self._settings, contours,
-                                       numbers_of(joint, self._numbers))
-            sample = ContourSearch(
-                joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
-                joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior
-            ).run(begin, rng, progress or (lambda _: True), watch)
+            search, posterior, optimizers = self._opened(joint, stack)
+            if found is None:
+                sample = search.run(self._begin(joint, first, start, watch), rng, progress, watch)
+            else:
+                sharp = search.sharpen(np.linalg.inv(first) @ found, watch)
+                sample = search.sample(sharp, rng, progress, watch)
             estimate, least = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
-        estimate = replace(
-            estimate, evaluations=sum(each.evaluations for each in optimizers))
-        estimate = in_frame(estimate, first)
+        evaluations += sum(each.evaluations for each in optimizers)
+        estimate = in_frame(replace(estimate, evaluations=evaluations), first)
         if self._numbers is not None:
             return estimate
         _tell(fits, least.evidence)
         return with_surface(estimate, evidence, self._model, self._settings)
+
+    def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, progress: Progress,
+               start: NDArray[np.float64] | None, watch: Watch | None
+               ) -> tuple[NDArray[np.float64], int]:
+        """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
+        joint = JointEvidence.from_views(coarser, self._renderer, self._model, self._settings)
+        first = coarser.views[joint.numbers[0]].camera_to_reference
+        begin = self._begin(joint, first, start, watch)
+        with contextlib.ExitStack() as stack:
+            search, _, optimizers = self._opened(joint, stack)
+            found = first @ search.find(begin, rng, progress, watch)
+        return found, sum(each.evaluations for each in optimizers)
+
+    def _begin(self, joint: JointEvidence, first: NDArray[np.float64],
+               start: NDArray[np.float64] | None, watch: Watch | None) -> NDArray[np.float64]:
+        """(k, 4, 4) where the search begins, in the frame of the first camera (4, 4)."""
+        begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
+        if watch is not None:
+            watch(Generation('proposals', begin, np.zeros(len(begin))))
+        return begin
+
+    def _opened(self, joint: JointEvidence, stack: contextlib.ExitStack
+                ) -> tuple[ContourSearch, JointPosterior, list[GaussNewton]]:
+        """A search, its posterior, and what refines poses, until the stack is closed."""
+        optimizers = joint.optimizers()
+        posterior = JointPosterior(self._model, self._settings, joint.open(stack),
+                                   numbers_of(joint, self._numbers))
+        search = ContourSearch(
+            joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
+            joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior)
+        return search, posterior, optimizers
 
     def follow(self, evidence: ViewsEvidence, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:

@@ -13,18 +13,20 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.build_map import larger_pixels
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import retract, rotate_covariance
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.region import size_in_view
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 
 _LOG = logging.getLogger(__name__)
-_SETTINGS = {'window': 11, 'stride': 2}  # surfaces are smooth
+_WINDOW, _STRIDE = 11, 2  # px, of the volume: surfaces are smooth
 # In labels: how far off a depth may be to be of the surface, how far off such depths are in the
 # median where they agree (0.75 by chance), and the standard deviation of their median.
 _REACH, _AGREEING, _SIGMA = 1.5, 0.28, 0.1
@@ -89,7 +91,10 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
         return estimate
     about = settings.model_copy(update={'roi_center': tuple(estimate.pose[:3, 3].tolist()),
                                         'roi_size': (_BOX, _BOX, _BOX)})
-    made = region_volume(evidence, model, about, _SETTINGS, beyond=_BEYOND)
+    size = max(size_in_view(model.diameter, about.roi_center, each.evidence.pinhole,
+                            each.camera_to_reference) for each in evidence.views)
+    made = region_volume(evidence, model, about, {
+        'window': _WINDOW, 'stride': _STRIDE * larger_pixels(size)}, beyond=_BEYOND)
     if made is None:
         return estimate
     volume, _ = made

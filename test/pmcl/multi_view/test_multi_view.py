@@ -16,6 +16,7 @@ from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
@@ -136,6 +137,38 @@ def maps_seen(context, model, truth, cameras):
         depth = depth_of(context, model, np.linalg.inv(camera) @ truth, CAMERA, 4)
         views.append(PosedEvidence(map_seen(depth > 0, CAMERA, 0.3, 0.6, 4), camera))
     return ViewsEvidence(Header(7, 'base'), tuple(views))
+
+
+@pytest.mark.parametrize('posed', [True, False], ids=['two views', 'one picture'])
+def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(context, posed):
+    """The coarser map says where to look; the estimate is that of the full one."""
+    truth, cameras = truth_of(CUP), around([-20, 15] if posed else [0])
+    large = CAMERA.resized(3 * CAMERA.width, 3 * CAMERA.height)
+    views = []
+    for camera, coarser in zip(cameras, maps_seen(context, CUP, truth, cameras).views,
+                               strict=True):
+        depth = depth_of(context, CUP, np.linalg.inv(camera) @ truth, large)
+        fine = map_seen(depth > 0, large, 0.3, 0.6, 1)
+        views.append(PosedEvidence(replace(fine, reduced=coarser.evidence), camera))
+    evidence = ViewsEvidence(Header(7, 'base'), tuple(views))
+    stages = []
+
+    def search(given):
+        def watch(generation):
+            stages.append(generation.stage)
+        with (MultiViewLocalizer if posed else Localizer)(CUP, settings()) as localizer:
+            return localizer.localize(given if posed else given.views[0].evidence,
+                                      np.random.default_rng(0), watch=watch)
+
+    both = search(evidence)
+    assert stages.index('scattered') < stages.index('sharpened') < stages.index('modes')
+    millimetres, degrees = error(CUP, both.pose, truth)
+    assert millimetres < 0.3
+    assert degrees < 0.5
+    # The search with the small pixels alone begins beside the object, and does not reach it.
+    missed = search(replace(evidence, views=tuple(
+        replace(each, evidence=replace(each.evidence, reduced=None)) for each in views)))
+    assert missed.score < both.score - 1000
 
 
 def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
