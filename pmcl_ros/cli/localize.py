@@ -14,6 +14,7 @@ from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
+from pmcl_ros.drawing.view_overlay import overlay_in_view
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
@@ -24,6 +25,7 @@ from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 
 
@@ -109,14 +111,14 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
                 run.volume.depth_map(), run.settings.near, run.settings.far))
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
-                pose = np.linalg.inv(view.camera_to_reference) @ estimate.pose
-                write_png(out / f'overlay_{number:03d}.png',
-                          overlay(view.displayed(), view.pinhole, model, pose))
+                write_png(out / f'overlay_{number:03d}.png', overlay_in_view(
+                    view, model, estimate.pose, settings.interface))
             click.echo(f'pictures in {out}', err=True)
             return
         picture = displayed(run.source)
         write_png(out / 'centre.png', picture)
-        write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, model, estimate.pose))
+        seen = as_it_appears(model, estimate.pose, settings.interface)
+        write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, seen, estimate.pose))
         click.echo(f'pictures in {out}', err=True)
 
 
@@ -136,8 +138,9 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
             if out is not None:
                 assert isinstance(run.source, PosedView)
                 out.mkdir(parents=True, exist_ok=True)
+                seen = as_it_appears(model, run.estimate.pose, settings.interface)
                 write_png(out / f'overlay_{name.stem}.png', overlay(
-                    displayed(run.source), run.source.pinhole, model, run.estimate.pose))
+                    displayed(run.source), run.source.pinhole, seen, run.estimate.pose))
     if as_json:
         click.echo(json.dumps({'pictures': found}))
 

@@ -78,5 +78,5 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     (out / NAME).write_text(page(
         f'{name.capitalize()} out of a {place}', about, seen, told,
         [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
-        series.pinhole))
+        series.pinhole, [series.water(each) for each in seeds]))
     click.echo(out / NAME)

@@ -42,6 +42,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Box, with_region
+from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker
 from pmcl_ros.runtime.errors import LocalizationError, PoseUnavailableError
@@ -280,11 +281,13 @@ class PmclNode(StageNode):
             if self.object_frame is not None:
                 self.object_frame.broadcast(estimate)
             if isinstance(given, PosedViews):
-                self._overlays.publish_views(given, self._model, estimate.pose)
+                self._overlays.publish_views(given, self._model, estimate.pose,
+                                             self._settings.interface)
             else:
                 self._overlays.publish(
                     estimate.header, given.pinhole, lambda picture, camera:
-                    overlay(picture, camera, self._model, estimate.pose))
+                    overlay(picture, camera, as_it_appears(
+                        self._model, estimate.pose, self._settings.interface), estimate.pose))
             self.done(latency, f'found {name} in {what}')
         self._list.publish([name], [estimate])
         if self._markers.get_subscription_count():

@@ -12,8 +12,10 @@ from rclpy.lifecycle import LifecyclePublisher
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
-from pmcl_ros.drawing.pictures import contact_sheet, outlines, overlay
+from pmcl_ros.drawing.pictures import contact_sheet, outlines
+from pmcl_ros.drawing.view_overlay import overlay_in_view
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.camera_info import pinhole_from
@@ -111,14 +113,14 @@ class Overlays:
             return
         self._publisher.publish(picture_to_message(header, draw(picture, pinhole)))
 
+    def publish_views(self, views: PosedViews, model: ObjectModel, pose: NDArray[np.float64],
+                      interface: Interface | None) -> None:
+        """Draw an object at a pose (4, 4), maybe in a liquid, on each view.
 
-    def publish_views(self, views: PosedViews, model: ObjectModel, pose: NDArray[np.float64]
-                      ) -> None:
-        """Draw an object at a pose (4, 4) in the views' frame on each of them."""
+        Pose and interface: in the views' frame.
+        """
         if self._publisher.get_subscription_count():
-            drawn = [overlay(view.displayed(), view.pinhole, model,
-                             np.linalg.inv(view.camera_to_reference) @ pose)
-                     for view in views.views]
+            drawn = [overlay_in_view(view, model, pose, interface) for view in views.views]
             self._publisher.publish(picture_to_message(views.header, contact_sheet(drawn)))
 
 

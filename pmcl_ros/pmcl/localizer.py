@@ -26,6 +26,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
+from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -155,6 +156,7 @@ class Localizer:
                                                     self._settings.proposals)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
+            start = with_sunken(start, self._model, evidence.interface)
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
             if edges.coarser is None:

@@ -14,29 +14,32 @@ from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.trial import Trial
 from pmcl_ros.evaluation.report.page import image
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.sunken import as_it_appears
 
 _HEIGHT = 180  # px of a picture
 
 
 def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequence[Trial],
-         folders: Sequence[Path], model: ObjectModel, pinhole: Pinhole) -> str:
+         folders: Sequence[Path], model: ObjectModel, pinhole: Pinhole,
+         liquids: Sequence[Interface]) -> str:
     """The text of the HTML file.
 
-    seen: trials by what the robot saw, folders: of each. told: of the same seeds, where it was
-    told the true pose.
+    seen: trials by what the robot saw; folders of each, and liquids, in the robot's frame. told:
+    of the same seeds, where it was told the true pose.
     """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader('pmcl_ros.evaluation.manipulation', ''),
                                     jinja2.PackageLoader('pmcl_ros.evaluation.report', '')]),
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     shown = [{'seed': each.seed, 'words': _words(each), 'caption': _caption(each),
-              'picture': _pictures(each, folder, model, pinhole),
+              'picture': _pictures(each, folder, model, pinhole, liquid),
               'film': _film(folder)}
-             for each, folder in zip(seen, folders, strict=True)]
+             for each, folder, liquid in zip(seen, folders, liquids, strict=True)]
     return environment.get_template('manipulation.html').render(
         title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
         trials=shown, version=__version__)
@@ -53,7 +56,8 @@ def _caption(trial: Trial) -> str:
             f'poses from two views on: {"; ".join(told) or "none was told"}. {trial.said}')
 
 
-def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole) -> Markup:
+def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole,
+              liquid: Interface) -> Markup:
     """All pictures of a trial in a row."""
     pose = np.reshape(trial.grips[-1].pose, (4, 4)) if (
         trial.grips and trial.grips[-1].pose is not None) else None
@@ -64,7 +68,9 @@ def _pictures(trial: Trial, folder: Path, model: ObjectModel, pinhole: Pinhole) 
         picture = read_picture(folder / each.file)
         if pose is not None:
             camera = np.reshape(each.camera, (4, 4))
-            picture = outlines(picture, pinhole, [(model, inverse(camera) @ pose, '')])
+            before = inverse(camera) @ pose
+            drawn = as_it_appears(model, before, liquid.seen_from(camera))
+            picture = outlines(picture, pinhole, [(drawn, before, '')])
         row.append(_reduced(picture))
     if not row:
         return Markup('')

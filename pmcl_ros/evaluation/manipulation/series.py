@@ -15,6 +15,7 @@ import yaml
 
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.evaluation.manipulation.trial import Grip, Trial
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
@@ -87,6 +88,11 @@ class Series:
     def pinhole(self) -> Pinhole:
         """Of the pictures that are searched."""
         return self._camera.sensor(np.random.default_rng(0)).grid.pinhole
+
+    def water(self, seed: int) -> Interface:
+        """Of a trial, in the frame of the robot's base."""
+        points, normals = zip(*self._task(seed).place.faces, strict=True)
+        return Interface(np.array(points), np.array(normals), WATER.index)
 
     def claim(self) -> None:
         """Use the folder; SettingsError where it has trials of another series."""
@@ -161,10 +167,10 @@ class Series:
             'object': str(self.thing), 'roi_center': [*MIDDLE[self.place], height],
             'roi_size': list(size)}
         if self.declared:
-            faces = self._task(seed).place.faces
-            search |= {'interface_index': WATER.index,
-                       'interface_point': [each for point, _ in faces for each in point],
-                       'interface_normal': [each for _, normal in faces for each in normal]}
+            water = self.water(seed)
+            search |= {'interface_index': water.index,
+                       'interface_point': water.points.ravel().tolist(),
+                       'interface_normal': water.normals.ravel().tolist()}
         decoding: dict[str, dict[str, object]] = {'subaperture_node': {
             'calibration': str(self._calibration / 'calibration.yaml'),
             'white': str(self._calibration / 'white')}} if self.camera == F01_RAW else {}

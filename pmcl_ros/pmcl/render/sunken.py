@@ -1,10 +1,13 @@
-"""Proposals of what is in a liquid: templates are drawn as if there were none."""
+"""Things in a liquid: where templates that know of none propose them, and how they appear."""
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.level_of_detail import subdivided
 
 _POINTS = 24  # of the object, evenly over its vertices
 _STEPS = 2  # of the fixed-point iteration
@@ -31,3 +34,17 @@ def with_sunken(poses: NDArray[np.float64], model: ObjectModel, interface: Inter
     sunken = poses[shift.any(axis=1)].copy()
     sunken[:, :3, 3] -= shift[shift.any(axis=1)]
     return np.concatenate([poses, sunken])
+
+
+def as_it_appears(model: ObjectModel, pose: NDArray[np.float64], interface: Interface | None
+                  ) -> ObjectModel:
+    """The model deformed as refraction shows it at a pose (4, 4), to be drawn there.
+
+    Pose and interface: frame of the camera. The model itself where there is no liquid.
+    """
+    if interface is None:
+        return model
+    finer = subdivided(model)
+    turn, shift = pose[:3, :3], pose[:3, 3]
+    seen = interface.apparent(finer.vertices @ turn.T + shift)
+    return replace(finer, vertices=(seen - shift) @ turn)

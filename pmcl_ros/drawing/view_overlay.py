@@ -1,0 +1,19 @@
+"""Draws an object on a posed view, as the liquid shows it that it may be in."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.geometry.interface import Interface
+from pmcl_ros.lightfield.posed_view import PosedView
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.sunken import as_it_appears
+
+
+def overlay_in_view(view: PosedView, model: ObjectModel, pose: NDArray[np.float64],
+                    interface: Interface | None) -> NDArray[np.uint8]:
+    """The `overlay` of a model at a pose (4, 4). Pose and interface: in the reference frame."""
+    camera = view.camera_to_reference
+    before = np.linalg.inv(camera) @ pose
+    seen = as_it_appears(model, before, interface and interface.seen_from(camera))
+    return overlay(view.displayed(), view.pinhole, seen, before)
