@@ -9,10 +9,12 @@ from pmcl_ros import __version__
 from pmcl_ros.cli.base import STDERR, Commands
 
 _MODULES = {name: f'pmcl_ros.cli.{name}' for name in (
-    'bag', 'bench', 'decode', 'doctor', 'evaluate', 'feasibility', 'grasps', 'learn', 'localize',
-    'manipulate', 'profile', 'report', 'scenes', 'simulate')}
+    'bag', 'bench', 'decode', 'doctor', 'evaluate', 'grasps', 'learn', 'localize', 'profile',
+    'report')}
 _MODULES |= {name: f'pmcl_ros.cli.cameras.{name}' for name in (
     'calibrate', 'camera', 'lattice', 'lfp', 'sweep')}
+_MODULES |= {name: f'pmcl_ros.cli.simulations.{name}' for name in (
+    'feasibility', 'manipulate', 'scenes', 'simulate')}
 _MODULES |= dict.fromkeys(('coverage', 'figures', 'profile-errors', 'together', 'track',
                            'view-gain'),
                           'pmcl_ros.cli.studies')

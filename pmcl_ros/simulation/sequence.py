@@ -17,8 +17,8 @@ from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
+from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
 from pmcl_ros.simulation.scenes.textures import random_texture
-from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
 
 Kind = Literal['opaque', 'translucent', 'film']
 _WAVES = 3  # sines that the motion along an axis is the sum of

@@ -12,8 +12,8 @@ from pmcl_ros.runtime.errors import ObjectModelError, SettingsError
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.described.profiles import eased, hollowed, outline, volume
 from pmcl_ros.simulation.scenes.materials import AIR, Clear, Opaque
-from pmcl_ros.simulation.scenes.revolution import Frusta
-from pmcl_ros.simulation.scenes.vessels import outer_mesh, random_vessel
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
 
 RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
 CYLINDER = np.array([[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])

@@ -10,9 +10,9 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.simulation.occluding import DIRECTIONS, contour_labels
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
 from pmcl_ros.simulation.scenes.poses import pose_of
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.world import World
 
 _CAMERA = Pinhole(90, 70, 400.0, 400.0, 44.3, 34.8)

@@ -23,12 +23,12 @@ from pmcl_ros.simulation.scenes.environment import (
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque, fresnel
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.render import fast
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.vessels import random_vessel
 from pmcl_ros.simulation.scenes.textures import SIZE, random_texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
-from pmcl_ros.simulation.scenes.vessels import random_vessel
 
 WHITE = Environment(np.ones((64, 128, 3), np.float32))
 BLACK = np.zeros((SIZE, SIZE, 3), np.float32)

@@ -17,7 +17,7 @@ from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.render import fast
 from pmcl_ros.simulation.scenes.scene import Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 
 
 def test_a_ball_under_water_shows_where_the_interface_says():

@@ -20,8 +20,8 @@ from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.scene import Scene
+from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh
 from pmcl_ros.simulation.scenes.trace import nearest
-from pmcl_ros.simulation.scenes.vessels import outer_mesh
 from pmcl_ros.simulation.scenes.world import World
 
 HEIGHT = 0.09

@@ -19,7 +19,7 @@ from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
-from pmcl_ros.pmcl.proposals import Proposals
+from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.sunken import with_sunken

@@ -16,9 +16,9 @@ from pmcl_ros.simulation.described import offsets, profiles
 from pmcl_ros.simulation.described.substances import liquid_of, medium_of
 from pmcl_ros.simulation.scenes.materials import AIR, Medium
 from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 
 _BODY, _LIQUID, _GAS = 1, 2, 3  # media of a described object; 0 is what is around it
 _RIM = 0.001  # m: by which the mouth may miss the top of a surface of revolution

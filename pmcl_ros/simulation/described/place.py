@@ -12,8 +12,8 @@ from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.objects import SceneObject
 from pmcl_ros.simulation.scenes.poses import Pose, pose_of
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import Texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
 
 _WALL = Rotation.from_euler('x', np.pi / 2)  # a sheet that stands across y
 

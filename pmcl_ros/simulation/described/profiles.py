@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.simulation.described.geometry_kernel import manifold
-from pmcl_ros.simulation.scenes.vessels import Profile, Vessel
+from pmcl_ros.simulation.scenes.shapes.vessels import Profile, Vessel
 
 _SAME = 1e-6  # m: heights that differ by less are one
 _ASIDE = 1e-7  # m: beside a height at which the radius may jump

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 
 _WAVES = 14
 _LENGTHS = 0.02, 0.06  # m: of waves

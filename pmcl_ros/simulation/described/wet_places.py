@@ -19,8 +19,8 @@ from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import random_film
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.textures import SIZE
 
 _RUNNING = 0.5  # share of sinks with running water

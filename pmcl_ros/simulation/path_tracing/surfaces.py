@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.trace import AROUND
-from pmcl_ros.simulation.scenes.triangles import Triangles
 
 _SECTIONS = 256  # of a surface of revolution: at 5 cm from its axis it is 4 um from the true one
 _CREASE = np.cos(np.deg2rad(35))  # a mesh that turns by more has an edge there

@@ -8,9 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.simulation.scenes.blocks import random_block
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
-from pmcl_ros.simulation.scenes.handles import random_handled
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque, random_glass
 from pmcl_ros.simulation.scenes.objects import (
     Finish,
@@ -28,11 +26,13 @@ from pmcl_ros.simulation.scenes.random_scene import (
     random_sensor,
     random_target,
 )
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.scenes.shapes.blocks import random_block
+from pmcl_ros.simulation.scenes.shapes.handles import random_handled
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture, random_texture
-from pmcl_ros.simulation.scenes.vessels import outer_mesh
 
 _PLAIN = 0.4  # share of surroundings of one colour without any texture
 _TEXTURES = ('clouds', 'clouds', 'grain', 'planks', 'weave', 'leaves', 'leaves', 'lettering',

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.simulation.scenes.materials import Medium, Opaque, random_glass, random_liquid
 from pmcl_ros.simulation.scenes.poses import Pose, pose_of, resting
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.vessels import Vessel, outer_mesh, random_vessel
 from pmcl_ros.simulation.scenes.textures import random_texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
-from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
 
 _WAYS = {'upright': 0.5, 'lying': 0.2, 'tilted': 0.25, 'head down': 0.05}
 

@@ -12,9 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.settings import Settings
-from pmcl_ros.simulation.scenes.blocks import random_block
 from pmcl_ros.simulation.scenes.environment import random_environment
-from pmcl_ros.simulation.scenes.handles import random_handled
 from pmcl_ros.simulation.scenes.objects import (
     Finish,
     SceneObject,
@@ -25,6 +23,8 @@ from pmcl_ros.simulation.scenes.objects import (
 from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
+from pmcl_ros.simulation.scenes.shapes.blocks import random_block
+from pmcl_ros.simulation.scenes.shapes.handles import random_handled
 from pmcl_ros.simulation.scenes.textures import random_texture
 
 Kind = Literal['glass', 'opaque', 'glass film', 'opaque film', 'glass block', 'opaque block',

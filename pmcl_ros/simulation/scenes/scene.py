@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import Medium
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.sensor import Sensor
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import Texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
 
 
 @dataclass(frozen=True)

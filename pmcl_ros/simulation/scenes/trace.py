@@ -5,9 +5,9 @@ import numpy as np
 from pmcl_ros.runtime.kernels import compiled
 from pmcl_ros.simulation.scenes.environment import look_up, shade
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
-from pmcl_ros.simulation.scenes.revolution import frustum_normal, meet_frusta
 from pmcl_ros.simulation.scenes.sampling import uniform
-from pmcl_ros.simulation.scenes.triangles import meet_triangles
+from pmcl_ros.simulation.scenes.shapes.revolution import frustum_normal, meet_frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import meet_triangles
 
 _NEAR = 1e-6  # m: a ray that starts on a surface does not meet it again
 _FAR = 1e3

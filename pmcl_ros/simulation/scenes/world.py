@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import AIR, Clear, Medium
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture
-from pmcl_ros.simulation.scenes.triangles import Triangles
 
 F8 = NDArray[np.float64]
 I8 = NDArray[np.int64]

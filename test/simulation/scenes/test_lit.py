@@ -12,10 +12,10 @@ from pmcl_ros.simulation.scenes.environment import Environment, random_lit_envir
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.scenes.render import light_of_view
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Decal, Sheet, Solid
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import MORE, SIZE
-from pmcl_ros.simulation.scenes.triangles import Triangles
 from pmcl_ros.simulation.scenes.world import World
 
 # The camera looks along z onto a white sheet 0.5 m away; the panorama's up is against it, so the

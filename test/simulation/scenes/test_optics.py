@@ -7,7 +7,7 @@ from plain_scenes import WHITE, light_along, plain_scene, pose_at
 
 from pmcl_ros.simulation.scenes.materials import Clear, fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.world import World
 
 _INDEX = st.floats(1, 2.5)

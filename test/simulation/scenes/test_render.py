@@ -18,9 +18,9 @@ from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, rando
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import first_surfaces, render
-from pmcl_ros.simulation.scenes.revolution import Frusta
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import noisy
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.textures import clouds
 from pmcl_ros.simulation.scenes.world import World
 

@@ -17,8 +17,8 @@ from pmcl_ros.simulation.scenes.environment import (
 from pmcl_ros.simulation.scenes.poses import camera_above, resting
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 from pmcl_ros.simulation.scenes.sensor import pupil_views
+from pmcl_ros.simulation.scenes.shapes.vessels import KINDS, outer_mesh, random_vessel
 from pmcl_ros.simulation.scenes.textures import PATTERNS, SIZE
-from pmcl_ros.simulation.scenes.vessels import KINDS, outer_mesh, random_vessel
 
 
 @settings(deadline=None, max_examples=60)

@@ -7,11 +7,11 @@ from plain_scenes import light_along, plain_scene, pose_at, rays_through
 
 from pmcl_ros.simulation.scenes.materials import Clear
 from pmcl_ros.simulation.scenes.objects import random_transparent
-from pmcl_ros.simulation.scenes.revolution import Frusta, frustum_normal, meet_frusta
 from pmcl_ros.simulation.scenes.scene import Solid
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta, frustum_normal, meet_frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles, meet_triangles
+from pmcl_ros.simulation.scenes.shapes.vessels import random_vessel
 from pmcl_ros.simulation.scenes.trace import nearest
-from pmcl_ros.simulation.scenes.triangles import Triangles, meet_triangles
-from pmcl_ros.simulation.scenes.vessels import random_vessel
 from pmcl_ros.simulation.scenes.world import World
 
 

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.simulation.files import write_capture
-from pmcl_ros.simulation.scenes.blocks import BLOCKS, random_block
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
+from pmcl_ros.simulation.scenes.shapes.blocks import BLOCKS, random_block
 
 
 @pytest.mark.parametrize('glass', [True, False])

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.simulation.scenes.materials import random_glass
 from pmcl_ros.simulation.scenes.objects import Finish, SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 
 Block = tuple[trimesh.Trimesh, NDArray[np.float64]]  # mesh, rotations (k, 3, 3) it has
 _HOLLOW = 0.6  # share of the convex glass blocks that are hollow

@@ -8,7 +8,7 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.cli.simulation_options import Simulated, simulation_options
+from pmcl_ros.cli.simulations.options import Simulated, simulation_options
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.processes import run_all

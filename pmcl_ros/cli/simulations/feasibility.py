@@ -7,7 +7,7 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, STDERR
-from pmcl_ros.cli.simulation_options import Simulated, minutes, simulation_options
+from pmcl_ros.cli.simulations.options import Simulated, minutes, simulation_options
 from pmcl_ros.evaluation.feasibility.findings import HEAD, Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, grey_erosion
 
-from pmcl_ros.simulation.scenes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 
 _STEP = 0.0012  # m between points of a profile
 _FINE = 1500  # heights at which radii are computed

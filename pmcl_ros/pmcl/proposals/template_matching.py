@@ -22,9 +22,9 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.proposals.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.pmcl.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.runtime.kernels import LOCK, compiled
 
 _CELL = 4  # image px: the step of places

@@ -8,8 +8,8 @@ from scipy.interpolate import CubicSpline
 from pmcl_ros.simulation.scenes.materials import random_glass
 from pmcl_ros.simulation.scenes.objects import Finish, SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
-from pmcl_ros.simulation.scenes.triangles import Triangles
-from pmcl_ros.simulation.scenes.vessels import Vessel, outer_mesh, random_vessel
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
+from pmcl_ros.simulation.scenes.shapes.vessels import Vessel, outer_mesh, random_vessel
 
 _SIDES, _PIECES = 20, 28  # of a tube: around it and along it
 _SPOUT = 0.3  # share of objects with a spout beside the handle

@@ -1,0 +1,1 @@
+"""Commands that simulate pictures, and what robots do with them."""

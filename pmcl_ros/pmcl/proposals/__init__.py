@@ -1,0 +1,1 @@
+"""Proposes poses to begin the search at: templates of the outline are matched everywhere."""

@@ -1,0 +1,1 @@
+"""Shapes of things in generated scenes."""
