@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +15,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 GAMMA = 2.2  # linear light is a picture's value to the power of this
 _LEVEL = 0.3  # mean linear light of an exposed picture, 1 at white
 _FAR = 1e8  # m: coordinates of a map have some millions
+_SQUARE, _ONE_COLOUR = 8, 0.02  # px; range of means of squares that is noise, or a vignette
 _RIGID = 1e-3  # tolerance of orthogonality: poses in files are rounded
 
 
@@ -61,6 +63,14 @@ class PosedView:
     def linear(self) -> NDArray[np.float32]:
         """(height, width, 3) linear light, 1 at white."""
         return self.picture ** np.float32(GAMMA)
+
+    def is_of_one_colour(self, left: int, top: int, width: int, height: int) -> bool:
+        """Whether a part of the picture [px] shows nothing: the lens is covered, or it is dark."""
+        part = self.picture[top:top + height, left:left + width]
+        size = max(width // _SQUARE, 1), max(height // _SQUARE, 1)
+        means = cv2.resize(part, size, interpolation=cv2.INTER_AREA).reshape(-1, 3)
+        least, most = np.percentile(means, (1, 99), axis=0)
+        return bool((most - least).max() < _ONE_COLOUR)
 
     def displayed(self) -> NDArray[np.uint8]:
         """(height, width, 3) uint8 RGB for a screen."""

@@ -14,6 +14,8 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
@@ -23,6 +25,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
+from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.near_prior import rigid_score
 from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
@@ -144,24 +147,41 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
                  ) -> dict[int, Region]:
     """Boxes before the cameras that hold the region of interest, by the numbers of the views.
 
-    Only of views that see it. Raises LocalizationError where none does.
+    Only of views that see it. A picture of one colour there does not, where others do: a covered
+    lens is no evidence that nothing is there. Raises LocalizationError where none sees it.
     """
-    seen = {}
+    seen, blank = {}, []
     for number, each in enumerate(evidence.views):
         try:
             region = Region.before_camera(each.camera_to_reference, settings.roi_center,
                                           settings.roi_size)
-            region.window(each.evidence.pinhole, model.radius)
+            window = region.window(each.evidence.pinhole, model.radius)
         except LocalizationError as error:
             _LOG.info('view %d says nothing: %s', number, error)
         else:
             seen[number] = region
+            if each.view is not None and _is_blank(each.view, each.evidence.pinhole, window):
+                blank.append(number)
+    for number in blank if len(blank) < len(seen) else []:
+        _LOG.info('view %d says nothing: its picture is of one colour where the region is',
+                  number)
+        del seen[number]
     if not seen:
         raise LocalizationError(
             f'none of the {len(evidence.views)} views sees the region of interest at '
             f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
             f'{evidence.header.frame_id!r}: are poses and region of the same frame?')
     return seen
+
+
+def _is_blank(view: PosedView, pinhole: Pinhole, window: Window) -> bool:
+    """Whether a view's picture is of one colour in a window of another size of it, or a crop."""
+    ends = np.array([[window.left, window.top], np.add((window.left, window.top), window.size)])
+    scale = np.array([view.pinhole.fx / pinhole.fx, view.pinhole.fy / pinhole.fy])
+    (left, top), (right, bottom) = np.rint(
+        scale * (ends - 0.5 - (pinhole.cx, pinhole.cy))
+        + (view.pinhole.cx + 0.5, view.pinhole.cy + 0.5)).astype(int).clip(0).tolist()
+    return view.is_of_one_colour(left, top, right - left, bottom - top)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from pmcl_ros.evidence.learned import learned_views
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
@@ -128,6 +129,30 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
         found(CUP, replace(blind, views=blind.views[:1]))
     with pytest.raises(VolumeError, match='no evidence of any view'):
         ViewsEvidence(Header(), ())
+
+
+def test_a_covered_lens_is_no_evidence_that_nothing_is_there(context, caplog):
+    truth, cameras = truth_of(CUP), around([-25, 0, 25])
+    good = maps_seen(context, CUP, truth, cameras)
+    rng = np.random.default_rng(0)
+
+    def shown(picture):
+        noisy = (picture + rng.normal(0, 0.02, (CAMERA.height, CAMERA.width, 3))).clip(0, 1)
+        return PosedView(Header(7, 'base'), noisy.astype(np.float32), CAMERA)
+
+    dark = map_seen(np.zeros((4 * CAMERA.height, 4 * CAMERA.width), bool), CAMERA, 0.3, 0.6)
+    lit = np.linspace(0.2, 0.6, CAMERA.width)[:, None]
+    views = [replace(each, view=shown(lit)) for each in good.views[:2]]
+    covered = replace(good, views=(*views, PosedEvidence(dark, cameras[2], view=shown(0.03))))
+    with caplog.at_level(logging.INFO):
+        known = found(CUP, covered)
+    assert 'view 2 says nothing: its picture is of one colour' in caplog.text
+    np.testing.assert_array_equal(known.pose, found(CUP, replace(good, views=good.views[:2])).pose)
+    contradicted = found(CUP, replace(covered, views=(
+        *views, replace(covered.views[2], view=shown(lit)))))
+    assert contradicted.score < 0.9 * known.score
+    alone = found(CUP, replace(covered, views=covered.views[2:]))  # else there is nothing to read
+    assert alone.score < 0
 
 
 def maps_seen(context, model, truth, cameras):
