@@ -160,13 +160,13 @@ class Localizer:
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
             if edges.coarser is None:
-                sample = search.run(start, rng, progress, watch)
+                poses = search.find(start, rng, progress, watch)
             else:
                 coarser = replace(self._evidence(edges.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
-                poses = first.find(start, rng, progress, watch)
+                poses = search.sharpen(first.find(start, rng, progress, watch), watch)
                 optimizers = optimizers + others
-                sample = search.sample(search.sharpen(poses, watch), rng, progress, watch)
+            sample = search.sample(poses, rng, progress, watch)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], sample,
                 search.posterior.local_model_at, exact.points, self._least(edges, evidence), rng,

@@ -60,38 +60,14 @@ class ContourSearch:
     finest: Refine
     posterior: Modes
 
-    def run(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
-            watch: Watch | None = None) -> Posterior:
-        """The posterior, from proposals (k, 4, 4).
-
-        progress: called with 0..1; once it returns False what was found so far is summed up.
-        watch: called with the poses after each refinement, and every generation of particles.
-        """
-        stages = _Stages(progress)
-        return self.sample(self._found(start, rng, stages, watch), rng, stages.part(0.6), watch)
-
     def find(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
              watch: Watch | None = None) -> NDArray[np.float64]:
-        """(n, 4, 4) the best poses of the search alone, best first. The rest as in `run`."""
-        return self._found(start, rng, _Stages(progress), watch)
+        """(n, 4, 4) the best poses, best first, from proposals (k, 4, 4).
 
-    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
-                ) -> NDArray[np.float64]:
-        """(n, 4, 4) the best of poses found with larger pixels, refined with these."""
-        found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
-        return self._judged(found, _NONE, 'sharpened', watch).poses[:_MODES]
-
-    def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
-               watch: Watch | None = None) -> Posterior:
-        """The posterior about the modes near poses (n, 4, 4). The rest as in `run`."""
-        modes = self._modes(poses)
-        if watch is not None:
-            watch(Generation('modes', np.stack([mode.pose for mode in modes]),
-                             np.array([mode.local.evidence for mode in modes])))
-        return self.posterior.sample(modes, rng, progress, watch)
-
-    def _found(self, start: NDArray[np.float64], rng: np.random.Generator, stages: '_Stages',
-               watch: Watch | None) -> NDArray[np.float64]:
+        progress: called with 0 to 0.5; once it returns False what was found so far is returned.
+        watch: called with the poses after each refinement.
+        """
+        stages = _Stages(progress)
         found = start
         if stages.go_on(0):
             values = self.rough(found)[1]
@@ -109,6 +85,24 @@ class ContourSearch:
             judged = self._judged(self._scattered(judged.poses, rng), judged, 'scattered', watch)
         return (judged.poses[:_MODES] if len(judged.poses)
                 else self.finest(found[:_MODES])[0])
+
+    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
+                ) -> NDArray[np.float64]:
+        """(n, 4, 4) the best of poses found with larger pixels, refined with these."""
+        found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
+        return self._judged(found, _NONE, 'sharpened', watch).poses[:_MODES]
+
+    def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+               watch: Watch | None = None) -> Posterior:
+        """The posterior about the modes near poses (n, 4, 4).
+
+        progress: called with 0.6 to 1. watch: called with every generation of particles.
+        """
+        modes = self._modes(poses)
+        if watch is not None:
+            watch(Generation('modes', np.stack([mode.pose for mode in modes]),
+                             np.array([mode.local.evidence for mode in modes])))
+        return self.posterior.sample(modes, rng, _Stages(progress).part(0.6), watch)
 
     def _refined(self, refine: Refine, poses: NDArray[np.float64], count: int, stage: Stage,
                  watch: Watch | None) -> NDArray[np.float64]:

@@ -36,7 +36,8 @@ _STAGES = {
     'views': 'views, from the picture', 'estimate': 'summary of the posterior',
     'proposals': 'proposals', 'coarse': 'refined, by coarse contours',
     'fine': 'the best, by fine contours', 'ambiguous': 'with ambiguous poses',
-    'scattered': 'restarted around them', 'modes': 'modes, refined',
+    'scattered': 'restarted around them', 'sharpened': 'refined with all pixels',
+    'modes': 'modes, refined',
     'approximate': 'posterior, approximated', 'posterior': 'posterior',
     'filter': 'particle filter'}
 _MAPPED: tuple[Stage, ...] = ('proposals', 'coarse', 'posterior', 'filter')

@@ -79,10 +79,10 @@ class MultiViewLocalizer:
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if found is None:
-                sample = search.run(self._begin(joint, first, start, watch), rng, progress, watch)
+                poses = search.find(self._begin(joint, first, start, watch), rng, progress, watch)
             else:
-                sharp = search.sharpen(np.linalg.inv(first) @ found, watch)
-                sample = search.sample(sharp, rng, progress, watch)
+                poses = search.sharpen(np.linalg.inv(first) @ found, watch)
+            sample = search.sample(poses, rng, progress, watch)
             estimate, least = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
         evaluations += sum(each.evaluations for each in optimizers)
