@@ -28,7 +28,7 @@ from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch
+from pmcl_ros.pmcl.search import ContourSearch, Stages
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
@@ -157,16 +157,17 @@ class Localizer:
             if watch is not None:
                 watch(Generation('proposals', start, scores))
             start = with_sunken(start, self._model, evidence.interface)
+        stages = Stages(progress)
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
             if edges.coarser is None:
-                poses = search.find(start, rng, progress, watch)
+                poses = search.find(start, rng, stages, watch)
             else:
                 coarser = replace(self._evidence(edges.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
-                poses = search.sharpen(first.find(start, rng, progress, watch), watch)
+                poses = search.sharpen(first.find(start, rng, stages, watch), watch)
                 optimizers = optimizers + others
-            sample = search.sample(poses, rng, progress, watch)
+            sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], sample,
                 search.posterior.local_model_at, exact.points, self._least(edges, evidence), rng,

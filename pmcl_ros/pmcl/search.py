@@ -60,14 +60,13 @@ class ContourSearch:
     finest: Refine
     posterior: Modes
 
-    def find(self, start: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+    def find(self, start: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
              watch: Watch | None = None) -> NDArray[np.float64]:
         """(n, 4, 4) the best poses, best first, from proposals (k, 4, 4).
 
-        progress: called with 0 to 0.5; once it returns False what was found so far is returned.
+        stages: of the search, 0 to 0.5; once it is stopped what was found so far is returned.
         watch: called with the poses after each refinement.
         """
-        stages = _Stages(progress)
         found = start
         if stages.go_on(0):
             values = self.rough(found)[1]
@@ -92,17 +91,17 @@ class ContourSearch:
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
         return self._judged(found, _NONE, 'sharpened', watch).poses[:_MODES]
 
-    def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, progress: Progress,
+    def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                watch: Watch | None = None) -> Posterior:
         """The posterior about the modes near poses (n, 4, 4).
 
-        progress: called with 0.6 to 1. watch: called with every generation of particles.
+        stages: as of `find`, 0.6 to 1. watch: called with every generation of particles.
         """
         modes = self._modes(poses)
         if watch is not None:
             watch(Generation('modes', np.stack([mode.pose for mode in modes]),
                              np.array([mode.local.evidence for mode in modes])))
-        return self.posterior.sample(modes, rng, _Stages(progress).part(0.6), watch)
+        return self.posterior.sample(modes, rng, stages.part(0.6), watch)
 
     def _refined(self, refine: Refine, poses: NDArray[np.float64], count: int, stage: Stage,
                  watch: Watch | None) -> NDArray[np.float64]:
@@ -159,8 +158,8 @@ class _Judged:
 _NONE = _Judged(np.zeros((0, 4, 4)), np.zeros(0))
 
 
-class _Stages:
-    """Reports the progress of each stage as a part of the whole, until it is stopped."""
+class Stages:
+    """Reports the progress of a search as a part of the whole, until that returns False."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress

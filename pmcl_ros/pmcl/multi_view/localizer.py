@@ -24,7 +24,7 @@ from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
-from pmcl_ros.pmcl.search import ContourSearch
+from pmcl_ros.pmcl.search import ContourSearch, Stages
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
 from pmcl_ros.runtime.errors import LocalizationError
@@ -70,19 +70,19 @@ class MultiViewLocalizer:
         that sees the region.
         Raises LocalizationError where no view sees the region of interest.
         """
-        progress = progress or (lambda _: True)
+        stages = Stages(progress or (lambda _: True))
         coarser = evidence.coarser
         found, evaluations = ((None, 0) if coarser is None
-                              else self._found(coarser, rng, progress, start, watch))
+                              else self._found(coarser, rng, stages, start, watch))
         joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if found is None:
-                poses = search.find(self._begin(joint, first, start, watch), rng, progress, watch)
+                poses = search.find(self._begin(joint, first, start, watch), rng, stages, watch)
             else:
                 poses = search.sharpen(np.linalg.inv(first) @ found, watch)
-            sample = search.sample(poses, rng, progress, watch)
+            sample = search.sample(poses, rng, stages, watch)
             estimate, least = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
         evaluations += sum(each.evaluations for each in optimizers)
@@ -92,7 +92,7 @@ class MultiViewLocalizer:
         _tell(fits, least.evidence)
         return with_surface(estimate, evidence, self._model, self._settings)
 
-    def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, progress: Progress,
+    def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
                start: NDArray[np.float64] | None, watch: Watch | None
                ) -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
@@ -101,7 +101,7 @@ class MultiViewLocalizer:
         begin = self._begin(joint, first, start, watch)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
-            found = first @ search.find(begin, rng, progress, watch)
+            found = first @ search.find(begin, rng, stages, watch)
         return found, sum(each.evaluations for each in optimizers)
 
     def _begin(self, joint: JointEvidence, first: NDArray[np.float64],

@@ -178,18 +178,21 @@ def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(contex
     evidence = ViewsEvidence(Header(7, 'base'), tuple(views))
     stages = []
 
-    def search(given):
+    def search(given, progress=None):
         def watch(generation):
             stages.append(generation.stage)
         with (MultiViewLocalizer if posed else Localizer)(CUP, settings()) as localizer:
             return localizer.localize(given if posed else given.views[0].evidence,
-                                      np.random.default_rng(0), watch=watch)
+                                      np.random.default_rng(0), progress, watch=watch)
 
     both = search(evidence)
     assert stages.index('scattered') < stages.index('sharpened') < stages.index('modes')
     millimetres, degrees = error(CUP, both.pose, truth)
     assert millimetres < 0.3
     assert degrees < 0.5
+    parts = []
+    search(evidence, lambda part: parts.append(part) or len(parts) < 3)
+    assert len(parts) == 3  # stopped in the middle, it asks no more
     # The search with the small pixels alone begins beside the object, and does not reach it.
     missed = search(replace(evidence, views=tuple(
         replace(each, evidence=replace(each.evidence, reduced=None)) for each in views)))
