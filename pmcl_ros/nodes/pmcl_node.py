@@ -264,6 +264,8 @@ class PmclNode(StageNode):
         if np.isfinite(estimate.disagreement):
             self.health.extra |= {'disagreement': estimate.disagreement,
                                   'least support': estimate.least_support}
+        if estimate.hidden:
+            self.health.extra['hidden views'] = ' '.join(map(str, estimate.hidden))
         if self._settings.tracking != 'none' or self._posed:
             sigma = position_sigma(estimate.covariance)
             self.health.extra['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'

@@ -47,6 +47,7 @@ class PoseEstimate:
     least_support, least_evidence: the thresholds that support and evidence were compared with.
     disagreement: of several views: mean square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
+    hidden: numbers of the views that show something else there, and were not used.
     """
 
     header: Header
@@ -66,6 +67,7 @@ class PoseEstimate:
     least_support: float = math.nan
     least_evidence: float = math.nan
     disagreement: float = math.nan
+    hidden: tuple[int, ...] = ()
 
     @property
     def quaternion(self) -> NDArray[np.float64]:
@@ -78,6 +80,7 @@ class PoseEstimate:
                 'orientation_xyzw': self.quaternion.tolist(),
                 'covariance': self.covariance.ravel().tolist(), 'score': self.score,
                 'lost': self.lost,
+                **({'hidden_views': list(self.hidden)} if self.hidden else {}),
                 'modes': [{'position': each.pose[:3, 3].tolist(),
                            'orientation_xyzw': _quaternion(each.pose).tolist(),
                            'weight': each.weight, 'score': each.score} for each in self.modes]}

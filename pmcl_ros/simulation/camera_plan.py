@@ -36,6 +36,10 @@ class CameraPlan(Settings):
     sigma_deg: float = Field(0.0, ge=0, le=30, description='of the rotation about each [deg]')
     common: float = Field(0.0, ge=0, le=1, description='share of the variance of these errors '
                           'that all views share, as that of a hand-eye transform')
+    stated: bool = Field(True, description='whether the views state these errors; if not, their '
+                         'poses count as exact')
+    hidden: int = Field(0, ge=0, description='number of views in which a card is before the '
+                        'object')
 
     @model_validator(mode='after')
     def _one(self) -> 'CameraPlan':

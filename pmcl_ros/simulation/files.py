@@ -21,7 +21,8 @@ from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
-from pmcl_ros.simulation.scenes.render import SyntheticCapture
+from pmcl_ros.simulation.card import with_card
+from pmcl_ros.simulation.scenes.render import SyntheticCapture, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.sequence import Sequence as MovingScene
 
@@ -70,16 +71,22 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
 
     pictures: (height, width, 3) RGB each, from the plan's poses. The reference frame is that of
     the room (`in_room`), the region of interest a box along its axes. The errors of the poses in
-    views.yaml are drawn from the seed.
+    views.yaml and the views that a card hides are drawn from the seed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     cameras = plan.cameras(scene)
-    told = in_room(scene, plan.told(cameras, np.random.default_rng([seed, len(cameras)])))
+    rng = np.random.default_rng([seed, len(cameras)])
+    told = in_room(scene, plan.told(cameras, rng))
+    hidden = rng.permutation(len(cameras))[:plan.hidden]
     entries: list[dict[str, Any]] = []
     for number, (picture, pose) in enumerate(zip(pictures, told, strict=True)):
+        if number in hidden:
+            seen = seen_from(scene, cameras[number]).targets[0]
+            corners = seen.vertices @ seen.pose[:3, :3].T + seen.pose[:3, 3]
+            picture = with_card(picture, camera.pinhole.project(corners), rng)
         write_png(folder / f'{number:03d}.png', picture)
         entry = {'file': f'{number:03d}.png', 'camera_to_reference': pose.ravel().tolist()}
-        if plan.sigma_mm or plan.sigma_deg:
+        if plan.stated and (plan.sigma_mm or plan.sigma_deg):
             entry |= {'sigma_mm': plan.sigma_mm, 'sigma_deg': plan.sigma_deg}
             if plan.common:
                 entry |= {'group': 'arm', 'common': plan.common}

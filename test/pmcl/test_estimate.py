@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -28,6 +29,7 @@ def test_the_dictionary_is_what_the_command_line_promises():
     assert said['lost'] is True
     assert said['modes'] == [{'position': [0.1, -0.02, 0.5], 'weight': 0.75, 'score': 12.0,
                               'orientation_xyzw': said['orientation_xyzw']}]
+    assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
 
 
 @pytest.mark.parametrize(('lost', 'word'), [(False, 'found'), (True, 'lost; best hypothesis')])

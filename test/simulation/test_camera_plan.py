@@ -72,15 +72,18 @@ def test_another_plan_is_refused_in_one_line(text, message):
 def test_the_command_writes_posed_views_that_are_read_again(tmp_path):
     camera, plan = tmp_path / 'camera.yaml', tmp_path / 'plan.yaml'
     camera.write_text(str(CAMERA))
-    plan.write_text('{arc: [3, 40], sigma_mm: 1.0, sigma_deg: 0.2, common: 0.5}')
+    errors = 'sigma_mm: 1.0, sigma_deg: 0.2, common: 0.5'
+    plan.write_text(f'{{arc: [3, 40], {errors}}}')
+    hiding = tmp_path / 'hiding.yaml'
+    hiding.write_text(f'{{arc: [3, 40], {errors}, stated: false, hidden: 1}}')
     command = ['scenes', 'render', '--camera', str(camera), '--count', '1', '--seed', '5',
                '--samples', '1', '--kind', 'opaque']
-    for name, chosen in (('exact', 'arc:3:40'), ('off', str(plan))):
+    for name, chosen in (('exact', 'arc:3:40'), ('off', str(plan)), ('hidden', str(hiding))):
         result = CliRunner().invoke(main, [*command, '--cameras', chosen, '-o',
                                            str(tmp_path / name)])
         assert result.exit_code == 0, result.output
-    folders = [tmp_path / name / '000005' for name in ('exact', 'off')]
-    exact, off = (read_source(each) for each in folders)
+    folders = [tmp_path / name / '000005' for name in ('exact', 'off', 'hidden')]
+    exact, off, hidden = (read_source(each) for each in folders)
     assert isinstance(exact, PosedViews)
     assert has_posed_views(folders[0])
     assert exact.header.frame_id == 'room'
@@ -91,6 +94,12 @@ def test_the_command_writes_posed_views_that_are_read_again(tmp_path):
         assert (other.sigma, other.group, other.common) == (
             (0.001, pytest.approx(np.deg2rad(0.2))), 'arm', 0.5)
         assert one.sigma == (0, 0)
+    # A card changes one view. The same errors are not stated.
+    assert sum((one.picture != other.picture).any()
+               for one, other in zip(exact.views, hidden.views, strict=True)) == 1
+    for one, other in zip(off.views, hidden.views, strict=True):
+        np.testing.assert_array_equal(one.camera_to_reference, other.camera_to_reference)
+        assert other.sigma == (0, 0)
     # The object stands on the table, upright or not: its pose is in the frame of the room.
     truth = Truth.load(folders[0] / 'truth.json')
     for each in exact.views:

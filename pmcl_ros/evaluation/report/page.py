@@ -161,6 +161,9 @@ def _sureness(run: Localization) -> list[Fact]:
         facts.append(Fact('disagreement', 'the views disagree by', f'{estimate.disagreement:.2f}',
                           'of what is expected (mean squares); the weakest fifth has to reach '
                           'more where it is larger'))
+    if estimate.hidden:
+        facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
+                          'they show something else there'))
     return facts
 
 

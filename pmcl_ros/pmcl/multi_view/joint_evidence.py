@@ -191,7 +191,7 @@ class ViewFit:
     number: of the view. off: by how much it alone would move the contour, apart: likewise, where
     it is looked for farther away [px, rms]. expected, uncertain: standard deviations of that by
     the model error and by the errors of the camera's pose. evidence: mean along its contour
-    [nat / px].
+    [nat / px], total: of all of it [nat].
     """
 
     number: int
@@ -200,6 +200,7 @@ class ViewFit:
     expected: float
     uncertain: float
     evidence: float
+    total: float
 
     @property
     def allowed(self) -> float:
@@ -276,7 +277,7 @@ class JointContours:
             made.append(ViewFit(
                 number, float(np.sqrt(step @ alone.moments @ step)),
                 _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
-                float(wide), alone.evidence / max(alone.length, 1e-9)))
+                float(wide), alone.evidence / max(alone.length, 1e-9), alone.evidence))
         return made
 
 

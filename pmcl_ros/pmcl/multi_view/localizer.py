@@ -3,8 +3,8 @@
 import contextlib
 import logging
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
+_OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
@@ -71,43 +72,61 @@ class MultiViewLocalizer:
         Raises LocalizationError where no view sees the region of interest.
         """
         stages = Stages(progress or (lambda _: True))
+        found = self._localized(evidence, rng, stages, start, watch)
+        if self._numbers is not None:
+            return found.estimate
+        if found.estimate.lost:
+            # The progress that is reported is at its end; it can still stop the search.
+            ending = Stages(lambda _: stages.go_on(1.0))
+            found, evidence = _second_hypothesis(evidence, found, lambda views: self._localized(
+                views, rng, ending, start, watch, found.modes))
+        _tell(found.fits, found.estimate.least_evidence)
+        return with_surface(found.estimate, evidence, self._model, self._settings)
+
+    def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
+                   start: NDArray[np.float64] | None, watch: Watch | None,
+                   also: NDArray[np.float64] | None = None) -> '_Found':
+        """The pose by all of some views. also: (k, 4, 4) where to look besides `start`."""
         coarser = evidence.coarser
         found, evaluations = ((None, 0) if coarser is None
-                              else self._found(coarser, rng, stages, start, watch))
+                              else self._found(coarser, rng, stages, start, watch, also))
         joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if found is None:
-                poses = search.find(self._begin(joint, first, start, watch), rng, stages, watch)
+                poses = search.find(self._begin(joint, first, start, watch, also), rng, stages,
+                                    watch)
             else:
                 poses = search.sharpen(np.linalg.inv(first) @ found, watch)
             sample = search.sample(poses, rng, stages, watch)
-            estimate, least = self._estimate(evidence, joint, posterior, sample, rng)
+            estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
+            modes = np.stack([each.pose for each in sample.modes])
+            shown = shown_in([posterior.fits_at(each) for each in modes])
         evaluations += sum(each.evaluations for each in optimizers)
-        estimate = in_frame(replace(estimate, evaluations=evaluations), first)
-        if self._numbers is not None:
-            return estimate
-        _tell(fits, least.evidence)
-        return with_surface(estimate, evidence, self._model, self._settings)
+        return _Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
+                      first @ modes, shown)
 
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-               start: NDArray[np.float64] | None, watch: Watch | None
-               ) -> tuple[NDArray[np.float64], int]:
+               start: NDArray[np.float64] | None, watch: Watch | None,
+               also: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
         joint = JointEvidence.from_views(coarser, self._renderer, self._model, self._settings)
         first = coarser.views[joint.numbers[0]].camera_to_reference
-        begin = self._begin(joint, first, start, watch)
+        begin = self._begin(joint, first, start, watch, also)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
             found = first @ search.find(begin, rng, stages, watch)
         return found, sum(each.evaluations for each in optimizers)
 
     def _begin(self, joint: JointEvidence, first: NDArray[np.float64],
-               start: NDArray[np.float64] | None, watch: Watch | None) -> NDArray[np.float64]:
+               start: NDArray[np.float64] | None, watch: Watch | None,
+               also: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """(k, 4, 4) where the search begins, in the frame of the first camera (4, 4)."""
         begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
+        if also is not None:
+            begin = np.concatenate([begin, np.linalg.inv(first) @ also])
         if watch is not None:
             watch(Generation('proposals', begin, np.zeros(len(begin))))
         return begin
@@ -142,7 +161,7 @@ class MultiViewLocalizer:
                               candidates).modes(near, rng)
             if modes:
                 sample = posterior.sample_near(near, modes, particles, rng)
-                estimate, _ = self._estimate(evidence, joint, posterior, sample, rng)
+                estimate = self._estimate(evidence, joint, posterior, sample, rng)
             else:
                 estimate = Estimator(self._model, joint.region, self._settings).from_prior(
                     evidence.header, near, particles, rng)
@@ -176,8 +195,8 @@ class MultiViewLocalizer:
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
                   sample: Posterior, rng: np.random.Generator
-                  ) -> tuple[PoseEstimate, Thresholds]:
-        """In the frame of the first view that sees the region; and what it was compared with."""
+                  ) -> PoseEstimate:
+        """In the frame of the first view that sees the region."""
         apart = math.nan
         if posterior.numbers is not None:
             likeliest = sample.modes[np.bincount(sample.own).argmax()]
@@ -187,7 +206,7 @@ class MultiViewLocalizer:
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng)
-        return replace(estimate, disagreement=apart), least
+        return replace(estimate, disagreement=apart)
 
     def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float
                ) -> Thresholds:
@@ -240,6 +259,63 @@ class MultiViewLocalizer:
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a search found.
+
+    estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
+    reference frame. shown: views that show the object, if most do and some do not; else none.
+    """
+
+    estimate: PoseEstimate
+    fits: Sequence[ViewFit]
+    modes: NDArray[np.float64]
+    shown: tuple[int, ...]
+
+
+def _second_hypothesis(evidence: ViewsEvidence, lost: _Found,
+                       search: Callable[[ViewsEvidence], _Found]
+                       ) -> tuple[_Found, ViewsEvidence]:
+    """What a search finds in place of a lost object, and in which views.
+
+    Most views show the object: something hides it in the others, and it is searched without them.
+    The contour is there as a whole, but parts are missing, and cameras were told to be exact: if
+    the object would be found with cameras that are a little off, the log says so. It stays lost,
+    because cameras that can move fit what is not the object more easily, too.
+    """
+    if lost.shown:
+        hidden = tuple(sorted({each.number for each in lost.fits} - set(lost.shown)))
+        rest = replace(evidence, views=tuple(evidence.views[each] for each in lost.shown))
+        found = search(rest)
+        if not found.estimate.lost:
+            _LOG.warning('found without views %s, which show something else there: is something '
+                         "before the object, has it moved, or is the camera's pose wrong?",
+                         ', '.join(map(str, hidden)))
+            return replace(found, estimate=replace(found.estimate, hidden=hidden)), rest
+    if lost.estimate.incomplete and not any(any(each.sigma) for each in evidence.views):
+        position, rotation = _OFF
+        loose = replace(evidence, views=tuple(
+            replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
+        if not search(loose).estimate.lost:
+            _LOG.warning(
+                'lost with camera poses that are exact, found if they are off by %.1f mm and '
+                '%.1f degrees: check the hand-eye transform, or state sigma_mm and sigma_deg',
+                1e3 * position, np.rad2deg(rotation))
+    return lost, evidence
+
+
+def shown_in(fits: Sequence[Sequence[ViewFit]]) -> tuple[int, ...]:
+    """Numbers of the views that show an object, where most do but not all; else none.
+
+    fits: of all views, to each mode. A view whose contour is more likely absent than present does
+    not show it: something is before it, or it is elsewhere. The mode is the one with the most
+    evidence in views that do.
+    """
+    best = max(fits, key=lambda views: sum(max(each.total, 0) for each in views))
+    shown = tuple(each.number for each in best if each.total > 0)
+    return shown if len(best) > len(shown) > max(len(best) / 2, 1) else ()
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:
