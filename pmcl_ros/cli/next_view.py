@@ -60,7 +60,8 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
                       degrees, count)
     else:
         cameras = ViewPlan.read(candidates).cameras
-    found = next_views(run.evidence, model, settings, run.estimate.pose, cameras,
+    showing = run.evidence.without(run.estimate.hidden)
+    found = next_views(showing, model, settings, run.estimate.pose, cameras,
                        run.source.views[0].pinhole)
     if as_json:
         click.echo(json.dumps({'sigma_now': found[0].now, 'views': [

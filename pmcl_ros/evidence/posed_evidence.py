@@ -1,5 +1,6 @@
 """Evidence of several posed views: one evidence volume each, with its camera's pose."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,6 +56,11 @@ class ViewsEvidence:
         return replace(self, views=tuple(
             replace(each, evidence=each.evidence.coarser or each.evidence)
             for each in self.views))
+
+    def without(self, numbers: Sequence[int]) -> 'ViewsEvidence':
+        """Without some of the views. Raises VolumeError where none is left."""
+        return replace(self, views=tuple(each for number, each in enumerate(self.views)
+                                         if number not in numbers))
 
     @property
     def pinhole(self) -> Pinhole:

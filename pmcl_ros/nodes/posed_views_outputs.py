@@ -76,9 +76,10 @@ class PosedViewsOutputs:
                                     'pictures of the region of interest first')
         evidence, estimate = self._last
         there = [each.camera_to_reference for each in evidence.views]
-        found = next_views(evidence, self._model, self.settings, estimate.pose,
-                           cap(estimate.pose, there, self.settings.next_view_cap,
-                               self.settings.next_view_candidates), evidence.pinhole)
+        candidates = cap(estimate.pose, there, self.settings.next_view_cap,
+                         self.settings.next_view_candidates)
+        found = next_views(evidence.without(estimate.hidden), self._model, self.settings,
+                           estimate.pose, candidates, evidence.pinhole)
         best = found[0]
         if best.sigma >= best.now:
             raise LocalizationError(

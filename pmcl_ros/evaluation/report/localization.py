@@ -107,15 +107,16 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
     if isinstance(source, PosedViews):
         assert isinstance(run.evidence, ViewsEvidence)
         seen = regions_seen(run.evidence, model, settings)
-        number = min(seen)
+        number = min(set(seen) - set(estimate.hidden))
         poses = [np.asarray(np.linalg.inv(each.camera_to_reference), float)
                  for each in source.views]
         views = tuple((view, into @ estimate.pose)
                       for view, into in zip(source.views, poses, strict=True))
         if not estimate.lost:
-            sigmas = sigmas_by_views(run.evidence, model, settings, estimate.pose)
+            showing = run.evidence.without(estimate.hidden)
+            sigmas = sigmas_by_views(showing, model, settings, estimate.pose)
             cameras = [each.camera_to_reference for each in source.views]
-            candidates = next_views(run.evidence, model, settings, estimate.pose,
+            candidates = next_views(showing, model, settings, estimate.pose,
                                     cap(estimate.pose, cameras, CAP, CANDIDATES),
                                     source.views[0].pinhole)
         source, region, into = source.views[number], seen[number], poses[number]

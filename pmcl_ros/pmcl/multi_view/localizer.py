@@ -287,7 +287,7 @@ def _second_hypothesis(evidence: ViewsEvidence, lost: _Found,
     """
     if lost.shown:
         hidden = tuple(sorted({each.number for each in lost.fits} - set(lost.shown)))
-        rest = replace(evidence, views=tuple(evidence.views[each] for each in lost.shown))
+        rest = evidence.without(hidden)
         found = search(rest)
         if not found.estimate.lost:
             _LOG.warning('found without views %s, which show something else there: is something '

@@ -120,6 +120,12 @@ def test_a_lost_object_is_told_and_names_are_only_names(lost):
     assert '&lt;script&gt;alert(' in text
 
 
+def test_views_that_were_not_used_are_named(found):
+    assert 'views not used' not in page(found)
+    hidden = replace(found, estimate=replace(found.estimate, hidden=(1, 3)))
+    assert '1, 3' in page(hidden)[page(hidden).index('views not used'):]
+
+
 def test_every_mode_of_the_search_and_kind_of_object_has_a_page():
     faithful = run(mode='faithful', faithful_particles=8, faithful_iterations=3)
     assert {each.stage for each in faithful.history} == {'filter'}
