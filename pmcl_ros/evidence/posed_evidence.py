@@ -32,11 +32,13 @@ class PosedEvidence:
 class ViewsEvidence:
     """The evidence of several views of one scene.
 
-    header: stamp of the estimate, and the reference frame. Raises VolumeError without a view.
+    header: stamp of the estimate, and the reference frame. errors: (n, 6, k) of the cameras, as
+    `CameraErrors.root`; None: those that the views state. Raises VolumeError without a view.
     """
 
     header: Header
     views: tuple[PosedEvidence, ...]
+    errors: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not self.views:
@@ -59,8 +61,14 @@ class ViewsEvidence:
 
     def without(self, numbers: Sequence[int]) -> 'ViewsEvidence':
         """Without some of the views. Raises VolumeError where none is left."""
-        return replace(self, views=tuple(each for number, each in enumerate(self.views)
-                                         if number not in numbers))
+        kept = [number for number in range(len(self.views)) if number not in numbers]
+        return replace(self, views=tuple(self.views[number] for number in kept),
+                       errors=None if self.errors is None else self.errors[kept])
+
+    @property
+    def are_exact(self) -> bool:
+        """Whether the cameras' poses count as exact."""
+        return self.errors is None and not any(any(each.sigma) for each in self.views)
 
     @property
     def pinhole(self) -> Pinhole:

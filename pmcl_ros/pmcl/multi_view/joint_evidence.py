@@ -78,7 +78,9 @@ class JointEvidence:
         cameras = np.linalg.inv(first) @ np.array([each.camera_to_reference for each in posed])
         into = first.copy()
         into[:3, 3] -= settings.roi_center
-        return cls(model, tuple(views), cameras, CameraErrors.from_views(posed), views[0].region,
+        errors = (CameraErrors.from_views(posed) if evidence.errors is None
+                  else CameraErrors(evidence.errors[list(seen)]))
+        return cls(model, tuple(views), cameras, errors, views[0].region,
                    (into, np.array(settings.roi_size) / 2), tuple(seen))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:

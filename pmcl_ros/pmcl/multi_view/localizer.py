@@ -3,8 +3,8 @@
 import contextlib
 import logging
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
+from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
@@ -32,7 +33,6 @@ from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
 _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
-_OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
@@ -75,17 +75,18 @@ class MultiViewLocalizer:
         found = self._localized(evidence, rng, stages, start, watch)
         if self._numbers is not None:
             return found.estimate
-        if found.estimate.lost:
+        if found.estimate.lost and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
-            found, evidence = _second_hypothesis(evidence, found, lambda views: self._localized(
+            found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
                 views, rng, ending, start, watch, found.modes))
-        _tell(found.fits, found.estimate.least_evidence)
+        if not found.estimate.hidden:
+            _tell(found.fits, found.estimate.least_evidence)
         return with_surface(found.estimate, evidence, self._model, self._settings)
 
     def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
                    start: NDArray[np.float64] | None, watch: Watch | None,
-                   also: NDArray[np.float64] | None = None) -> '_Found':
+                   also: NDArray[np.float64] | None = None) -> Found:
         """The pose by all of some views. also: (k, 4, 4) where to look besides `start`."""
         coarser = evidence.coarser
         found, evaluations = ((None, 0) if coarser is None
@@ -105,7 +106,7 @@ class MultiViewLocalizer:
             modes = np.stack([each.pose for each in sample.modes])
             shown = shown_in([posterior.fits_at(each) for each in modes])
         evaluations += sum(each.evaluations for each in optimizers)
-        return _Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
+        return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
                       first @ modes, shown)
 
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
@@ -259,63 +260,6 @@ class MultiViewLocalizer:
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
-
-
-@dataclass(frozen=True)
-class _Found:
-    """What a search found.
-
-    estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show the object, if most do and some do not; else none.
-    """
-
-    estimate: PoseEstimate
-    fits: Sequence[ViewFit]
-    modes: NDArray[np.float64]
-    shown: tuple[int, ...]
-
-
-def _second_hypothesis(evidence: ViewsEvidence, lost: _Found,
-                       search: Callable[[ViewsEvidence], _Found]
-                       ) -> tuple[_Found, ViewsEvidence]:
-    """What a search finds in place of a lost object, and in which views.
-
-    Most views show the object: something hides it in the others, and it is searched without them.
-    The contour is there as a whole, but parts are missing, and cameras were told to be exact: if
-    the object would be found with cameras that are a little off, the log says so. It stays lost,
-    because cameras that can move fit what is not the object more easily, too.
-    """
-    if lost.shown:
-        hidden = tuple(sorted({each.number for each in lost.fits} - set(lost.shown)))
-        rest = evidence.without(hidden)
-        found = search(rest)
-        if not found.estimate.lost:
-            _LOG.warning('found without views %s, which show something else there: is something '
-                         "before the object, has it moved, or is the camera's pose wrong?",
-                         ', '.join(map(str, hidden)))
-            return replace(found, estimate=replace(found.estimate, hidden=hidden)), rest
-    if lost.estimate.incomplete and not any(any(each.sigma) for each in evidence.views):
-        position, rotation = _OFF
-        loose = replace(evidence, views=tuple(
-            replace(each, sigma=_OFF, group='all', common=0.5) for each in evidence.views))
-        if not search(loose).estimate.lost:
-            _LOG.warning(
-                'lost with camera poses that are exact, found if they are off by %.1f mm and '
-                '%.1f degrees: check the hand-eye transform, or state sigma_mm and sigma_deg',
-                1e3 * position, np.rad2deg(rotation))
-    return lost, evidence
-
-
-def shown_in(fits: Sequence[Sequence[ViewFit]]) -> tuple[int, ...]:
-    """Numbers of the views that show an object, where most do but not all; else none.
-
-    fits: of all views, to each mode. A view whose contour is more likely absent than present does
-    not show it: something is before it, or it is elsewhere. The mode is the one with the most
-    evidence in views that do.
-    """
-    best = max(fits, key=lambda views: sum(max(each.total, 0) for each in views))
-    shown = tuple(each.number for each in best if each.total > 0)
-    return shown if len(best) > len(shown) > max(len(best) / 2, 1) else ()
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:

@@ -86,8 +86,7 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
     It is as it was where that is nothing, where one view alone sees the object, or the cameras'
     poses are uncertain: their pictures then do not fit each other that well. Raises VolumeError.
     """
-    uncertain = any(sigma > 0 for view in evidence.views for sigma in view.sigma)
-    if uncertain or estimate.in_view < _LEAST_IN_VIEW:
+    if not evidence.are_exact or estimate.in_view < _LEAST_IN_VIEW:
         return estimate
     about = settings.model_copy(update={'roi_center': tuple(estimate.pose[:3, 3].tolist()),
                                         'roi_size': (_BOX, _BOX, _BOX)})

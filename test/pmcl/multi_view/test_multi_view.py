@@ -9,6 +9,7 @@ from contour_maps import NUMBERS, map_seen
 from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
+from textured_planes import views_of_planes
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.learned import learned_views
@@ -267,6 +268,24 @@ def test_views_of_two_places_show_no_object(context, caplog):
     assert estimate.lost
     assert estimate.hidden == ()
     assert 'found without' not in caplog.text
+
+
+def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
+    """Told to be exact, they make the object lost; without the pictures it stays so."""
+    truth, cameras = truth_of(BRACKET), around([-24, -12, 0, 12])
+    errors = np.random.default_rng(3).normal(size=(4, 6)) * np.repeat([0.0015, 0.005], 3)
+    told = cameras @ retract(np.tile(np.eye(4), (4, 1, 1)), errors)
+    evidence = ViewsEvidence(Header(7, 'base'), tuple(
+        replace(each, camera_to_reference=pose, view=view)
+        for each, pose, view in zip(maps_seen(context, BRACKET, truth, cameras).views, told,
+                                    views_of_planes(cameras, told), strict=True)))
+    estimate = found(BRACKET, evidence)
+    assert not estimate.lost
+    assert 'found with camera poses that fit the surroundings' in caplog.text
+    assert error(BRACKET, estimate.pose, truth)[0] < 6
+    assert BRACKET.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
+    blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
+    assert found(BRACKET, blind).lost
 
 
 def test_camera_errors_are_what_the_cameras_see():

@@ -1,0 +1,195 @@
+"""Camera poses that fit what the pictures show of the surroundings, by matches of features.
+
+A structureless bundle adjustment: matches must lie on each other's epipolar lines. It sees how
+cameras stand to each other but for the scale; what it does not see stays as the poses were told.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.lightfield.posed_view import PosedView
+
+PRIOR = 0.002, 0.007  # m, rad: how far told poses are off, of each axis: two of a good arm's
+_FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fraction of a pixel
+_FEATURES = 1500  # of a picture
+_RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
+NOISE = 0.5  # px: of a match
+_GATE = 4.0  # standard deviations of told poses that a match may be off its line
+_FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
+_MOST = 150  # the same
+_ITERATIONS = 15
+_NEIGHBOURS = 3  # views that each view is matched with
+_DISTANCE = 0.5  # m: of what is seen, for the gate
+
+
+@dataclass(frozen=True)
+class CameraAdjustment:
+    """Poses of cameras that fit the surroundings.
+
+    cameras: (n, 4, 4) camera to reference. root: (n, 6, k) what they may still be off, as
+    `CameraErrors.root`. before, after: median distance of matches from their epipolar lines with
+    the told and these poses [px]. off: largest motion of a camera [m], [rad].
+    """
+
+    cameras: NDArray[np.float64]
+    root: NDArray[np.float64]
+    before: float
+    after: float
+    off: tuple[float, float]
+
+    @property
+    def is_needed(self) -> bool:
+        """Whether the told poses do not fit what the pictures show."""
+        return self.before > NOISE
+
+
+def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
+    """The poses that fit matches between the pictures.
+
+    None where too few matches link the views, or no poses fit them within `NOISE`. Told poses are
+    taken to be off by `PRIOR` on each axis, each by itself; a match to be off its line by `NOISE`,
+    with Cauchy's tails.
+    """
+    told = np.array([each.camera_to_reference for each in views])
+    matches = _Matches.between(views, told)
+    if matches is None:
+        return None
+    number = len(views)
+    sigma = np.tile(np.repeat(PRIOR, 3), number)
+
+    def moved(unit: NDArray[np.float64]) -> NDArray[np.float64]:
+        off = retract(np.tile(np.eye(4), (number, 1, 1)), (sigma * unit).reshape(-1, 6))
+        return np.asarray(told @ np.linalg.inv(off))
+
+    def residuals(unit: NDArray[np.float64]) -> NDArray[np.float64]:
+        return matches.distances(moved(unit)) / NOISE
+
+    unit, step = np.zeros(6 * number), 1e-3 * np.eye(6 * number)
+    for _ in range(_ITERATIONS):  # reweighted least squares: each lessens the cost
+        off = residuals(unit)
+        weight = 1 / (1 + np.square(off))
+        jacobian = np.stack([residuals(unit + each) - off for each in step], axis=1) / step[0, 0]
+        information = (jacobian.T * weight) @ jacobian + np.eye(len(unit))
+        unit = unit - np.linalg.solve(information, jacobian.T @ (weight * off) + unit)
+    cameras = moved(unit)
+    before, after = (float(np.median(np.abs(matches.distances(each)))) for each in (told, cameras))
+    if after > NOISE:
+        return None
+    covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
+        np.square(np.tile(np.repeat(_FLOOR, 3), number)))
+    motions = (sigma * unit).reshape(-1, 2, 3)
+    largest = np.linalg.norm(motions, axis=2).max(axis=0)
+    return CameraAdjustment(cameras, np.linalg.cholesky(covariance).reshape(number, 6, -1),
+                            before, after, (float(largest[0]), float(largest[1])))
+
+
+@dataclass(frozen=True)
+class _Matches:
+    """Matches between pictures.
+
+    first, second: (m,) numbers of their views. rays: (m, 2, 3) in either camera, with z = 1.
+    focal: (m,) mean focal length [px].
+    """
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    rays: NDArray[np.float64]
+    focal: NDArray[np.float64]
+
+    @classmethod
+    def between(cls, views: Sequence[PosedView], told: NDArray[np.float64]) -> '_Matches | None':
+        """None where the matches do not link all views."""
+        features = [_features(each) for each in views]
+        linked = np.arange(len(views))
+        parts: list[tuple[int, int, NDArray[np.float64], float]] = []
+        for one, other in _neighbours(told):
+            length = float(np.mean([views[each].pinhole.fx for each in (one, other)]))
+            matched = _consistent(_matched(features[one], features[other]), length,
+                                  told[[one, other]])
+            if len(matched) >= _FEWEST:
+                parts.append((one, other, matched, length))
+                linked[linked == linked[other]] = linked[one]
+        if not parts or (linked != linked[0]).any():
+            return None
+        counts = [len(rays) for _, _, rays, _ in parts]
+        first, second, rays, focal = zip(*parts, strict=True)
+        return cls(np.repeat(first, counts), np.repeat(second, counts), np.concatenate(rays),
+                   np.repeat(focal, counts))
+
+    def distances(self, cameras: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(m,) signed Sampson distances of the matches with cameras (n, 4, 4) [px]."""
+        return self.focal * sampson(self.rays, np.linalg.inv(cameras[self.second])
+                                    @ cameras[self.first])
+
+
+def sampson(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) signed distance of matches from their epipolar lines, for a focal length of 1.
+
+    rays: (m, 2, 3) with z = 1, in either camera. between: (m, 4, 4) first to second camera.
+    First-order geometric error of Hartley and Zisserman, Multiple View Geometry, 11.4.3.
+    """
+    one, other = rays[:, 0], rays[:, 1]
+    turned = np.einsum('mij,mj->mi', between[:, :3, :3], one)
+    line = np.cross(between[:, :3, 3], turned)  # E one
+    back = np.einsum('mji,mj->mi', between[:, :3, :3], np.cross(other, between[:, :3, 3]))
+    scale = np.square(line[:, :2]).sum(axis=1) + np.square(back[:, :2]).sum(axis=1)
+    return np.asarray((other * line).sum(axis=1) / np.sqrt(np.maximum(scale, 1e-18)))
+
+
+def _neighbours(told: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Pairs of views: each with those whose axes are nearest to its own."""
+    near = np.argsort(-(told[:, :3, 2] @ told[:, :3, 2].T), axis=1)[:, :_NEIGHBOURS + 1]
+    return [(one, other) for one, other in combinations(range(len(told)), 2)
+            if other in near[one] or one in near[other]]
+
+
+def _features(view: PosedView) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Rays (n, 3) with z = 1 and descriptors (n, 128) of a picture."""
+    grey = np.round(255 * view.picture.mean(axis=2)).astype(np.uint8)
+    points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, None)
+    if descriptors is None:
+        return np.zeros((0, 3)), np.zeros((0, 128), np.float32)
+    pixels = np.array([each.pt for each in points])
+    pinhole = view.pinhole
+    rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
+                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=1)
+    return rays, descriptors
+
+
+def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
+             second: tuple[NDArray[np.float64], NDArray[np.float32]]) -> NDArray[np.float64]:
+    """(m, 2, 3) rays of features that are each other's nearest, by far."""
+    if min(len(first[0]), len(second[0])) < 2:
+        return np.zeros((0, 2, 3))
+    pairs = []
+    for one, other in ((first, second), (second, first)):
+        near = cv2.BFMatcher().knnMatch(one[1], other[1], 2)
+        pairs.append({(best.queryIdx, best.trainIdx) for best, next_ in near
+                      if best.distance < _RATIO * next_.distance})
+    both = np.array(sorted(pairs[0] & {(train, query) for query, train in pairs[1]}),
+                    int).reshape(-1, 2)
+    return np.stack([first[0][both[:, 0]], second[0][both[:, 1]]], axis=1)
+
+
+def _consistent(rays: NDArray[np.float64], focal: float, told: NDArray[np.float64]
+                ) -> NDArray[np.float64]:
+    """Those matches (m, 2, 3) that one relative pose explains, and is about the told one."""
+    position, rotation = PRIOR
+    gate = _GATE * np.sqrt(2) * np.hypot(position / _DISTANCE, rotation)
+    between = np.tile(np.linalg.inv(told[1]) @ told[0], (len(rays), 1, 1))
+    rays = rays[np.abs(sampson(rays, between)) < gate]
+    if len(rays) < _FEWEST:
+        return rays
+    cv2.setRNGSeed(0)
+    _, inside = cv2.findEssentialMat(rays[:, 0, :2], rays[:, 1, :2], np.eye(3), cv2.RANSAC,
+                                     0.999, 3 * NOISE / focal)
+    if inside is None:
+        return rays[:0]
+    rays = rays[inside.ravel() > 0]
+    return rays[::max(-(-len(rays) // _MOST), 1)]

@@ -1,0 +1,80 @@
+"""Camera poses by what the pictures show of the surroundings: against the true ones."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+from textured_planes import views_of_planes
+
+from pmcl_ros.geometry.se3 import local, retract
+from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, sampson
+
+MIDDLE = np.array([0, 0, 0.6])
+
+
+def around(angles):
+    """Cameras (n, 4, 4) on an arc about `MIDDLE`."""
+    cameras = np.tile(np.eye(4), (len(angles), 1, 1))
+    turns = Rotation.from_rotvec(np.deg2rad(angles)[:, None] * [0.1, 1, 0]).as_matrix()
+    cameras[:, :3, :3] = turns
+    cameras[:, :3, 3] = MIDDLE - turns @ MIDDLE
+    return cameras
+
+
+def deviations(cameras, true):
+    """(n, 6) by which cameras are off, in their own frames."""
+    return local(np.linalg.inv(true) @ cameras, np.eye(4))
+
+
+CAMERAS = around([-24, -12, 0, 12])
+
+
+def test_exact_poses_are_not_off():
+    adjusted = adjust_cameras(views_of_planes(CAMERAS))
+    assert not adjusted.is_needed
+    assert adjusted.before < 0.2
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
+    rng = np.random.default_rng(seed)
+    errors = rng.normal(size=(4, 6)) * np.repeat([0.0015, 0.005], 3)
+    told = CAMERAS @ retract(np.tile(np.eye(4), (4, 1, 1)), errors)
+    adjusted = adjust_cameras(views_of_planes(CAMERAS, told, seed))
+    assert adjusted.is_needed
+    assert adjusted.before > 1
+    assert adjusted.after < 0.3
+    left = deviations(adjusted.cameras, CAMERAS).ravel()
+    covariance = np.einsum('aik,bjk->aibj', adjusted.root, adjusted.root).reshape(24, 24)
+    assert left @ np.linalg.solve(covariance, left) < chi2.isf(1e-3, 24)
+    # How the cameras are turned to each other is what the pictures tell best.
+    turns = {name: Rotation.from_matrix(np.linalg.inv(each[:-1, :3, :3]) @ each[1:, :3, :3])
+             for name, each in (('true', CAMERAS), ('told', told), ('found', adjusted.cameras))}
+    off = {name: (turns[name] * turns['true'].inv()).magnitude().mean()
+           for name in ('told', 'found')}
+    assert off['found'] < 0.4 * off['told']
+
+
+def test_without_texture_nothing_is_told():
+    assert adjust_cameras(views_of_planes(CAMERAS, contrast=0.0)) is None
+    assert adjust_cameras(views_of_planes(CAMERAS[:1])) is None
+
+
+def test_the_distance_is_that_from_the_epipolar_line():
+    """To first order, of the nearer of two lines' distances: half of either for equal ones."""
+    rng = np.random.default_rng(0)
+    between = np.linalg.inv(CAMERAS[1]) @ CAMERAS[0]
+    points = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.7], (50, 3))
+    other = points @ between[:3, :3].T + between[:3, 3]
+    rays = np.stack([points / points[:, 2:], other / other[:, 2:]], axis=1)
+    many = np.tile(between, (50, 1, 1))
+    np.testing.assert_allclose(sampson(rays, many), 0, atol=1e-12)
+    essential = np.array([np.cross(between[:3, 3], between[:3, :3][:, k]) for k in range(3)]).T
+    line = rays[:, 0] @ essential.T
+    across = line[:, :2] / np.linalg.norm(line[:, :2], axis=1, keepdims=True)
+    moved = rays.copy()
+    moved[:, 1, :2] += 1e-4 * across
+    back = moved[:, 1] @ essential
+    share = np.square(line[:, :2]).sum(axis=1)
+    expected = 1e-4 * np.sqrt(share / (share + np.square(back[:, :2]).sum(axis=1)))
+    np.testing.assert_allclose(sampson(moved, many), expected, rtol=1e-3)
