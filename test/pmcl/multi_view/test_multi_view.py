@@ -237,34 +237,34 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
 
 def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     """In view 1 it is elsewhere: it has moved, or what is seen there stands before it."""
-    truth, cameras = truth_of(BRACKET), around([-25, 0, 15, 30])
+    truth, cameras = truth_of(CUP), around([-25, 0, 25])
     elsewhere = truth.copy()
     elsewhere[:3, 3] += [0.05, -0.04, 0.02]
-    evidence = maps_seen(context, BRACKET, truth, cameras)
-    moved = maps_seen(context, BRACKET, elsewhere, cameras)
-    hidden = replace(evidence, views=(evidence.views[0], moved.views[1], *evidence.views[2:]))
-    estimate = found(BRACKET, hidden)
+    evidence = maps_seen(context, CUP, truth, cameras)
+    moved = maps_seen(context, CUP, elsewhere, cameras)
+    hidden = replace(evidence, views=(evidence.views[0], moved.views[1], evidence.views[2]))
+    estimate = found(CUP, hidden)
     assert not estimate.lost
     assert estimate.hidden == (1,)
     assert 'found without views 1, which show something else there' in caplog.text
-    millimetres, degrees = error(BRACKET, estimate.pose, truth)
+    millimetres, degrees = error(CUP, estimate.pose, truth)
     assert millimetres < 1.0
     assert degrees < 1.5
     # It is the pose by the others alone: the same evidence, the same sureness.
-    rest = found(BRACKET, replace(evidence, views=evidence.views[:1] + evidence.views[2:]))
+    rest = found(CUP, replace(evidence, views=evidence.views[::2]))
     assert rest.hidden == ()
-    assert BRACKET.symmetry.credible_level(rest.pose, estimate.pose, rest.covariance) < 0.5
+    assert CUP.symmetry.credible_level(rest.pose, estimate.pose, rest.covariance) < 0.5
     np.testing.assert_allclose(np.diag(estimate.covariance), np.diag(rest.covariance), rtol=0.5)
 
 
 def test_views_of_two_places_show_no_object(context, caplog):
     """Half of the views is no majority: which of them are right cannot be said."""
-    truth, cameras = truth_of(BRACKET), around([-25, 0, 15, 30])
+    truth, cameras = truth_of(CUP), around([-25, 0, 15, 30])
     elsewhere = truth.copy()
     elsewhere[:3, 3] += [0.05, -0.04, 0.02]
-    here = maps_seen(context, BRACKET, truth, cameras).views
-    there = maps_seen(context, BRACKET, elsewhere, cameras).views
-    estimate = found(BRACKET, ViewsEvidence(Header(7, 'base'), (*here[:2], *there[2:])))
+    here = maps_seen(context, CUP, truth, cameras).views
+    there = maps_seen(context, CUP, elsewhere, cameras).views
+    estimate = found(CUP, ViewsEvidence(Header(7, 'base'), (*here[:2], *there[2:])))
     assert estimate.lost
     assert estimate.hidden == ()
     assert 'found without' not in caplog.text
@@ -272,20 +272,20 @@ def test_views_of_two_places_show_no_object(context, caplog):
 
 def test_cameras_that_do_not_fit_the_surroundings_are_adjusted(context, caplog):
     """Told to be exact, they make the object lost; without the pictures it stays so."""
-    truth, cameras = truth_of(BRACKET), around([-24, -12, 0, 12])
-    errors = np.random.default_rng(3).normal(size=(4, 6)) * np.repeat([0.0015, 0.005], 3)
-    told = cameras @ retract(np.tile(np.eye(4), (4, 1, 1)), errors)
+    truth, cameras = truth_of(CUP), around([-20, 0, 20])
+    errors = np.random.default_rng(3).normal(size=(3, 6)) * np.repeat([0.0015, 0.005], 3)
+    told = cameras @ retract(np.tile(np.eye(4), (3, 1, 1)), errors)
     evidence = ViewsEvidence(Header(7, 'base'), tuple(
         replace(each, camera_to_reference=pose, view=view)
-        for each, pose, view in zip(maps_seen(context, BRACKET, truth, cameras).views, told,
+        for each, pose, view in zip(maps_seen(context, CUP, truth, cameras).views, told,
                                     views_of_planes(cameras, told), strict=True)))
-    estimate = found(BRACKET, evidence)
+    estimate = found(CUP, evidence)
     assert not estimate.lost
     assert 'found with camera poses that fit the surroundings' in caplog.text
-    assert error(BRACKET, estimate.pose, truth)[0] < 6
-    assert BRACKET.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
+    assert error(CUP, estimate.pose, truth)[0] < 6
+    assert CUP.symmetry.credible_level(truth, estimate.pose, estimate.covariance) < 0.99
     blind = replace(evidence, views=tuple(replace(each, view=None) for each in evidence.views))
-    assert found(BRACKET, blind).lost
+    assert found(CUP, blind).lost
 
 
 def test_camera_errors_are_what_the_cameras_see():
