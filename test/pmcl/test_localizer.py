@@ -105,7 +105,7 @@ def test_a_vessel_is_localised_whatever_the_seed(context):
     assert np.median(errors, axis=0)[1] < np.deg2rad(2)
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2])
+@pytest.mark.parametrize('seed', [0, 1])
 def test_an_object_without_symmetry_is_localised(context, seed):
     truth, volume = scene(context, BRACKET, seed)
     estimate = localized(BRACKET, volume, seed)
@@ -162,7 +162,7 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
     assert_valid(estimate, CUP)
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 def test_texture_everywhere_is_no_object(context, cup_volume, seed):
     """It supports each part of some outline a little, which least_support may let pass."""
     settings = SMALL.model_copy(update={'least_support': -5})
