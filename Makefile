@@ -12,6 +12,9 @@ ARM := .venv/.installed-manipulate
 OLDEST := .venv-oldest/.installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
 
+# Byte code is kept: else every process compiles all sources anew, those of the tests too.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-quick test-oldest lint venv docs eval bench soak fuzz clean
 
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.

@@ -56,9 +56,15 @@ def localized(model, volume, seed=0, settings=SETTINGS, progress=None):
         return localizer.localize(volume, np.random.default_rng(seed), progress)
 
 
+@pytest.fixture(scope='module')
+def cup_scene(_session_context):
+    _session_context.use()
+    return scene(_session_context, CUP, 0)
+
+
 @pytest.fixture
-def cup_volume(context):
-    return scene(context, CUP, 0)[1]
+def cup_volume(context, cup_scene):
+    return cup_scene[1]
 
 
 def assert_valid(estimate, model):
@@ -99,7 +105,7 @@ def test_a_vessel_is_localised_whatever_the_seed(context):
     assert np.median(errors, axis=0)[1] < np.deg2rad(2)
 
 
-@pytest.mark.parametrize('seed', [0, 1, 2])
+@pytest.mark.parametrize('seed', [0, 1])
 def test_an_object_without_symmetry_is_localised(context, seed):
     truth, volume = scene(context, BRACKET, seed)
     estimate = localized(BRACKET, volume, seed)
@@ -129,11 +135,10 @@ def test_several_localizers_in_one_thread_do_not_meet(context, cup_volume):
     bracket_volume = scene(context, BRACKET, 1)[1]
     alone = [localized(CUP, cup_volume, 0, SMALL), localized(BRACKET, bracket_volume, 0, SMALL)]
     first, second = Localizer(CUP, SMALL), Localizer(BRACKET, SMALL)
-    for _ in range(2):
-        together = [first.localize(cup_volume, np.random.default_rng(0)),
-                    second.localize(bracket_volume, np.random.default_rng(0))]
-        for one, other in zip(alone, together, strict=True):
-            np.testing.assert_array_equal(one.pose, other.pose)
+    together = [first.localize(cup_volume, np.random.default_rng(0)),
+                second.localize(bracket_volume, np.random.default_rng(0))]
+    for one, other in zip(alone, together, strict=True):
+        np.testing.assert_array_equal(one.pose, other.pose)
     second.close()
     last = first.localize(cup_volume, np.random.default_rng(0))
     np.testing.assert_array_equal(last.pose, alone[0].pose)
@@ -143,7 +148,7 @@ def test_several_localizers_in_one_thread_do_not_meet(context, cup_volume):
 def test_localizers_in_two_threads_at_once_do_not_meet(cup_volume):
     expected = localized(CUP, cup_volume, 3, SMALL)
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(lambda _: localized(CUP, cup_volume, 3, SMALL), range(4)))
+        found = list(pool.map(lambda _: localized(CUP, cup_volume, 3, SMALL), range(2)))
     for estimate in found:
         np.testing.assert_array_equal(estimate.pose, expected.pose)
 
@@ -157,7 +162,7 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
     assert_valid(estimate, CUP)
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 def test_texture_everywhere_is_no_object(context, cup_volume, seed):
     """It supports each part of some outline a little, which least_support may let pass."""
     settings = SMALL.model_copy(update={'least_support': -5})
@@ -226,8 +231,8 @@ def test_progress_ends_the_search_early_with_what_was_found(cup_volume, stop):
     assert estimate.score > 0
 
 
-def test_no_pose_comes_from_where_none_can_be(context):
-    truth, volume = scene(context, CUP, 0)
+def test_no_pose_comes_from_where_none_can_be(context, cup_scene):
+    truth, volume = cup_scene
     with Localizer(CUP, SMALL) as localizer:
         found = localizer.localize(volume, np.random.default_rng(0))
         assert np.linalg.norm(found.pose[:3, 3] - truth[:3, 3]) < 0.005

@@ -46,10 +46,9 @@ def inner(x):
 """
 
 
-@pytest.fixture
-def package(tmp_path):
+def package_in(folder):
     """A package of this name that holds nothing but `kernels` and files of the test."""
-    package = tmp_path / 'pmcl_ros'
+    package = folder / 'pmcl_ros'
     (package / 'runtime').mkdir(parents=True)
     (package / '__init__.py').touch()
     shutil.copy(KERNELS, package / 'runtime')
@@ -57,6 +56,25 @@ def package(tmp_path):
     (package / 'inner.py').write_text(INNER)
     (package / 'constant.py').write_text('SUMMAND = 1\n')
     return package
+
+
+@pytest.fixture
+def package(tmp_path):
+    """It, with nothing compiled."""
+    return package_in(tmp_path)
+
+
+@pytest.fixture(scope='module')
+def used_package(tmp_path_factory):
+    package = package_in(tmp_path_factory.mktemp('used'))
+    assert outer(package) == (2, ['outer.outer', 'inner.inner'])
+    return package
+
+
+@pytest.fixture
+def compiled_package(used_package, tmp_path):
+    """A copy of it, with the machine code beside the source."""
+    return shutil.copytree(used_package, tmp_path / 'pmcl_ros')
 
 
 def start(package, **environment):
@@ -84,10 +102,8 @@ def rename(path, old, new):
     path.write_text(path.read_text().replace(old, new))
 
 
-def test_what_is_on_disk_is_not_compiled(package):
-    value, names = outer(package)
-    assert (value, names) == (2, ['outer.outer', 'inner.inner'])
-    assert outer(package) == (2, [])
+def test_what_is_on_disk_is_not_compiled(compiled_package):
+    assert outer(compiled_package) == (2, [])
 
 
 @pytest.mark.parametrize(('file', 'old', 'new', 'value', 'compiled'), [
@@ -100,19 +116,17 @@ def test_what_is_on_disk_is_not_compiled(package):
     ('inner.py', '    return', '    """Says what it does."""\n    return', 2, 0),
     ('outer.py', 'import sys\n', 'import sys\nLATER = 1\n\n', 2, 0),
 ])
-def test_an_edit_recompiles_what_depends_on_it(package, file, old, new, value, compiled):
-    outer(package)
-    rename(package / file, old, new)
-    found, names = outer(package)
+def test_an_edit_recompiles_what_depends_on_it(compiled_package, file, old, new, value, compiled):
+    rename(compiled_package / file, old, new)
+    found, names = outer(compiled_package)
     assert (found, len(names)) == (value, compiled)
 
 
-def test_what_was_compiled_before_an_edit_is_found_when_the_edit_is_undone(package):
-    outer(package)
-    rename(package / 'constant.py', '1', '2')
-    outer(package)
-    rename(package / 'constant.py', '2', '1')
-    assert outer(package) == (2, [])
+def test_what_was_compiled_before_an_edit_is_found_when_the_edit_is_undone(compiled_package):
+    rename(compiled_package / 'constant.py', '1', '2')
+    outer(compiled_package)
+    rename(compiled_package / 'constant.py', '2', '1')
+    assert outer(compiled_package) == (2, [])
 
 
 def test_the_same_sources_in_another_folder_need_no_compiling(package, tmp_path):
@@ -147,8 +161,6 @@ def test_without_a_folder_everything_works_and_it_is_said_once(package):
 
 def test_a_full_disk_is_reported_and_the_result_is_right(package, tmp_path):
     folder = tmp_path / 'cache'
-    outer(package, NUMBA_CACHE_DIR=str(folder))
-    shutil.rmtree(folder)
     (folder / 'kernels').mkdir(parents=True)
     limited = f'ulimit -f 0; exec {sys.executable} -c "import pmcl_ros.outer"'
     done = subprocess.run(['bash', '-c', limited], cwd=package.parent, capture_output=True,

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 
+import nursery
 import rclpy
 import yaml
 from lifecycle_msgs.msg import State, Transition
@@ -43,6 +44,9 @@ class Process:
             path.write_text(yaml.safe_dump({'/**': {'ros__parameters': params}}))
             args = (*args, '--ros-args', '--params-file', path)
         with self._log.open('w') as log:
+            if module in nursery.PROGRAMS and checked and root == ROOT:
+                self.popen = nursery.Forked(module, [*map(str, args)], self._log)
+                return
             self.popen = subprocess.Popen(
                 [sys.executable, '-m', module, *map(str, args)], cwd=root, stdout=log,
                 stderr=subprocess.STDOUT,

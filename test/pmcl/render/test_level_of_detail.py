@@ -89,7 +89,7 @@ def test_it_is_done_once():
     assert simplified(model, 2e-4) is simplified(model, 2e-4)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=10, deadline=None)  # trimesh takes its time
 @given(st.integers(0, 10_000))
 def test_distances_to_faces_are_those_of_trimesh(seed):
     rng = np.random.default_rng(seed)

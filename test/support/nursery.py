@@ -1,0 +1,101 @@
+"""Starts programs of the package in milliseconds: each is forked from one that has imported all.
+
+They are processes as any other, but for the imports, which took most of the time of many.
+"""
+
+import atexit
+import json
+import os
+import runpy
+import select
+import signal
+import subprocess
+import sys
+from functools import lru_cache
+from importlib import import_module
+from pathlib import Path
+
+from pmcl_ros.runtime.start import MODULES
+
+ROOT = Path(__file__).parents[2]
+PROGRAMS = {each for each in MODULES.values() if each.startswith('pmcl_ros.nodes.')}
+
+
+class Forked:
+    """What a test does with a `subprocess.Popen`, of a program that the nursery forks.
+
+    log: file that takes all it writes. arguments: strings.
+    """
+
+    def __init__(self, module, arguments, log):
+        self.pid = _answer({'module': module, 'arguments': arguments, 'log': str(log)})
+        self._end = os.pidfd_open(self.pid)  # until somebody waits for it, a pid is not used again
+        self._status = None
+
+    def send_signal(self, number):
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self):
+        self.send_signal(signal.SIGKILL)
+
+    def poll(self):
+        """The exit status; None as long as it runs."""
+        return self._ended(0)
+
+    def wait(self, timeout):
+        """The exit status."""
+        if self._ended(timeout) is None:
+            raise subprocess.TimeoutExpired(str(self.pid), timeout)
+        return self._status
+
+    def _ended(self, timeout):
+        if self._status is None and select.select([self._end], [], [], timeout)[0]:
+            self._status = _answer({'wait': self.pid})
+            os.close(self._end)
+        return self._status
+
+
+@lru_cache
+def _nursery():
+    """The process that forks, with this one's environment; it ends with this one."""
+    process = subprocess.Popen([sys.executable, __file__], cwd=ROOT, stdin=subprocess.PIPE,
+                               stdout=subprocess.PIPE, text=True, bufsize=1)
+    atexit.register(process.communicate)
+    return process
+
+
+def _answer(question):
+    nursery = _nursery()
+    nursery.stdin.write(json.dumps(question) + '\n')
+    return json.loads(nursery.stdout.readline())
+
+
+def _serve():
+    """Fork what is asked for; in the forked process return what to run there."""
+    for each in PROGRAMS:
+        import_module(each)
+    for each in [each for each in sys.modules if each.startswith('pmcl_ros.nodes')]:
+        del sys.modules[each]  # each process has its own: one notes signals in a socket it makes
+    for line in sys.stdin:
+        question = json.loads(line)
+        if 'wait' in question:
+            answer = os.waitstatus_to_exitcode(os.waitpid(question['wait'], 0)[1])
+        elif not (answer := os.fork()):
+            return question
+        sys.stdout.write(f'{answer}\n')
+        sys.stdout.flush()
+    sys.exit()
+
+
+def _run(module, arguments, log):
+    """What `python -m MODULE ARGUMENTS` does, with all its output in `log`."""
+    null, file = os.open(os.devnull, os.O_RDONLY), os.open(log, os.O_WRONLY | os.O_APPEND)
+    for number, each in enumerate((null, file, file)):
+        os.dup2(each, number)
+    sys.argv[1:] = arguments  # the first becomes the module's file
+    runpy.run_module(module, run_name='__main__', alter_sys=True)
+
+
+if __name__ == '__main__':
+    _run(**_serve())
