@@ -7,10 +7,10 @@ import atexit
 import json
 import os
 import runpy
-import select
 import signal
 import subprocess
 import sys
+import time
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
@@ -29,8 +29,7 @@ class Forked:
 
     def __init__(self, module, arguments, log):
         self.pid = _answer({'module': module, 'arguments': arguments, 'log': str(log)})
-        self._end = os.pidfd_open(self.pid)  # until somebody waits for it, a pid is not used again
-        self._status = None
+        self._status = None  # until it has been asked for, the pid is not used again
 
     def send_signal(self, number):
         if self.poll() is None:
@@ -41,18 +40,17 @@ class Forked:
 
     def poll(self):
         """The exit status; None as long as it runs."""
-        return self._ended(0)
+        if self._status is None:
+            self._status = _answer({'status': self.pid})
+        return self._status
 
     def wait(self, timeout):
         """The exit status."""
-        if self._ended(timeout) is None:
-            raise subprocess.TimeoutExpired(str(self.pid), timeout)
-        return self._status
-
-    def _ended(self, timeout):
-        if self._status is None and select.select([self._end], [], [], timeout)[0]:
-            self._status = _answer({'wait': self.pid})
-            os.close(self._end)
+        deadline = time.monotonic() + timeout
+        while self.poll() is None:
+            if time.monotonic() > deadline:
+                raise subprocess.TimeoutExpired(str(self.pid), timeout)
+            time.sleep(0.01)
         return self._status
 
 
@@ -79,11 +77,12 @@ def _serve():
         del sys.modules[each]  # each process has its own: one notes signals in a socket it makes
     for line in sys.stdin:
         question = json.loads(line)
-        if 'wait' in question:
-            answer = os.waitstatus_to_exitcode(os.waitpid(question['wait'], 0)[1])
+        if 'status' in question:
+            ended, status = os.waitpid(question['status'], os.WNOHANG)
+            answer = os.waitstatus_to_exitcode(status) if ended else None
         elif not (answer := os.fork()):
             return question
-        sys.stdout.write(f'{answer}\n')
+        sys.stdout.write(f'{json.dumps(answer)}\n')
         sys.stdout.flush()
     sys.exit()
 
