@@ -37,6 +37,12 @@ def ends(process, status):
     assert process.popen.wait(PATIENCE) == status, process.log
 
 
+def children(pid):
+    """Numbers of the processes that a process has started."""
+    return [int(each) for task in Path(f'/proc/{pid}/task').iterdir()
+            for each in (task / 'children').read_text().split()]
+
+
 @pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
 def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, how):
     with Process(tmp_path, BRINGUP, '--params-file', write(), *how) as chain:
@@ -57,8 +63,11 @@ def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, h
         capture = user.call(Trigger, '/lytro_driver/capture', Trigger.Request())
         assert capture.success, capture.message
         user.wait(lambda: images and texts, 'a picture')
+        nodes = children(chain.popen.pid)
+        assert len(nodes) == (4 if how else 0)
         chain.popen.send_signal(signal.SIGTERM)
         ends(chain, 0)
+        assert not any(Path(f'/proc/{each}').exists() for each in nodes)
         assert 'Traceback' not in chain.log
     # Names of nodes come by a topic, so that of a node that has ended can come late, and stay.
     user.wait(lambda: not any(user.node.count_publishers(topic) for topic in shown),

@@ -7,7 +7,7 @@ import sys
 import time
 from pathlib import Path
 
-import nursery
+import fork_server
 import rclpy
 import yaml
 from lifecycle_msgs.msg import State, Transition
@@ -43,14 +43,15 @@ class Process:
             path = folder / f'{self.name}.yaml'
             path.write_text(yaml.safe_dump({'/**': {'ros__parameters': params}}))
             args = (*args, '--ros-args', '--params-file', path)
+        environment = os.environ | {'ROS_PYTHON_CHECK_FIELDS': str(int(checked))}
         with self._log.open('w') as log:
-            if module in nursery.PROGRAMS and checked and root == ROOT:
-                self.popen = nursery.Forked(module, [*map(str, args)], self._log)
+            # Messages read whether they check their fields when they are imported.
+            if module in fork_server.PROGRAMS and checked and root == ROOT:
+                self.popen = fork_server.Forked(module, [*map(str, args)], self._log, environment)
                 return
             self.popen = subprocess.Popen(
                 [sys.executable, '-m', module, *map(str, args)], cwd=root, stdout=log,
-                stderr=subprocess.STDOUT,
-                env=os.environ | {'ROS_PYTHON_CHECK_FIELDS': str(int(checked))})
+                stderr=subprocess.STDOUT, env=environment)
 
     def __enter__(self):
         return self

@@ -1,4 +1,4 @@
-"""Starts programs of the package in milliseconds: each is forked from one that has imported all.
+"""A fork server: programs of the package, each forked from a process that has imported all.
 
 They are processes as any other, but for the imports, which took most of the time of many.
 """
@@ -22,13 +22,14 @@ PROGRAMS = {each for each in MODULES.values() if each.startswith('pmcl_ros.nodes
 
 
 class Forked:
-    """What a test does with a `subprocess.Popen`, of a program that the nursery forks.
+    """What a test does with a `subprocess.Popen`, of a program that the fork server forks.
 
-    log: file that takes all it writes. arguments: strings.
+    log: file that takes all it writes. arguments: strings. environment: of the program.
     """
 
-    def __init__(self, module, arguments, log):
-        self.pid = _answer({'module': module, 'arguments': arguments, 'log': str(log)})
+    def __init__(self, module, arguments, log, environment):
+        self.pid = _answer({'module': module, 'arguments': arguments, 'log': str(log),
+                            'environment': dict(environment)})
         self._status = None  # until it has been asked for, the pid is not used again
 
     def send_signal(self, number):
@@ -55,8 +56,8 @@ class Forked:
 
 
 @lru_cache
-def _nursery():
-    """The process that forks, with this one's environment; it ends with this one."""
+def _server():
+    """The process that forks; it ends with this one."""
     process = subprocess.Popen([sys.executable, __file__], cwd=ROOT, stdin=subprocess.PIPE,
                                stdout=subprocess.PIPE, text=True, bufsize=1)
     atexit.register(process.communicate)
@@ -64,9 +65,9 @@ def _nursery():
 
 
 def _answer(question):
-    nursery = _nursery()
-    nursery.stdin.write(json.dumps(question) + '\n')
-    return json.loads(nursery.stdout.readline())
+    server = _server()
+    server.stdin.write(json.dumps(question) + '\n')
+    return json.loads(server.stdout.readline())
 
 
 def _serve():
@@ -87,8 +88,10 @@ def _serve():
     sys.exit()
 
 
-def _run(module, arguments, log):
-    """What `python -m MODULE ARGUMENTS` does, with all its output in `log`."""
+def _run(module, arguments, log, environment):
+    """What `python -m MODULE ARGUMENTS` does there, with all its output in `log`."""
+    os.environ.clear()
+    os.environ.update(environment)
     null, file = os.open(os.devnull, os.O_RDONLY), os.open(log, os.O_WRONLY | os.O_APPEND)
     for number, each in enumerate((null, file, file)):
         os.dup2(each, number)
