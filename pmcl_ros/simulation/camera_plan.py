@@ -53,6 +53,11 @@ class CameraPlan(Settings):
                              'at least 2 cameras, a positive width')
         if any(len(each) != 16 for each in self.poses):
             raise ValueError('each of poses has 16 numbers')
+        number = (self.arc[0] if self.arc else self.grid[0] * self.grid[1] if self.grid
+                  else len(self.poses))
+        if self.hidden > number:
+            raise ValueError(f'{self.hidden} hidden views of {number}: set hidden to {number} at '
+                             'most')
         return self
 
     @classmethod

@@ -69,6 +69,12 @@ def test_another_plan_is_refused_in_one_line(text, message):
     assert '\n' not in str(caught.value)
 
 
+def test_more_views_than_there_are_cannot_be_hidden():
+    for given in ({'arc': (3, 40)}, {'grid': (1, 3, 0.1)}):
+        with pytest.raises(SettingsError, match='4 hidden views of 3: set hidden to 3 at most'):
+            CameraPlan.make({**given, 'hidden': 4}, 'plan')
+
+
 def test_the_command_writes_posed_views_that_are_read_again(tmp_path):
     camera, plan = tmp_path / 'camera.yaml', tmp_path / 'plan.yaml'
     camera.write_text(str(CAMERA))
