@@ -12,14 +12,16 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.posed_view import PosedView
 
-PRIOR = 0.002, 0.007  # m, rad: how far told poses are off, of each axis: two of a good arm's
+_PRIOR = 0.002, 0.007  # m, rad: how far told poses are off, of each axis: two of a good arm's
 _FLOOR = 0.0002, 0.0003  # m, rad: what stays unknown: lenses are known to a fraction of a pixel
 _FEATURES = 1500  # of a picture
+_LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the size
 _RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
-NOISE = 0.5  # px: of a match
+_NOISE = 0.5  # px: of a match
 _GATE = 4.0  # standard deviations of told poses that a match may be off its line
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # the same
@@ -34,7 +36,8 @@ class CameraAdjustment:
 
     cameras: (n, 4, 4) camera to reference. root: (n, 6, k) what they may still be off, as
     `CameraErrors.root`. before, after: median distance of matches from their epipolar lines with
-    the told and these poses [px]. off: largest motion of a camera [m], [rad].
+    the told and these poses [px], in pictures of at most `_LARGEST`. off: largest motion of a
+    camera [m], [rad].
     """
 
     cameras: NDArray[np.float64]
@@ -46,29 +49,29 @@ class CameraAdjustment:
     @property
     def is_needed(self) -> bool:
         """Whether the told poses do not fit what the pictures show."""
-        return self.before > NOISE
+        return self.before > _NOISE
 
 
 def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
     """The poses that fit matches between the pictures.
 
-    None where too few matches link the views, or no poses fit them within `NOISE`. Told poses are
-    taken to be off by `PRIOR` on each axis, each by itself; a match to be off its line by `NOISE`,
-    with Cauchy's tails.
+    None where too few matches link the views, or no poses fit them within `_NOISE`. Told poses are
+    taken to be off by `_PRIOR` on each axis, each by itself; a match to be off its line by
+    `_NOISE`, with Cauchy's tails.
     """
     told = np.array([each.camera_to_reference for each in views])
     matches = _Matches.between(views, told)
     if matches is None:
         return None
     number = len(views)
-    sigma = np.tile(np.repeat(PRIOR, 3), number)
+    sigma = np.tile(np.repeat(_PRIOR, 3), number)
 
     def moved(unit: NDArray[np.float64]) -> NDArray[np.float64]:
         off = retract(np.tile(np.eye(4), (number, 1, 1)), (sigma * unit).reshape(-1, 6))
         return np.asarray(told @ np.linalg.inv(off))
 
     def residuals(unit: NDArray[np.float64]) -> NDArray[np.float64]:
-        return matches.distances(moved(unit)) / NOISE
+        return matches.distances(moved(unit)) / _NOISE
 
     unit, step = np.zeros(6 * number), 1e-3 * np.eye(6 * number)
     for _ in range(_ITERATIONS):  # reweighted least squares: each lessens the cost
@@ -79,7 +82,7 @@ def adjust_cameras(views: Sequence[PosedView]) -> CameraAdjustment | None:
         unit = unit - np.linalg.solve(information, jacobian.T @ (weight * off) + unit)
     cameras = moved(unit)
     before, after = (float(np.median(np.abs(matches.distances(each)))) for each in (told, cameras))
-    if after > NOISE:
+    if after > _NOISE:
         return None
     covariance = sigma[:, None] * np.linalg.inv(information) * sigma + np.diag(
         np.square(np.tile(np.repeat(_FLOOR, 3), number)))
@@ -105,11 +108,12 @@ class _Matches:
     @classmethod
     def between(cls, views: Sequence[PosedView], told: NDArray[np.float64]) -> '_Matches | None':
         """None where the matches do not link all views."""
-        features = [_features(each) for each in views]
+        reduced = [_reduced(each) for each in views]
+        features = [_features(*each) for each in reduced]
         linked = np.arange(len(views))
         parts: list[tuple[int, int, NDArray[np.float64], float]] = []
         for one, other in _neighbours(told):
-            length = float(np.mean([views[each].pinhole.fx for each in (one, other)]))
+            length = float(np.mean([reduced[each][1].fx for each in (one, other)]))
             matched = _consistent(_matched(features[one], features[other]), length,
                                   told[[one, other]])
             if len(matched) >= _FEWEST:
@@ -149,17 +153,27 @@ def _neighbours(told: NDArray[np.float64]) -> list[tuple[int, int]]:
             if other in near[one] or one in near[other]]
 
 
-def _features(view: PosedView) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-    """Rays (n, 3) with z = 1 and descriptors (n, 128) of a picture."""
+def _reduced(view: PosedView) -> tuple[NDArray[np.uint8], Pinhole]:
+    """The grey picture, of at most `_LARGEST`, and its camera."""
     grey = np.round(255 * view.picture.mean(axis=2)).astype(np.uint8)
+    share = min(_LARGEST / max(grey.shape), 1.0)
+    pinhole = view.pinhole.resized(round(share * grey.shape[1]), round(share * grey.shape[0]))
+    if share < 1:
+        grey = np.asarray(cv2.resize(grey, (pinhole.width, pinhole.height),
+                                     interpolation=cv2.INTER_AREA), np.uint8)
+    return grey, pinhole
+
+
+def _features(grey: NDArray[np.uint8], pinhole: Pinhole
+              ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+    """Rays (n, 3) with z = 1 and descriptors (n, 128) of a picture."""
     points, descriptors = cv2.SIFT.create(_FEATURES).detectAndCompute(grey, None)
     if descriptors is None:
         return np.zeros((0, 3)), np.zeros((0, 128), np.float32)
     pixels = np.array([each.pt for each in points])
-    pinhole = view.pinhole
     rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
                      (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=1)
-    return rays, descriptors
+    return rays, np.asarray(descriptors, np.float32)
 
 
 def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
@@ -180,7 +194,7 @@ def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
 def _consistent(rays: NDArray[np.float64], focal: float, told: NDArray[np.float64]
                 ) -> NDArray[np.float64]:
     """Those matches (m, 2, 3) that one relative pose explains, and is about the told one."""
-    position, rotation = PRIOR
+    position, rotation = _PRIOR
     gate = _GATE * np.sqrt(2) * np.hypot(position / _DISTANCE, rotation)
     between = np.tile(np.linalg.inv(told[1]) @ told[0], (len(rays), 1, 1))
     rays = rays[np.abs(sampson(rays, between)) < gate]
@@ -188,7 +202,7 @@ def _consistent(rays: NDArray[np.float64], focal: float, told: NDArray[np.float6
         return rays
     cv2.setRNGSeed(0)
     _, inside = cv2.findEssentialMat(rays[:, 0, :2], rays[:, 1, :2], np.eye(3), cv2.RANSAC,
-                                     0.999, 3 * NOISE / focal)
+                                     0.999, 3 * _NOISE / focal)
     if inside is None:
         return rays[:0]
     rays = rays[inside.ravel() > 0]

@@ -1,5 +1,8 @@
 """Camera poses by what the pictures show of the surroundings: against the true ones."""
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -55,13 +58,23 @@ def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
     assert off['found'] < 0.4 * off['told']
 
 
+def test_a_large_picture_is_reduced_with_its_camera():
+    views = []
+    for view in views_of_planes(CAMERAS):
+        picture = cv2.resize(view.picture, (1920, 1440), interpolation=cv2.INTER_CUBIC).clip(0, 1)
+        views.append(replace(view, picture=picture, pinhole=view.pinhole.resized(1920, 1440)))
+    adjusted = adjust_cameras(views)
+    assert not adjusted.is_needed
+    assert deviations(adjusted.cameras, CAMERAS)[:, 3:].std() < 0.002
+
+
 def test_without_texture_nothing_is_told():
     assert adjust_cameras(views_of_planes(CAMERAS, contrast=0.0)) is None
     assert adjust_cameras(views_of_planes(CAMERAS[:1])) is None
 
 
 def test_the_distance_is_that_from_the_epipolar_line():
-    """To first order, of the nearer of two lines' distances: half of either for equal ones."""
+    """To first order; where both are equally far from their lines, 1 / sqrt(2) of that."""
     rng = np.random.default_rng(0)
     between = np.linalg.inv(CAMERAS[1]) @ CAMERAS[0]
     points = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.7], (50, 3))
