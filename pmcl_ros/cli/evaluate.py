@@ -13,10 +13,11 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
-from pmcl_ros.cli.base import FOLDER, PATH, STDERR, calibration_type
+from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR, calibration_type
 from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
+from pmcl_ros.evaluation.captures import Capture, find_captures, select
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
@@ -25,6 +26,7 @@ from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.runtime.errors import SettingsError
 
 _INTERRUPTED = 130  # exit status, as of a shell's command
 
@@ -51,6 +53,12 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
 @click.option('--only', multiple=True, metavar='NAME', help='Only this capture.')
 @click.option('--wrong-objects', is_flag=True, help='Search each capture also for the objects '
               'of the others, with each seed for another one: they should be lost.')
+@click.option('--object-id', 'object_ids', multiple=True, type=click.IntRange(0), metavar='N',
+              help='Of a BOP data set: only this object.')
+@click.option('--views', type=click.IntRange(1), help='Of a BOP data set whose cameras have '
+              'poses: pictures that are localised together.  [default: 5]')
+@click.option('--targets', type=FILE, help='Of a BOP data set: only the pictures and objects of '
+              'this list, as test_targets_bop19.json.')
 @click.option('--processes', type=click.IntRange(1, 256), help='Default: as many as there are '
               'cores. With 1 the times are those of a quiet machine.')
 @click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
@@ -58,23 +66,28 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
               'made with (settings.json).')
 def evaluate(captures: Path, calibration: Path | None, white: Path | None, corners: str,
              square: float, modes: str, changes: tuple[str, ...], sweeps: tuple[str, ...],
-             trials: int, only: tuple[str, ...], wrong_objects: bool, processes: int | None,
-             out: Path | None) -> None:
+             trials: int, only: tuple[str, ...], wrong_objects: bool,
+             object_ids: tuple[int, ...], views: int | None, targets: Path | None,
+             processes: int | None, out: Path | None) -> None:
     """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and report the errors.
+
+    CAPTURES may be of a BOP data set too: a scene with scene_camera.json and scene_gt.json, or a
+    folder of scenes. Without camera poses each picture is localised alone.
 
     Without --calibration the camera is calibrated first, from the pictures of a checkerboard that
     lie there too. A picture may be a light field, as `pmcl localize` takes: it needs none.
 
     Ctrl-C ends it, with the tables of what has been done so far and exit status 130.
     """
-    chosen = find_captures(captures, only)
+    found = _find(captures, object_ids, views, targets)
+    chosen = select(found, only, captures)
     variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
                 *(row for each in sweeps for row in sweep(each))]
-    others = find_captures(captures) if wrong_objects else []
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     camera = _camera(captures, chosen, calibration, white, corners, square)
-    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)), tuple(others))
+    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
+                tuple(found) if wrong_objects else ())
     jobs = plan.jobs()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
@@ -92,6 +105,22 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     if stop.is_set():
         STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')
         raise SystemExit(_INTERRUPTED)
+
+
+def _find(folder: Path, object_ids: tuple[int, ...], views: int | None, targets: Path | None
+          ) -> list[Capture]:
+    """The captures of a folder, or of the BOP scenes there. Raises UsageError, PmclError."""
+    if scenes := bop_scenes(folder):
+        choice = BopChoice(views or BopChoice.views, object_ids, targets)
+        found: list[Capture] = [*bop_captures(scenes, choice)]
+        if not found:
+            raise SettingsError(f'{folder}: nothing is left of its {len(scenes)} scenes by '
+                                '--object-id and --targets, where a tenth of an object is visible')
+        return found
+    if object_ids or views or targets:
+        raise click.UsageError(f'{folder} has no BOP scene with scene_camera.json and '
+                               'scene_gt.json: --object-id, --views and --targets are of those')
+    return find_captures(folder)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ same picture have a model.obj and a truth.json in subfolders.
 """
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,10 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bags import is_bag
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import SettingsError
+
+_MOST_NAMES = 20  # in an error
 
 
 @dataclass(frozen=True)
@@ -26,12 +29,14 @@ class Capture:
     """One object in one picture: a raw one, a light field, views (`read_source`), or their bag.
 
     folder: of the object's truth and model. source: of the picture. name: of the capture.
+    pictures: the files that are localised together; empty: all of `source`.
     """
 
     folder: Path
     truth: Truth
     source: Path
     name: str
+    pictures: tuple[Path, ...] = ()
 
     @classmethod
     def load(cls, folder: Path, source: Path | None = None) -> 'Capture':
@@ -49,10 +54,29 @@ class Capture:
         described = self.folder / 'model.yaml'
         return described if described.exists() else self.folder / 'model.obj'
 
+    @property
+    def mesh(self) -> Path:
+        """The mesh of the object."""
+        return self.folder / 'model.obj'
+
     @cached_property
     def object(self) -> str:
         """A digest of the mesh: the same for two captures of one object."""
-        return hashlib.sha256((self.folder / 'model.obj').read_bytes()).hexdigest()[:16]
+        return hashlib.sha256(self.mesh.read_bytes()).hexdigest()[:16]
+
+    @property
+    def bop_numbers(self) -> tuple[int, int, int] | None:
+        """The numbers of scene, picture and object in a BOP data set; None: it is of none."""
+        return None
+
+    def load_model(self) -> ObjectModel:
+        """The object. Raises ObjectModelError."""
+        return ObjectModel.load(self.model)
+
+    def files(self) -> list[Path]:
+        """All files of the capture, and of its picture where that lies elsewhere."""
+        return [each for folder in dict.fromkeys([self.source, self.folder])
+                for each in sorted(folder.iterdir()) if each.is_file()]
 
     @property
     def picture(self) -> Path | None:
@@ -88,19 +112,29 @@ class Capture:
 def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Capture]:
     """The captures in the subfolders of a folder, sorted by name.
 
-    only: names of captures; empty: all. Raises SettingsError without captures, or for a name that
-    no capture has.
+    only: as of `select`. Raises SettingsError without captures.
     """
     places = sorted(path.parent for depth in ('*', '*/*')
                     for path in Path(folder).glob(f'{depth}/truth.json'))
     found = {path.relative_to(folder).as_posix(): path for path in places
              if (path / 'model.obj').exists()}
     if not found:
-        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json; '
-                            'pmcl scenes render and pmcl simulate make such folders')
-    missing = sorted(set(only) - set(found))
+        raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json, '
+                            'and no BOP scene with scene_gt.json; pmcl scenes render and pmcl '
+                            'simulate make such folders')
+    return select([Capture.load(path, Path(folder) / name.partition('/')[0])
+                   for name, path in found.items()], only, folder)
+
+
+def select(captures: Sequence[Capture], only: Collection[str], folder: Path | str
+           ) -> list[Capture]:
+    """The captures of these names; empty: all. folder: of all, for the error.
+
+    Raises SettingsError for a name that no capture has.
+    """
+    names = [each.name for each in captures]
+    missing = sorted(set(only) - set(names))
     if missing:
-        raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are '
-                            f'{", ".join(found)}')
-    return [Capture.load(path, Path(folder) / name.partition('/')[0])
-            for name, path in found.items() if not only or name in only]
+        there = ', '.join(names[:_MOST_NAMES]) + (', ...' if len(names) > _MOST_NAMES else '')
+        raise SettingsError(f'{folder} has no capture {", ".join(missing)}; there are {there}')
+    return [each for each in captures if not only or each.name in only]

@@ -25,9 +25,10 @@ class Plan:
         return [job for capture in self.captures for job in self._jobs_in(capture)]
 
     def _jobs_in(self, capture: Capture) -> list[Job]:
+        there = {each.object for each in self.others if each.source == capture.source}
         others = [] if capture.truth.empty else list({
             each.object: each for each in self.others
-            if each.object != capture.object and each.source != capture.source}.values())
+            if each.object not in there | {capture.object}}.values())
         jobs = []
         for variant in self.variants:
             jobs += [Job(capture, capture, variant, seed) for seed in self.seeds]

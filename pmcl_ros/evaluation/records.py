@@ -48,12 +48,13 @@ class TrialsFile:
 def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
     """The poses found, as BOP's toolkit reads them: R row by row, t in mm, time in seconds.
 
-    A scene is a capture and an image one of its trials (its seed), both counted from 0, an object
-    a mesh, counted from 1; `settings` lists them. Lost poses and searches for an object
-    of another capture are left out.
+    Of a BOP data set the numbers are its own, of several pictures those of the first. Else a scene
+    is a capture and an image one of its trials (its seed), both counted from 0, an object a mesh,
+    counted from 1; `settings` lists them. Lost poses and searches for an object of another capture
+    are left out.
     """
-    scenes = {each.name: number for number, each in enumerate(plan.captures)}
-    objects = _objects(plan)
+    captures = {each.name: each for each in plan.captures}
+    numbers = _numbers_of(plan)
     with path.open('w', newline='') as stream:
         writer = csv.DictWriter(stream, _BOP)
         writer.writeheader()
@@ -61,17 +62,23 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
             if each.lost or each.wrong:
                 continue
             rows = np.reshape(each.pose, (3, 4))
+            scene, object_id = numbers[each.capture]
+            of = captures[each.capture].bop_numbers
             writer.writerow({
-                'scene_id': scenes[each.capture], 'im_id': each.seed,
-                'obj_id': objects[plan.captures[scenes[each.capture]].object],
-                'score': each.score, 'R': _numbers(rows[:, :3].ravel().tolist()),
+                'scene_id': scene, 'im_id': each.seed if of is None else of[1],
+                'obj_id': object_id, 'score': each.score,
+                'R': _numbers(rows[:, :3].ravel().tolist()),
                 't': _numbers((1e3 * rows[:, 3]).tolist()),
                 'time': each.seconds + each.dlv_seconds + each.decode_seconds})
 
 
-def _objects(plan: Plan) -> dict[str, int]:
-    digests = dict.fromkeys(each.object for each in plan.captures)
-    return {digest: number for number, digest in enumerate(digests, 1)}
+def _numbers_of(plan: Plan) -> dict[str, tuple[int, int]]:
+    """By the name of each capture the numbers of its scene and object."""
+    digests = {digest: number for number, digest in enumerate(
+        dict.fromkeys(each.object for each in plan.captures), 1)}
+    return {each.name: (number, digests[each.object]) if each.bop_numbers is None
+            else (each.bop_numbers[0], each.bop_numbers[2])
+            for number, each in enumerate(plan.captures)}
 
 
 def _numbers(values: Sequence[float]) -> str:
@@ -84,7 +91,7 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
 
     files: files that were read beside the captures, as calibration and white image.
     """
-    objects = _objects(plan)
+    numbers = _numbers_of(plan)
     return {
         'pmcl_ros': __version__,
         'python': platform.python_version(),
@@ -102,9 +109,10 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
             'volume': DlvSettings.make(dict(each.dlv)).model_dump(exclude={'near', 'far'})}
             for each in plan.variants},
         'captures': [{
-            'scene_id': number, 'name': each.name, 'obj_id': objects[each.object],
+            'scene_id': numbers[each.name][0], 'name': each.name,
+            'obj_id': numbers[each.name][1],
             'empty': each.truth.empty, 'film': each.truth.film,
-            'sha256': _digests(each)} for number, each in enumerate(plan.captures)],
+            'sha256': _digests(each)} for each in plan.captures],
         'other_objects': [each.name for each in plan.others],
     }
 
@@ -119,10 +127,9 @@ def libraries() -> dict[str, str]:
 
 
 def _digests(capture: Capture) -> dict[str, str]:
-    """Of the files of a capture, and of its picture where that lies elsewhere."""
-    files = [each for folder in dict.fromkeys([capture.source, capture.folder])
-             for each in sorted(folder.iterdir()) if each.is_file()]
-    return {each.relative_to(capture.source).as_posix(): _digest(each) for each in files}
+    """Of the files of a capture, by their paths from its source."""
+    return {Path(os.path.relpath(each, capture.source)).as_posix(): _digest(each)
+            for each in capture.files()}
 
 
 def _digest(path: Path) -> str:

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -30,6 +30,8 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
 Value = TypeVar('Value')
+
+_MOST_MODELS = 64  # that are kept
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,7 @@ class Worker:
 
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
         self._camera, self._stopped = camera, stopped
+        self._models: dict[Path, tuple[ObjectModel, Surface]] = {}
         self._source = _Last[Source]()
         self._evidence = _Last[Evidence]()
         self._localizer = _Last[AnyLocalizer[PoseEstimate]](lambda localizer: localizer.close())
@@ -176,12 +179,13 @@ class Worker:
     def run(self, job: Job) -> Trial | None:
         """Do one job; None when it was stopped."""
         capture, variant = job.capture, job.variant
-        model, surface = _model(job.sought.model)
+        model, surface = self._model(job.sought)
         decoders = self._decoders  # made once, not timed
-        source = self._source.get(capture.source, lambda: capture.read(decoders))
+        pictures = capture.source, capture.pictures
+        source = self._source.get(pictures, lambda: capture.read(decoders))
         settings = variant.volume(capture, model, source)
         search = variant.search(capture)
-        key = (capture.source, variant.base, *variant.chosen.values(), settings, search.roi_center,
+        key = (pictures, variant.base, *variant.chosen.values(), settings, search.roi_center,
                model.diameter)
         evidence = self._evidence.get(
             key, lambda: variant.build(source, settings, capture, model))
@@ -218,15 +222,17 @@ class Worker:
         """Release the GL context."""
         self._localizer.clear()
 
+    def _model(self, sought: Capture) -> tuple[ObjectModel, Surface]:
+        if sought.model not in self._models:
+            if len(self._models) == _MOST_MODELS:
+                self._models.clear()
+            model = sought.load_model()
+            self._models[sought.model] = model, Surface.from_model(model)
+        return self._models[sought.model]
+
     @cached_property
     def _decoders(self) -> Decoders | None:
         return None if self._camera is None else Decoders(*self._camera)
-
-
-@lru_cache(maxsize=64)
-def _model(path: Path) -> tuple[ObjectModel, Surface]:
-    model = ObjectModel.load(path)
-    return model, Surface.from_model(model)
 
 
 def _trial(job: Job, estimate: PoseEstimate, truth: NDArray[np.float64], pinhole: Pinhole,

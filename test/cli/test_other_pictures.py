@@ -1,5 +1,6 @@
 """Bags of posed views, a robot's bag and a BOP scene, as users call the commands on them."""
 
+import csv
 import json
 import shutil
 
@@ -160,9 +161,33 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
 
 @pytest.mark.parametrize(('more', 'reason'), [
     ((), 'or --object-id of a BOP scene'),
-    (('--object-id', 4), 'models/obj_000004.ply, the model of object 4; give --object'),
+    (('--object-id', 4), 'models/obj_000004.ply, the model of object 4; copy the data'),
     (('--object-id', 3, '--truth', 'scene_camera.json'), 'give one --object, and no --truth')])
 def test_what_a_scene_cannot_do_is_told(scene, more, reason, monkeypatch):
     monkeypatch.chdir(scene)
     done = pmcl('localize', scene, '--roi', *'001111', *more, status=2 if more[1:2] != (4,) else 1)
     assert reason in ' '.join(done.output.split())
+
+
+def test_a_scene_with_truth_is_evaluated(scene, capture, tmp_path):
+    """Without camera poses, each picture alone."""
+    truth, views = Truth.load(capture / 'truth.json'), read_source(capture).views
+    poses = [np.linalg.inv(each.camera_to_reference) @ truth.pose for each in views]
+    (scene / 'scene_gt.json').write_text(json.dumps({str(number): [{
+        'obj_id': 3, 'cam_R_m2c': each[:3, :3].ravel().tolist(),
+        'cam_t_m2c': (1000 * each[:3, 3]).tolist()}] for number, each in enumerate(poses)}))
+    out = tmp_path / 'out'
+    pmcl('evaluate', scene.parent, '--trials', 1, '--processes', 1, '--out', out)
+    with (out / 'results.csv').open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [each['capture'] for each in rows] == [
+        f'000004/{number:06d}/obj_000003' for number in (0, 1)]
+    for row, pose in zip(rows, poses, strict=True):
+        found = np.array(row['pose'].split(), float).reshape(3, 4)
+        assert float(row['translation_mm']) == pytest.approx(
+            1000 * np.linalg.norm(found[:, 3] - pose[:3, 3]), abs=1e-6)
+        off = found[:, 3] / found[2, 3] - pose[:3, 3] / pose[2, 3]
+        assert abs(off).max() < 0.03  # rad
+    assert (out / 'bop_default.csv').read_text().splitlines()[0].startswith('scene_id,im_id')
+    done = pmcl('evaluate', capture.parent, '--views', 2, status=2)
+    assert 'are of those' in done.output

@@ -4,10 +4,12 @@ Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in m
 """
 
 import re
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
@@ -21,12 +23,13 @@ _POSE = 'cam_R_w2c', 'cam_t_w2c'
 _NUMBER = re.compile(r'[0-9]{1,9}')
 
 
-def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
+def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | None = None
+         ) -> tuple[ViewsFile, Path]:
     """The views of a scene's folder, and the folder that their files are relative to.
 
     The reference frame, `bop`, is the scene's world, in metres. picture: this one alone, in the
-    frame of its camera. Raises LightFieldError where the scene has no poses of its cameras, and
-    saying what is wrong.
+    frame of its camera. numbers: of the pictures to take; None: all. Raises LightFieldError where
+    the scene has no poses of its cameras, and saying what is wrong.
     """
     path = scene / NAME
     cameras: dict[str, Any] = {}
@@ -34,14 +37,13 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
     for number, values in _read(path).items():
         if picture is not None and picture.stem != f'{int(number):06d}':
             continue
-        file = picture or _file(scene, number)
+        if numbers is not None and int(number) not in numbers:
+            continue
+        file = picture or picture_of(scene, int(number))
         try:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
-            poses = [values[key] for key in _POSE if key in values and picture is None]
-            turn, place = (np.array(each, float) for each in poses) if poses else (None, None)
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and '
-                                  'cam_R_w2c, 9 numbers, with cam_t_w2c, 3 numbers') from None
+            raise _incomplete(path, number) from None
         if skew != 0:
             raise LightFieldError(f'{path}: picture {number} has skew {skew:g} in cam_K; expected '
                                   'a camera without')
@@ -49,16 +51,8 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
         cameras[number] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
                            'cy': cy}
         view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': number}
-        if turn is not None and place is not None:
-            if turn.size != 9 or place.size != 3:
-                raise LightFieldError(f'{path}: picture {number}: cam_R_w2c has {turn.size} '
-                                      f'numbers, cam_t_w2c {place.size}; expected 9 and 3')
-            if not (abs(turn) < 2).all() or not (abs(place) < _FAR).all():
-                raise LightFieldError(f'{path}: picture {number}: cam_R_w2c {turn.tolist()} and '
-                                      f'cam_t_w2c {place.tolist()} are no rotation and no place')
-            pose = np.eye(4)
-            pose[:3, :3] = turn.reshape(3, 3).T
-            pose[:3, 3] = -pose[:3, :3] @ place.ravel() / 1000
+        pose = None if picture is not None else _camera_to_world(path, number, values)
+        if pose is not None:
             view['camera_to_reference'] = pose.ravel().tolist()
         elif picture is None:
             raise LightFieldError(
@@ -71,12 +65,63 @@ def load(scene: Path, picture: Path | None = None) -> tuple[ViewsFile, Path]:
                           str(path)), scene
 
 
+def camera_poses(scene: Path) -> dict[int, NDArray[np.float64] | None]:
+    """By the number of each picture its camera's pose, (4, 4), camera to the scene's world [m].
+
+    None for a picture without one. Raises LightFieldError.
+    """
+    path = scene / NAME
+    return {int(number): _camera_to_world(path, number, values)
+            for number, values in _read(path).items()}
+
+
+def rigid(rotation: object, translation: object, where: str) -> NDArray[np.float64]:
+    """The transform (4, 4) [m] of nine numbers row by row, and three in millimetres.
+
+    Raises LightFieldError, which begins with `where`, for what is none.
+    """
+    try:
+        turn, place = np.array(rotation, float), np.array(translation, float)
+    except (TypeError, ValueError, OverflowError):
+        turn = place = np.empty(0)
+    if turn.size != 9 or place.size != 3:
+        raise LightFieldError(f'{where}: expected 9 and 3 numbers, got {turn.size} and '
+                              f'{place.size}')
+    if not (abs(turn) < 2).all() or not (abs(place) < _FAR).all():
+        raise LightFieldError(f'{where}: {turn.tolist()} and {place.tolist()} are no rotation and '
+                              'no place')
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), place.ravel() / 1000
+    return pose
+
+
+def _camera_to_world(path: Path, number: str, values: dict[str, Any]
+                     ) -> NDArray[np.float64] | None:
+    given = [key for key in _POSE if key in values]
+    if not given:
+        return None
+    if len(given) < len(_POSE):
+        raise _incomplete(path, number)
+    rotation, translation = _POSE
+    into = rigid(values[rotation], values[translation],
+                 f'{path}: picture {number}: {" and ".join(_POSE)}')
+    pose = np.eye(4)
+    pose[:3, :3] = into[:3, :3].T
+    pose[:3, 3] = -pose[:3, :3] @ into[:3, 3]
+    return pose
+
+
+def _incomplete(path: Path, number: str) -> LightFieldError:
+    return LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and cam_R_w2c, 9 '
+                           'numbers, with cam_t_w2c, 3 numbers')
+
+
 def pictures_alone(scene: Path) -> list[Path]:
     """The pictures of a scene's folder without any pose of a camera; empty: it has poses."""
     cameras = _read(scene / NAME)
     if any(key in values for values in cameras.values() for key in _POSE):
         return []
-    return [_file(scene, number) for number in cameras]
+    return [picture_of(scene, int(number)) for number in cameras]
 
 
 def model_of(path: Path, object_id: int) -> Path:
@@ -90,7 +135,7 @@ def model_of(path: Path, object_id: int) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise LightFieldError(f'no folder above {scene} has {name}, the model of object {object_id}; '
-                          'give --object')
+                          "copy the data set's folder models there")
 
 
 def scene_of(picture: Path) -> Path | None:
@@ -111,13 +156,14 @@ def _read(path: Path) -> dict[str, dict[str, Any]]:
     return values
 
 
-def _file(scene: Path, number: str) -> Path:
+def picture_of(scene: Path, number: int) -> Path:
+    """The file of a picture of a scene; LightFieldError where there is none."""
     for folder in _FOLDERS:
         for ending in _ENDINGS:
-            path = scene / folder / f'{int(number):06d}.{ending}'
+            path = scene / folder / f'{number:06d}.{ending}'
             if path.is_file():
                 return path
-    raise LightFieldError(f'{scene} has no picture {int(number):06d} in {" or ".join(_FOLDERS)}')
+    raise LightFieldError(f'{scene} has no picture {number:06d} in {" or ".join(_FOLDERS)}')
 
 
 def _size(path: Path) -> tuple[int, int]:

@@ -209,9 +209,9 @@ def test_an_object_of_a_scene_is_found_by_its_number(tmp_path):
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'cam_K': [1, 2]}, 'picture 0 needs cam_K, 9 numbers'),
     ({'cam_K': [40, 1, 23, 0, 41, 17, 0, 0, 1]}, 'picture 0 has skew 1'),
-    ({'cam_R_w2c': [1, 0, 0, 1]}, 'cam_R_w2c has 4 numbers'),
+    ({'cam_R_w2c': [1, 0, 0, 1]}, 'cam_R_w2c and cam_t_w2c: expected 9 and 3 numbers, got 4'),
     ({'cam_R_w2c': [1.1, 0, 0, 0, 1, 0, 0, 0, 1]}, 'is no rotation'),
-    ({'cam_t_w2c': 'far'}, 'needs cam_K')])
+    ({'cam_t_w2c': 'far'}, 'expected 9 and 3 numbers, got 0')])
 def test_a_broken_scene_is_refused_in_one_line(tmp_path, changes, reason):
     with pytest.raises(LightFieldError, match=reason) as caught:
         read_source(bop(tmp_path, **changes))

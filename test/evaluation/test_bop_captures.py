@@ -1,0 +1,187 @@
+"""Scenes of a BOP data set as captures: true poses in their frames, groups, what is left out."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+from test_recall import trial
+from test_records import read_bop
+
+from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
+from pmcl_ros.evaluation.captures import select
+from pmcl_ros.evaluation.plan import Plan
+from pmcl_ros.evaluation.records import settings, write_bop
+from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
+from pmcl_ros.runtime.errors import PmclError, SettingsError
+
+PICTURES = 7
+SHAPES = {1: trimesh.creation.cylinder(20, 90), 4: trimesh.creation.box((30, 50, 70))}  # mm
+
+
+def random_pose(seed):
+    rng = np.random.default_rng(seed)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = Rotation.random(None, rng).as_matrix(), rng.uniform(-1, 1, 3)
+    return pose
+
+
+CAMERAS = [random_pose(seed) for seed in range(PICTURES)]  # camera to world, metres
+OBJECTS = {1: random_pose(100), 4: random_pose(101)}  # object to world
+
+
+def named(rotation, place, pose):
+    return {rotation: pose[:3, :3].ravel().tolist(), place: (1000 * pose[:3, 3]).tolist()}
+
+
+def entries(camera):
+    return [{'obj_id': number} | named('cam_R_m2c', 'cam_t_m2c', np.linalg.inv(camera) @ pose)
+            for number, pose in OBJECTS.items()]
+
+
+def write_scene(folder, posed=True):
+    (folder / 'rgb').mkdir(parents=True)
+    models = folder.parents[1] / 'models'
+    models.mkdir(exist_ok=True)
+    for number, mesh in SHAPES.items():
+        mesh.export(models / f'obj_{number:06d}.ply')
+    cameras, truths = {}, {}
+    for number, pose in enumerate(CAMERAS):
+        cv2.imwrite(str(folder / 'rgb' / f'{number:06d}.png'), np.full((8, 10, 3), number, 'u1'))
+        cameras[str(number)] = {'cam_K': [9, 0, 4.5, 0, 9, 3.5, 0, 0, 1]}
+        if posed:
+            cameras[str(number)] |= named('cam_R_w2c', 'cam_t_w2c', np.linalg.inv(pose))
+        truths[str(number)] = entries(pose)
+    (folder / 'scene_camera.json').write_text(json.dumps(cameras))
+    (folder / 'scene_gt.json').write_text(json.dumps(truths))
+    return folder
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return write_scene(tmp_path / 'set' / 'test' / '000012')
+
+
+def change(scene, name, edit):
+    values = json.loads((scene / name).read_text())
+    edit(values)
+    (scene / name).write_text(json.dumps(values))
+
+
+def test_views_with_poses_are_localised_together_in_the_world(scene):
+    assert bop_scenes(scene) == bop_scenes(scene.parent) == [scene]
+    found = bop_captures([scene], BopChoice(views=3))
+    # Two groups spread over seven pictures, 0 2 4 and 1 3 5, two objects in each.
+    assert [each.name for each in found] == [
+        f'000012/{first:06d}/obj_{number:06d}' for first in (0, 1) for number in (1, 4)]
+    assert [[int(path.stem) for path in each.pictures] for each in found[1:3]] == [
+        [0, 2, 4], [1, 3, 5]]
+    for each in found:
+        np.testing.assert_allclose(each.truth.pose, OBJECTS[each.object_id], atol=1e-12)
+        off = np.array(each.truth.roi_center) - each.truth.pose[:3, 3]
+        assert 0 < abs(off).max() <= 0.2 * 0.16
+    views = found[2].read(None)
+    assert isinstance(views, PosedViews)
+    for view, number in zip(views.views, (1, 3, 5), strict=True):
+        np.testing.assert_allclose(view.camera_to_reference, CAMERAS[number], atol=1e-12)
+        assert view.displayed().max() == number
+
+
+@pytest.mark.parametrize(('posed', 'views'), [(False, 5), (True, 1)])
+def test_a_picture_alone_has_the_truth_of_its_camera(tmp_path, posed, views):
+    scene = write_scene(tmp_path / 'set' / 'test' / '000012', posed)
+    found = bop_captures([scene], BopChoice(views, objects=(4,)))
+    assert len(found) == PICTURES
+    for each, camera in zip(found, CAMERAS, strict=True):
+        np.testing.assert_allclose(each.truth.pose, np.linalg.inv(camera) @ OBJECTS[4],
+                                   atol=1e-12)
+    assert isinstance(found[3].read(None), PosedView)
+
+
+def test_a_model_is_in_metres_with_its_symmetries(scene):
+    captures = bop_captures([scene], BopChoice())
+    glass, box = (each.load_model() for each in captures)
+    assert glass.axis is not None
+    assert box.axis is None
+    np.testing.assert_allclose(np.ptp(box.vertices, axis=0), (0.03, 0.05, 0.07))
+    assert captures[0].object != captures[1].object
+
+
+def test_what_is_hardly_visible_and_what_is_no_target_is_left_out(scene, tmp_path):
+    shares = {str(number): [{'visib_fract': 0.05 if number < 6 else 1.0}, {'visib_fract': 0.5}]
+              for number in range(PICTURES)}
+    (scene / 'scene_gt_info.json').write_text(json.dumps(shares))
+    alone = bop_captures([scene], BopChoice(views=1))
+    assert [each.bop_numbers for each in alone if each.object_id == 1] == [(12, 6, 1)]
+    # On average 0.19 of the seven, 0.05 of the first three.
+    assert {each.object_id for each in bop_captures([scene], BopChoice(views=7))} == {1, 4}
+    assert {each.object_id for each in bop_captures([scene], BopChoice(views=3))} == {4}
+    targets = tmp_path / 'targets.json'
+    targets.write_text(json.dumps([{'scene_id': 12, 'im_id': 3, 'obj_id': 4, 'inst_count': 1},
+                                   {'scene_id': 11, 'im_id': 2, 'obj_id': 4, 'inst_count': 1}]))
+    chosen = bop_captures([scene], BopChoice(views=1, targets=targets))
+    assert [each.bop_numbers for each in chosen] == [(12, 3, 4)]
+
+
+def test_copies_of_an_object_are_captures_of_their_own(scene):
+    change(scene, 'scene_gt.json', lambda values: values['0'].append(values['0'][1]))
+    names = [each.name for each in bop_captures([scene], BopChoice(views=7))]
+    assert names == [f'000012/000000/{each}' for each in (
+        'obj_000001', 'obj_000004', 'obj_000004_1')]
+    captures = bop_captures([scene], BopChoice(views=7))
+    assert captures[1].truth.roi_center != captures[2].truth.roi_center
+
+
+def test_an_object_in_the_scene_is_not_looked_for_as_a_wrong_one(tmp_path):
+    """Of two scenes with the same objects there is no other object to look for."""
+    scenes = [write_scene(tmp_path / 'set' / 'test' / name) for name in ('000001', '000002')]
+    change(scenes[0], 'scene_gt.json', lambda values: [each.pop(0) for each in values.values()])
+    found = tuple(bop_captures(scenes, BopChoice(views=7)))
+    jobs = Plan(found, (Variant('default'),), (0,), found).jobs()
+    wrong = [job for job in jobs if job.sought.object_id != job.capture.object_id]
+    assert [(job.capture.name, job.sought.object_id) for job in wrong] == [
+        ('000001/000000/obj_000004', 1)]
+
+
+def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
+    captures = tuple(bop_captures([scene], BopChoice(views=3)))
+    plan = Plan(captures, (Variant('default'),), (0,))
+    pose = tuple(random_pose(7)[:3].ravel())
+    write_bop(tmp_path / 'bop.csv', [trial(capture=captures[3].name, pose=pose)], plan)
+    row, = read_bop(tmp_path / 'bop.csv')
+    assert (row['scene_id'], row['im_id'], row['obj_id']) == (12, 1, 4)
+    used = settings(plan, [], 1, 1.0)['captures'][3]
+    assert (used['scene_id'], used['obj_id']) == (12, 4)
+    assert set(used['sha256']) == {
+        'scene_camera.json', 'scene_gt.json', '../../models/obj_000004.ply',
+        *(f'rgb/{number:06d}.png' for number in (1, 3, 5))}
+
+
+@pytest.mark.parametrize(('edit', 'reason'), [
+    (lambda values: values['0'][0].pop('obj_id'), 'picture 0: obj_id None is no number'),
+    (lambda values: values['0'][0].update(cam_t_m2c=[1, 2]), 'expected 9 and 3 numbers, got 9'),
+    (lambda values: values['0'][1].update(cam_R_m2c=[[9] * 3] * 3), 'are no rotation'),
+    (lambda values: values['0'][0].update(obj_id=9), r'no folder above .*/obj_000009\.ply'),
+    (lambda values: values.update({'0': 3}), 'expected numbers of pictures')])
+def test_a_broken_truth_is_refused_in_one_line(scene, edit, reason):
+    change(scene, 'scene_gt.json', edit)
+    with pytest.raises(PmclError, match=reason) as caught:
+        bop_captures([scene], BopChoice())
+    assert '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('text', ['[1]', '[{"scene_id": 1}]', '{', '3'])
+def test_a_list_of_targets_that_is_none_is_refused(scene, tmp_path, text):
+    (tmp_path / 'targets.json').write_text(text)
+    with pytest.raises(PmclError, match=r'targets\.json'):
+        bop_captures([scene], BopChoice(targets=tmp_path / 'targets.json'))
+
+
+def test_names_that_are_not_there_are_told_with_some_that_are(scene):
+    captures = bop_captures([scene], BopChoice(views=1))
+    assert select(captures, [captures[2].name], scene) == [captures[2]]
+    with pytest.raises(SettingsError, match=r'no capture glass; there are 000012/000000/.*'):
+        select(captures, ['glass'], scene)
