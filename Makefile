@@ -10,12 +10,14 @@ TEST := .venv/.installed-test
 DOCS := .venv/.installed-docs
 ARM := .venv/.installed-manipulate
 OLDEST := .venv-oldest/.installed
-PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet
+PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --no-compile
+# Workers share the cores: threads of BLAS, OpenCV and Mesa would wait for each other, and spin.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 LP_NUM_THREADS=1
 
 # Byte code is kept: else every process compiles all sources anew, those of the tests too.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-quick test-oldest lint venv docs eval bench soak fuzz clean
+.PHONY: demo test test-quick test-tensorflow test-oldest lint venv docs eval bench soak fuzz clean
 
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
 ifeq ($(SCENE),)
@@ -27,20 +29,24 @@ demo: $(ARM)
 	@$(BIN)/pmcl manipulate $(SCENE) --trials 1 --seed 1 --out out/$(SCENE)
 endif
 
-test: $(TEST) lint
+test: $(TEST)
 	@$(BIN)/pmcl warm-up --all
+	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint test-tensorflow
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+
+# Apart from the others: test/conftest.py says why.
+test-tensorflow: $(TEST)
 	$(BIN)/python -m pytest -m tensorflow
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # What needs no ROS graph, no long search and no study: SLOW in test/conftest.py lists the rest.
 test-quick: $(TEST)
 	@$(BIN)/pmcl warm-up
-	$(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 # The same with each package as old as requirements.txt allows, in an environment of its own.
 test-oldest: $(OLDEST)
 	@.venv-oldest/bin/pmcl warm-up
-	.venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m 'not slow'
+	$(ONE_THREAD) .venv-oldest/bin/python -m pytest -n 2 --dist loadfile -m 'not slow'
 
 lint: $(TEST)
 	$(BIN)/ruff check .
@@ -97,7 +103,7 @@ $(OLDEST): requirements.txt requirements-ros.txt requirements-test.txt setup.py 
 	$(PYTHON) -m venv .venv-oldest && sed 's/>=\(.*\)/==\1.*/' requirements.txt > .venv-oldest/oldest.txt && \
 	grep -Ev '^(#|-r|tensorflow|mypy|ruff|import-linter|distributed|colcon)' requirements-test.txt > \
 		.venv-oldest/test.txt && \
-	.venv-oldest/bin/python -m pip --disable-pip-version-check install --quiet \
+	.venv-oldest/bin/python -m pip --disable-pip-version-check install --quiet --no-compile \
 		-r .venv-oldest/oldest.txt -r requirements-ros.txt -r .venv-oldest/test.txt && \
 	.venv-oldest/bin/python -m pip --disable-pip-version-check install --quiet --no-deps \
 		--editable . && touch $@

@@ -10,6 +10,7 @@ from pathlib import Path
 from shutil import copytree
 
 import hypothesis
+import numba
 import pytest
 
 import pmcl_ros
@@ -41,6 +42,9 @@ os.environ['ROS_DOMAIN_ID'] = str(_NUMBER)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
+
+# The workers share the cores: threads of theirs would wait for each other, and spin.
+numba.set_num_threads(1)
 
 # A busy machine takes long now and then; the same examples are drawn each time.
 hypothesis.settings.register_profile('pmcl_ros', deadline=None, derandomize=True,
@@ -86,6 +90,15 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.slow)
         if not TENSORFLOW.isdisjoint(_below(item.path)):
             item.add_marker(pytest.mark.tensorflow)
+
+
+@pytest.fixture
+def all_threads():
+    """Kernels of the test run on as many threads as there are cores; their number."""
+    number = numba.config.NUMBA_NUM_THREADS
+    numba.set_num_threads(number)
+    yield number
+    numba.set_num_threads(1)
 
 
 @pytest.fixture

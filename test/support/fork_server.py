@@ -4,6 +4,7 @@ They are processes as any other, but for the imports, which took most of the tim
 """
 
 import atexit
+import inspect
 import json
 import os
 import runpy
@@ -14,6 +15,8 @@ import time
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
+
+from numba.core.registry import cpu_target
 
 from pmcl_ros.runtime.start import MODULES
 
@@ -59,7 +62,8 @@ class Forked:
 def _server():
     """The process that forks; it ends with this one."""
     process = subprocess.Popen([sys.executable, __file__], cwd=ROOT, stdin=subprocess.PIPE,
-                               stdout=subprocess.PIPE, text=True, bufsize=1)
+                               stdout=subprocess.PIPE, text=True, bufsize=1,
+                               env=os.environ | {'NUMBA_NUM_THREADS': '1'})  # it is read early
     atexit.register(process.communicate)
     return process
 
@@ -74,6 +78,10 @@ def _serve():
     """Fork what is asked for; in the forked process return what to run there."""
     for each in PROGRAMS:
         import_module(each)
+    # What takes the first kernel of a process, and the first line of its log, most of a second.
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+    inspect.getmodule(inspect.currentframe())
     for each in [each for each in sys.modules if each.startswith('pmcl_ros.nodes')]:
         del sys.modules[each]  # each process has its own: one notes signals in a socket it makes
     for line in sys.stdin:

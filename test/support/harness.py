@@ -43,7 +43,8 @@ class Process:
             path = folder / f'{self.name}.yaml'
             path.write_text(yaml.safe_dump({'/**': {'ros__parameters': params}}))
             args = (*args, '--ros-args', '--params-file', path)
-        environment = os.environ | {'ROS_PYTHON_CHECK_FIELDS': str(int(checked))}
+        environment = os.environ | {'ROS_PYTHON_CHECK_FIELDS': str(int(checked)),
+                                    'NUMBA_NUM_THREADS': '1'}  # as in conftest.py
         with self._log.open('w') as log:
             # Messages read whether they check their fields when they are imported.
             if module in fork_server.PROGRAMS and checked and root == ROOT:

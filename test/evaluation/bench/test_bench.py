@@ -13,6 +13,7 @@ def test_the_least_time_counts():
     assert best_ms(lambda: np.zeros(next(waits) * 10 ** 6).sum(), 3) < 1000
 
 
+@pytest.mark.usefixtures('all_threads')
 def test_the_decode_is_many_times_as_fast_as_its_plain_form():
     result = bench_decode(repeats=3)
     assert isinstance(result, Bench)
@@ -22,7 +23,8 @@ def test_the_decode_is_many_times_as_fast_as_its_plain_form():
 
 
 @pytest.mark.parametrize(('back_end', 'side', 'stages', 'least'), [
-    ('numba', 328, ['sweep'], 20), ('gl', 128, ['upload', 'resident', 'read'], 1)])
+    ('numba', 328, ['sweep'], 20), ('gl', 64, ['upload', 'resident', 'read'], 1)])
+@pytest.mark.usefixtures('all_threads')
 def test_the_volume_is_faster_than_its_plain_form(back_end, side, stages, least):
     result = bench_dlv(repeats=1, wanted=back_end, side=side)
     assert list(result.ms) == ['views', 'planes', *stages, 'total', 'edges', 'layers', 'plain']

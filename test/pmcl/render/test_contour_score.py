@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from numba import config, set_num_threads
+from numba import set_num_threads
 from pmcl_scenes import bracket, cup, model_of, random_poses
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -193,17 +193,14 @@ def test_points_of_a_ball_lie_on_its_outline():
         np.linalg.norm(np.diff(points.pixels[::7], axis=0), axis=1).sum(), rel=0.05)
 
 
-def test_scores_of_the_processor_do_not_depend_on_threads_or_batches():
+def test_scores_of_the_processor_do_not_depend_on_threads_or_batches(all_threads):
     poses = random_poses(50, seed=3, depth=(0.2, 0.4))
     with NumbaRenderer().contour_score(scene(bracket()), random_edges(NARROW), LARGEST) as score:
         together = score.evaluate(poses)
         backwards = score.evaluate(poses[::-1])[::-1]
         alone = np.concatenate([score.evaluate(pose[None]) for pose in poses])
         set_num_threads(1)
-        try:
-            one_thread = score.evaluate(poses)
-        finally:
-            set_num_threads(config.NUMBA_NUM_THREADS)
+        one_thread = score.evaluate(poses)
     assert np.ptp(together) > 10
     for sums in (backwards, alone, one_thread):
         np.testing.assert_array_equal(sums, together)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numba import config, set_num_threads
+from numba import set_num_threads
 from pmcl_scenes import bracket, cup, model_of, random_poses
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
@@ -134,7 +134,7 @@ def test_both_renderers_give_the_same_scores(context, mesh, scale):
     assert off.max() < 1e-3
 
 
-def test_scores_of_the_processor_do_not_depend_on_threads_or_batches():
+def test_scores_of_the_processor_do_not_depend_on_threads_or_batches(all_threads):
     poses = random_poses(50, seed=3)
     with NumbaRenderer().likelihood_score(scene(bracket()),
                                           random_volume(NARROW, 0.1, 0.9, 40)) as score:
@@ -142,10 +142,7 @@ def test_scores_of_the_processor_do_not_depend_on_threads_or_batches():
         backwards = score(poses[::-1])[::-1]
         alone = np.concatenate([score(pose[None]) for pose in poses])
         set_num_threads(1)
-        try:
-            one_thread = score(poses)
-        finally:
-            set_num_threads(config.NUMBA_NUM_THREADS)
+        one_thread = score(poses)
     assert np.ptp(together) > 0.01
     for scores in (backwards, alone, one_thread):
         np.testing.assert_array_equal(scores, together)

@@ -89,14 +89,12 @@ def test_a_pixel_is_as_noisy_as_asked():
     assert not noisy(np.ones((4, 4, 3), np.float32), 0.0, sensor, rng).any()
 
 
-def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads():
-    threads = numba.get_num_threads()
+def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads(all_threads):
     pictures = []
-    for number, seed in ((threads, 4), (1, 4), (threads, 5)):
+    for number, seed in ((all_threads, 4), (1, 4), (all_threads, 5)):
         numba.set_num_threads(number)
         rng = np.random.default_rng(seed)
         pictures.append(render(random_scene(rng, _SMALL), rng, 1).light_field.views)
-    numba.set_num_threads(threads)
     assert np.array_equal(pictures[0], pictures[1])
     assert not np.array_equal(pictures[0], pictures[2])
 
