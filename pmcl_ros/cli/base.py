@@ -32,13 +32,16 @@ def calibration_type(text: str) -> Path:
 class Commands(click.Group):
     """Prints errors of the package and the disk as one line; the exit status is 1.
 
-    modules: the module of each command. It is imported when the command is called: most commands
-    need large libraries that the others do not.
+    sections: of the help, each with the module of a command, below pmcl_ros.cli, and one line of
+    help. The module is imported when the command is called: most need large libraries.
     """
 
-    def __init__(self, *args: Any, modules: Mapping[str, str], **options: Any) -> None:
+    def __init__(self, *args: Any, sections: Mapping[str, Mapping[str, tuple[str, str]]],
+                 **options: Any) -> None:
         super().__init__(*args, **options)
-        self._modules = dict(modules)
+        self._sections = sections
+        self._modules = {name: module for each in sections.values()
+                         for name, (module, _) in each.items()}
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """All names."""
@@ -49,9 +52,17 @@ class Commands(click.Group):
         """The command of a name, if there is one."""
         if name not in self._modules:
             return None
-        command = getattr(import_module(self._modules[name]), name.replace('-', '_'))
+        module = import_module(f'pmcl_ros.cli.{self._modules[name]}')
+        command = getattr(module, name.replace('-', '_'))
         assert isinstance(command, click.Command)
         return command
+
+    def format_commands(self, ctx: click.Context,  # noqa: ARG002
+                        formatter: click.HelpFormatter) -> None:
+        """The commands by section, without importing any."""
+        for section, commands in self._sections.items():
+            with formatter.section(section):
+                formatter.write_dl([(name, text) for name, (_, text) in commands.items()])
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; print errors of the package without a traceback."""

@@ -1,0 +1,38 @@
+"""`pmcl --help` is there at once: it imports no command."""
+
+import subprocess
+import sys
+
+import pytest
+from click import Context
+from command_line import pmcl
+
+from pmcl_ros.cli import main
+
+HELP = """
+import sys
+from pmcl_ros.cli import main
+main(['--help'], standalone_mode=False)
+print(*sorted({'numpy', 'numba', 'scipy', 'cv2'} & set(sys.modules)))
+"""
+
+
+def test_help_needs_none_of_the_large_libraries():
+    done = subprocess.run([sys.executable, '-c', HELP], check=True, capture_output=True, text=True)
+    assert done.stdout.splitlines()[-1] == ''
+    assert not done.stderr
+
+
+def test_every_command_is_listed_once_with_a_line():
+    lines = [line.split(maxsplit=1) for line in pmcl('--help').output.splitlines()]
+    listed = dict(each for each in lines if len(each) == 2)
+    for name in main.list_commands(Context(main)):
+        assert sum(each[:1] == [name] for each in lines) == 1
+        assert listed[name].endswith(('.', '?'))
+
+
+@pytest.mark.parametrize('name', main.list_commands(Context(main)))
+def test_every_name_is_a_command_with_help_of_its_own(name):
+    command = main.get_command(Context(main), name)
+    assert command.name == name
+    assert command.help
