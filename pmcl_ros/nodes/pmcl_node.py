@@ -160,6 +160,8 @@ class PmclNode(StageNode):
             self.get_logger().warning(
                 f'no evidence came of capture {stamp}: the log of this node, or of one before it, '
                 'says why, unless that one was killed')
+        if isinstance(evidence, PosedViews):
+            self._of_views.on_views(evidence)
         self._search(evidence)
 
     def _again(self) -> str:

@@ -9,6 +9,7 @@ from sensor_msgs.msg import Image
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.pose import pose_to_message
@@ -48,6 +49,14 @@ class PosedViewsOutputs:
         self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
         self._number = 0  # of the last views
 
+    def on_views(self, views: PosedViews) -> None:
+        """Views have come and will be searched: forget a pose that views not among them gave."""
+        if self._last is not None:
+            now = [each.camera_to_reference for each in views.views]
+            if not all(any(np.array_equal(each.camera_to_reference, one) for one in now)
+                       for each in self._last[0].views):
+                self._last = None
+
     def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
         """Take what was found in some views, for `~/next_view` and the chart; from any thread."""
         number = len(evidence.views)
@@ -62,19 +71,22 @@ class PosedViewsOutputs:
 
     def publish_chart(self) -> None:
         """Of how sure the poses of this collection were, unless the object was lost just now."""
-        if self._last is not None and self._sigmas.get_subscription_count():
+        last = self._last
+        if last is not None and self._sigmas.get_subscription_count():
             from pmcl_ros.drawing.views_picture import sigmas_figure
             sigmas = [self._told.get(each + 1, np.nan) for each in range(self._number)]
-            _draw(self._sigmas, self._last[1].header, sigmas_figure(sigmas))
+            _draw(self._sigmas, last[1].header, sigmas_figure(sigmas))
 
     def _answer(self) -> str:
         if self._model is None:
             raise LocalizationError('a next view needs posed views: set source to posed_views')
-        if self._last is None:
+        last = self._last  # the thread of the search may replace it
+        if last is None:
             raise LocalizationError('no pose has been found since the node was activated or '
-                                    'reset, or the object was lost in the last views: take '
-                                    'pictures of the region of interest first')
-        evidence, estimate = self._last
+                                    'reset, or the object was lost in the last views, or others '
+                                    'are being searched: take pictures of the region of interest '
+                                    'first, and wait for the pose')
+        evidence, estimate = last
         there = [each.camera_to_reference for each in evidence.views]
         candidates = cap(estimate.pose, there, self.settings.next_view_cap,
                          self.settings.next_view_candidates)

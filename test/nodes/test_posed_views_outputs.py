@@ -3,14 +3,17 @@
 import numpy as np
 import pytest
 import rclpy
+from pmcl_scenes import cup, model_of
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import Image
+from std_srvs.srv import Trigger
 
 from pmcl_ros.drawing import charts
 from pmcl_ros.drawing.views_picture import sigmas_figure
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.messages.image import picture_from
 from pmcl_ros.nodes.pmcl_settings import PmclNodeSettings
 from pmcl_ros.nodes.posed_views_outputs import PosedViewsOutputs
@@ -25,7 +28,7 @@ class Teller(StageNode):
     name, settings_class = 'teller', Settings
 
     def set_up(self, _):
-        self.outputs = PosedViewsOutputs(self, None, PmclNodeSettings())
+        self.outputs = PosedViewsOutputs(self, model_of(cup()), PmclNodeSettings())
 
     def start(self):
         self.outputs.start()
@@ -48,6 +51,23 @@ def teller(user):
     rclpy.shutdown(context=context)
 
 
+def estimate_of(millimetres, lost=False):
+    return PoseEstimate(
+        Header(1, 'base'), np.eye(4), np.eye(6) * (1e-3 * millimetres) ** 2, np.eye(4)[None],
+        np.zeros(1), 1.0, lost, 'default')
+
+
+def seen_from(edges, *places):
+    """Views from there [m], half a metre before the origin, and their evidence."""
+    poses = np.tile(np.eye(4), (len(places), 1, 1))
+    poses[:, 0, 3], poses[:, 2, 3] = places, -0.5
+    picture = np.full((edges.pinhole.height, edges.pinhole.width, 3), 0.5, np.float32)
+    views = PosedViews(tuple(PosedView(Header(1, 'base'), picture, edges.pinhole, each)
+                             for each in poses))
+    return views, ViewsEvidence(Header(1, 'base'),
+                                tuple(PosedEvidence(edges, each) for each in poses))
+
+
 def test_the_chart_keeps_what_was_told_of_the_first_views_of_a_collection(
         teller, user, small_edges):
     drawn = user.listen(Image, 'pose/sigma_by_views', SMALL)
@@ -55,9 +75,7 @@ def test_the_chart_keeps_what_was_told_of_the_first_views_of_a_collection(
     def tell(number, millimetres, lost=False):
         evidence = ViewsEvidence(Header(1, 'base'), (PosedEvidence(small_edges, np.eye(4)),)
                                  * number)
-        teller.outputs.on_estimate(evidence, PoseEstimate(
-            Header(1, 'base'), np.eye(4), np.eye(6) * (1e-3 * millimetres) ** 2, np.eye(4)[None],
-            np.zeros(1), 1.0, lost, 'default'))
+        teller.outputs.on_estimate(evidence, estimate_of(millimetres, lost))
         teller.outputs.publish_chart()
 
     nan = np.nan
@@ -76,3 +94,20 @@ def test_the_chart_keeps_what_was_told_of_the_first_views_of_a_collection(
     user.wait(lambda: len(drawn) == len(steps) + 1, 'a chart')
     np.testing.assert_array_equal(
         picture_from(drawn[-1]), charts.picture(sigmas_figure(1e-3 * np.array([nan, nan, 2]))))
+
+
+def test_a_pose_says_nothing_of_a_collection_that_is_being_searched(teller, user, small_edges):
+    _, evidence = seen_from(small_edges, 0.0, 0.1)
+    more, _ = seen_from(small_edges, 0.0, 0.1, 0.2)
+    others, _ = seen_from(small_edges, 0.0, 0.15)
+
+    def unknown():
+        answer = user.call(Trigger, '/teller/next_view', Trigger.Request())
+        return 'no pose has been found' in answer.message
+
+    assert unknown()
+    teller.outputs.on_estimate(evidence, estimate_of(3))
+    teller.outputs.on_views(more)
+    assert not unknown()
+    teller.outputs.on_views(others)
+    assert unknown()
