@@ -13,8 +13,9 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'pmcl_ros'
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 ROS = ('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_srvs', 'launch', 'launch_ros')
-WITH_ROS = ('nodes/', 'evaluation/bench/', 'evaluation/manipulation/simulated_robot',
-            'evaluation/manipulation/wrist_eyes',
+WITH_ROS = ('nodes/',
+            *(f'evaluation/bench/{name}.py' for name in ('latency', 'ros_programs', 'soak')),
+            'evaluation/manipulation/simulated_robot', 'evaluation/manipulation/wrist_eyes',
             *(f'messages/{name}.py' for name in ('diagnostics', 'grasp', 'marker')))
 
 

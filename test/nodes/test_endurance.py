@@ -99,8 +99,8 @@ def with_shared_memory(size, *arguments):
 
 
 @pytest.mark.parametrize(('size', 'arguments'), [
-    ('1g', []), ('1m', ['--flood', '--processes'])],
-    ids=['in turn', 'flood, little shared memory'])
+    ('1g', []), ('1g', ['--flood', '--processes']), ('1m', ['--flood', '--processes'])],
+    ids=['in turn', 'flood', 'flood, little shared memory'])
 def test_soak(tmp_path, size, arguments):
     # In shared memory of its own: some of what others open there is shared across domains.
     program = ['pmcl_ros.evaluation.bench.soak', '--captures', '8', '--quick', '--out', tmp_path,
@@ -166,7 +166,7 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
 def test_messages_come_without_room_in_shared_memory(size):
     """16k: no process gets any; 1m: the first one does."""
     done = subprocess.run(
-        with_shared_memory(size, 'pmcl_ros.evaluation.bench.volume_transport', '--messages', '5',
+        with_shared_memory(size, 'pmcl_ros.nodes.bench.volume_transport', '--messages', '5',
                            '--side', '164', '--copies', '1'),
         cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
     assert done.returncode == 0, done.stderr

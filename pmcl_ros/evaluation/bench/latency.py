@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from pmcl_ros.camera.files import read_raw_frame, write_picture
 from pmcl_ros.camera.packing import pack12
-from pmcl_ros.evaluation.bench.running_graph import Graph, GraphError
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decoders import Decoders
 from pmcl_ros.messages.bag_captures import extract_captures
+from pmcl_ros.nodes.bench.running_graph import Graph, GraphError
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel

@@ -59,8 +59,9 @@ def bench_transport(messages: int = 200) -> TransportBench:
     if not profile.is_file():
         raise BenchError(f'there is no {profile}: run the bench from the source tree')
     by_default, by_profile = (
-        Transport(**_run('volume_transport', ['--messages', str(messages)], environment,
-                         'the volumes were not sent, as the lines above say; it needs ROS 2'))
+        Transport(**_run('nodes.bench.volume_transport', ['--messages', str(messages)],
+                         environment, 'the volumes were not sent, as the lines above say; it '
+                         'needs ROS 2'))
         for environment in (bare, bare | {VARIABLE: str(profile)}))
     return TransportBench(by_default, by_profile)
 
@@ -94,20 +95,19 @@ class GraphBench:
 
 def bench_graph(captures: int = 20) -> GraphBench:
     """Take `captures` pictures of bags/wine_glass; BenchError without ROS."""
-    return GraphBench(**_run('latency', ['--captures', str(captures)], os.environ,
+    return GraphBench(**_run('evaluation.bench.latency', ['--captures', str(captures)], os.environ,
                              'no poses came, as the lines above say; it needs ROS 2, and the '
                              'source tree with its bags'))
 
 
 def _run(program: str, arguments: list[str], environment: Mapping[str, str],
          problem: str) -> dict[str, Any]:
-    """The JSON that a program of this folder prints; BenchError with `problem` when it fails.
+    """The JSON that a module of pmcl_ros prints; BenchError with `problem` when it fails.
 
-    It is a program because this module is imported without ROS, and because Fast DDS reads its
-    profile when a process starts.
+    It is a program of its own because Fast DDS reads its profile when a process starts.
     """
     process = subprocess.run(
-        [sys.executable, '-m', f'pmcl_ros.evaluation.bench.{program}', *arguments],
+        [sys.executable, '-m', f'pmcl_ros.{program}', *arguments],
         stdout=subprocess.PIPE, text=True, env=environment, check=False)
     if process.returncode:
         raise BenchError(problem)

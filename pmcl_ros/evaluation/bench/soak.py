@@ -23,15 +23,15 @@ from rich.console import Console
 from rich.progress import Progress
 
 from pmcl_ros.camera.simulated.server import served
-from pmcl_ros.evaluation.bench.running_graph import (
+from pmcl_ros.geometry.truth import Truth
+from pmcl_ros.messages.bag_captures import extract_captures
+from pmcl_ros.nodes.bench.running_graph import (
     Graph,
     GraphError,
     Usage,
     files_shared_without,
     shared_files,
 )
-from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError

@@ -28,7 +28,7 @@ def python(*arguments, profile=None):
 @pytest.mark.parametrize(('messages', 'arguments'), [(200, SMALL), (3, ['--copies', '3'])],
                          ids=['many', 'of full size'])
 def test_no_volume_is_lost_or_changed(messages, arguments, profile):
-    out, errors = python('-m', 'pmcl_ros.evaluation.bench.volume_transport', '--messages',
+    out, errors = python('-m', 'pmcl_ros.nodes.bench.volume_transport', '--messages',
                          messages, *arguments, profile=profile)
     result = json.loads(out)
     assert (result['sent'], result['received'], result['equal']) == (messages,) * 3

@@ -118,7 +118,7 @@ def _receiver(side: int, labels: int, descriptor: int
               ) -> Iterator[Callable[[str], dict[str, Any]]]:
     """The other process; a function that asks it for something and returns its answer."""
     arguments = ['--receive', str(descriptor), '--side', str(side), '--labels', str(labels)]
-    with subprocess.Popen([sys.executable, '-m', 'pmcl_ros.evaluation.bench.volume_transport',
+    with subprocess.Popen([sys.executable, '-m', 'pmcl_ros.nodes.bench.volume_transport',
                            *arguments],
                           stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
                           bufsize=1, pass_fds=[descriptor]) as process:
