@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from numpy.typing import NDArray
 from rclpy.lifecycle import LifecyclePublisher
 from sensor_msgs.msg import Image
 
@@ -46,16 +47,13 @@ class PosedViewsOutputs:
     def forget(self) -> None:
         """Drop what has been found."""
         self._last: tuple[ViewsEvidence, PoseEstimate] | None = None
+        self._cameras: list[NDArray[np.float64]] = []  # of the views that came last
         self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
         self._number = 0  # of the last views
 
     def on_views(self, views: PosedViews) -> None:
-        """Views have come and will be searched: forget a pose that views not among them gave."""
-        if self._last is not None:
-            now = [each.camera_to_reference for each in views.views]
-            if not all(any(np.array_equal(each.camera_to_reference, one) for one in now)
-                       for each in self._last[0].views):
-                self._last = None
+        """Take the cameras of views that have come and will be searched."""
+        self._cameras = [each.camera_to_reference for each in views.views]
 
     def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
         """Take what was found in some views, for `~/next_view` and the chart; from any thread."""
@@ -81,11 +79,14 @@ class PosedViewsOutputs:
         if self._model is None:
             raise LocalizationError('a next view needs posed views: set source to posed_views')
         last = self._last  # the thread of the search may replace it
-        if last is None:
+        if last is None or not all(
+                any(np.array_equal(each.camera_to_reference, one) for one in self._cameras)
+                for each in last[0].views):
             raise LocalizationError('no pose has been found since the node was activated or '
-                                    'reset, or the object was lost in the last views, or others '
-                                    'are being searched: take pictures of the region of interest '
-                                    'first, and wait for the pose')
+                                    'reset, or the object was lost in the last views, or the '
+                                    'views of another collection are being searched: take '
+                                    'pictures of the region of interest first, and wait for the '
+                                    'pose')
         evidence, estimate = last
         there = [each.camera_to_reference for each in evidence.views]
         candidates = cap(estimate.pose, there, self.settings.next_view_cap,
