@@ -23,7 +23,8 @@ NAMES = [
     'message of raw', 'message of views', 'message of posed', 'message of robot',
     'metadata.yaml', 'db3', 'png', 'png with right checksums', 'jpg', 'tif', 'bmp', 'webp', 'ppm',
     'mosaic', 'stl', 'stl in text', 'obj', 'ply', 'ply in text', 'off', 'glb', 'object', 'grasps',
-    'light_field.yaml', 'views.yaml', 'sweep.yaml', 'bop', 'hci', 'cameras.txt', 'images.txt',
+    'light_field.yaml', 'views.yaml', 'sweep.yaml', 'bop', 'scene_gt.json', 'scene_gt_info.json',
+    'targets', 'hci', 'cameras.txt', 'images.txt',
     'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth']
 MANY = os.environ.get('PMCL_FUZZ_INPUTS')
 INPUTS = int(MANY or 100)

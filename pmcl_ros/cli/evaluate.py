@@ -79,15 +79,14 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
 
     Ctrl-C ends it, with the tables of what has been done so far and exit status 130.
     """
-    found = _find(captures, object_ids, views, targets)
-    chosen = select(found, only, captures)
+    chosen = select(_find(captures, object_ids, views, targets), only, captures)
+    others = _find(captures, (), views, None) if wrong_objects else []
     variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
                 *(row for each in sweeps for row in sweep(each))]
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
     camera = _camera(captures, chosen, calibration, white, corners, square)
-    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
-                tuple(found) if wrong_objects else ())
+    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)), tuple(others))
     jobs = plan.jobs()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
@@ -114,8 +113,9 @@ def _find(folder: Path, object_ids: tuple[int, ...], views: int | None, targets:
         choice = BopChoice(views or BopChoice.views, object_ids, targets)
         found: list[Capture] = [*bop_captures(scenes, choice)]
         if not found:
-            raise SettingsError(f'{folder}: nothing is left of its {len(scenes)} scenes by '
-                                '--object-id and --targets, where a tenth of an object is visible')
+            raise SettingsError(
+                f'{folder}: its {len(scenes)} scenes show no object of --object-id and --targets '
+                'by a tenth or more; scene_gt.json and scene_gt_info.json say what they show')
         return found
     if object_ids or views or targets:
         raise click.UsageError(f'{folder} has no BOP scene with scene_camera.json and '

@@ -3,7 +3,7 @@
 Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in millimetres.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from pmcl_ros.lightfield.readers.posed_views import views_of
 from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
-from pmcl_ros.runtime.text_file import parse_json, read_json, read_text
+from pmcl_ros.runtime.text_file import parse_json, read_text
 
 _TRUTH, _VISIBLE = 'scene_gt.json', 'scene_gt_info.json'
 _LEAST_VISIBLE = 0.1  # of an object's outline, as of BOP's targets
@@ -48,10 +48,12 @@ class BopChoice:
 class BopCapture(Capture):
     """One object in one picture of a scene, or in several whose cameras have poses.
 
-    folder: of the meshes. source: of the scene. object_id: of the mesh.
+    folder: of the meshes. source: of the scene. object_id: of the mesh. there: the ids of all
+    objects in the scene.
     """
 
     object_id: int = field(kw_only=True)
+    there: frozenset[int] = field(kw_only=True)
 
     @property
     def mesh(self) -> Path:
@@ -64,6 +66,11 @@ class BopCapture(Capture):
         return self.mesh
 
     @property
+    def load_model(self) -> Callable[[Path], ObjectModel]:
+        """What reads the mesh, in metres, with the symmetries of models_info.json."""
+        return ObjectModel.load_bop
+
+    @property
     def picture(self) -> None:
         """There is no raw picture."""
         return
@@ -73,9 +80,9 @@ class BopCapture(Capture):
         """The numbers of the scene, the first picture and the object."""
         return _number(self.source), int(self.pictures[0].stem), self.object_id
 
-    def load_model(self) -> ObjectModel:
-        """The object, in metres, with the symmetries of models_info.json."""
-        return ObjectModel.load_bop(self.mesh)
+    def shows(self, other: Capture) -> bool:
+        """Whether the object of another capture is in the scene."""
+        return isinstance(other, BopCapture) and other.object_id in self.there
 
     def read(self, decoders: Decoders | None) -> Source:  # noqa: ARG002
         """The picture, or the views."""
@@ -100,8 +107,8 @@ def bop_captures(scenes: list[Path], choice: BopChoice) -> list[BopCapture]:
     """The objects in pictures of scenes: a capture for each object and each group of pictures.
 
     Where the cameras have poses, a group is of `choice.views` pictures, spread over the scene;
-    else, and with one view, of one picture, in its camera's frame. Objects of which a tenth or
-    less is visible are left out. Raises LightFieldError or SettingsError.
+    else, and with one view, of one picture, in its camera's frame. Objects of which less than a
+    tenth is visible are left out. Raises LightFieldError or SettingsError.
     """
     targets = None if choice.targets is None else _read_targets(choice.targets)
     return [capture for scene in scenes for capture in _captures_in(scene, choice, targets)]
@@ -115,15 +122,15 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
         each is not None for each in cameras.values())
     listed = None if targets is None else {
         picture for of, picture, _ in targets if of == _number(scene)}
+    there = frozenset(_object_id(entry, f'{scene / _TRUTH}: picture {number}')
+                      for number, each in truths.items() for entry in each)
     numbers = sorted(cameras if listed is None else listed & cameras.keys())
     for group in _groups(numbers, choice.views if posed else 1):
         first = group[0]
         copies: dict[int, int] = {}
         for place, entry in enumerate(truths.get(first, ())):
             where = f'{scene / _TRUTH}: picture {first}'
-            number = entry.get('obj_id')
-            if not isinstance(number, int) or number < 0:
-                raise LightFieldError(f'{where}: obj_id {number!r} is no number of an object')
+            number = _object_id(entry, where)
             copy = copies[number] = copies.get(number, -1) + 1
             if choice.objects and number not in choice.objects:
                 continue
@@ -140,7 +147,7 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
             yield BopCapture(bop.model_of(scene, number).parent,
                              Truth(pose, center, size, False, name=name), scene, name,
                              pictures=tuple(bop.picture_of(scene, each) for each in group),
-                             object_id=number)
+                             object_id=number, there=there)
 
 
 def _number(scene: Path) -> int:
@@ -163,6 +170,13 @@ def _region(pose: NDArray[np.float64], seed: tuple[int, ...]
     return (x, y, z), (_SIDE,) * 3
 
 
+def _object_id(entry: Mapping[str, Any], where: str) -> int:
+    number = entry.get('obj_id')
+    if not isinstance(number, int) or number < 0:
+        raise LightFieldError(f'{where}: obj_id {number!r} is no number of an object')
+    return number
+
+
 def _visible(entries: Mapping[int, list[dict[str, Any]]], number: int, place: int) -> float:
     """The visible part of an object in a picture; 1 where it is not said."""
     of = entries.get(number, [])
@@ -172,12 +186,11 @@ def _visible(entries: Mapping[int, list[dict[str, Any]]], number: int, place: in
 
 def _entries(path: Path) -> dict[int, list[dict[str, Any]]]:
     """By the number of each picture what is said of its objects."""
-    values = read_json(path)
-    if not all(number.isdecimal() and isinstance(each, list)
-               and all(isinstance(entry, dict) for entry in each)
-               for number, each in values.items()):
+    values = bop.by_number(path)
+    if not all(isinstance(each, list) and all(isinstance(entry, dict) for entry in each)
+               for each in values.values()):
         raise LightFieldError(f'{path}: expected numbers of pictures, each with a list of objects')
-    return {int(number): each for number, each in values.items()}
+    return values
 
 
 def _read_targets(path: Path) -> set[tuple[int, int, int]]:
@@ -186,6 +199,6 @@ def _read_targets(path: Path) -> set[tuple[int, int, int]]:
     try:
         return {(int(each['scene_id']), int(each['im_id']), int(each['obj_id']))
                 for each in values}
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise SettingsError(f'{path}: expected a list of scene_id, im_id and obj_id, as '
                             f'test_targets_bop19.json: {error!r}') from None

@@ -5,7 +5,7 @@ same picture have a model.obj and a truth.json in subfolders.
 """
 
 import hashlib
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -69,9 +69,14 @@ class Capture:
         """The numbers of scene, picture and object in a BOP data set; None: it is of none."""
         return None
 
-    def load_model(self) -> ObjectModel:
-        """The object. Raises ObjectModelError."""
-        return ObjectModel.load(self.model)
+    @property
+    def load_model(self) -> Callable[[Path], ObjectModel]:
+        """What reads `model`."""
+        return ObjectModel.load
+
+    def shows(self, other: 'Capture') -> bool:
+        """Whether the object of another capture is in this picture too."""
+        return other.source == self.source
 
     def files(self) -> list[Path]:
         """All files of the capture, and of its picture where that lies elsewhere."""
@@ -109,11 +114,8 @@ class Capture:
         return found
 
 
-def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Capture]:
-    """The captures in the subfolders of a folder, sorted by name.
-
-    only: as of `select`. Raises SettingsError without captures.
-    """
+def find_captures(folder: Path | str) -> list[Capture]:
+    """The captures in the subfolders of a folder, sorted by name; SettingsError without any."""
     places = sorted(path.parent for depth in ('*', '*/*')
                     for path in Path(folder).glob(f'{depth}/truth.json'))
     found = {path.relative_to(folder).as_posix(): path for path in places
@@ -122,8 +124,8 @@ def find_captures(folder: Path | str, only: Collection[str] = ()) -> list[Captur
         raise SettingsError(f'{folder} has no subfolder with a picture, model.obj and truth.json, '
                             'and no BOP scene with scene_gt.json; pmcl scenes render and pmcl '
                             'simulate make such folders')
-    return select([Capture.load(path, Path(folder) / name.partition('/')[0])
-                   for name, path in found.items()], only, folder)
+    return [Capture.load(path, Path(folder) / name.partition('/')[0])
+            for name, path in found.items()]
 
 
 def select(captures: Sequence[Capture], only: Collection[str], folder: Path | str

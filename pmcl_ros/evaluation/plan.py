@@ -25,7 +25,7 @@ class Plan:
         return [job for capture in self.captures for job in self._jobs_in(capture)]
 
     def _jobs_in(self, capture: Capture) -> list[Job]:
-        there = {each.object for each in self.others if each.source == capture.source}
+        there = {each.object for each in self.others if capture.shows(each)}
         others = [] if capture.truth.empty else list({
             each.object: each for each in self.others
             if each.object not in there | {capture.object}}.values())

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -30,8 +30,6 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
 Value = TypeVar('Value')
-
-_MOST_MODELS = 64  # that are kept
 
 
 @dataclass(frozen=True)
@@ -171,7 +169,6 @@ class Worker:
 
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
         self._camera, self._stopped = camera, stopped
-        self._models: dict[Path, tuple[ObjectModel, Surface]] = {}
         self._source = _Last[Source]()
         self._evidence = _Last[Evidence]()
         self._localizer = _Last[AnyLocalizer[PoseEstimate]](lambda localizer: localizer.close())
@@ -179,7 +176,7 @@ class Worker:
     def run(self, job: Job) -> Trial | None:
         """Do one job; None when it was stopped."""
         capture, variant = job.capture, job.variant
-        model, surface = self._model(job.sought)
+        model, surface = _model(job.sought.load_model, job.sought.model)
         decoders = self._decoders  # made once, not timed
         pictures = capture.source, capture.pictures
         source = self._source.get(pictures, lambda: capture.read(decoders))
@@ -222,17 +219,15 @@ class Worker:
         """Release the GL context."""
         self._localizer.clear()
 
-    def _model(self, sought: Capture) -> tuple[ObjectModel, Surface]:
-        if sought.model not in self._models:
-            if len(self._models) == _MOST_MODELS:
-                self._models.clear()
-            model = sought.load_model()
-            self._models[sought.model] = model, Surface.from_model(model)
-        return self._models[sought.model]
-
     @cached_property
     def _decoders(self) -> Decoders | None:
         return None if self._camera is None else Decoders(*self._camera)
+
+
+@lru_cache(maxsize=64)
+def _model(load: Callable[[Path], ObjectModel], path: Path) -> tuple[ObjectModel, Surface]:
+    model = load(path)
+    return model, Surface.from_model(model)
 
 
 def _trial(job: Job, estimate: PoseEstimate, truth: NDArray[np.float64], pinhole: Pinhole,

@@ -103,7 +103,7 @@ def test_a_picture_alone_has_the_truth_of_its_camera(tmp_path, posed, views):
 
 def test_a_model_is_in_metres_with_its_symmetries(scene):
     captures = bop_captures([scene], BopChoice())
-    glass, box = (each.load_model() for each in captures)
+    glass, box = (each.load_model(each.model) for each in captures)
     assert glass.axis is not None
     assert box.axis is None
     np.testing.assert_allclose(np.ptp(box.vertices, axis=0), (0.03, 0.05, 0.07))
@@ -144,6 +144,13 @@ def test_an_object_in_the_scene_is_not_looked_for_as_a_wrong_one(tmp_path):
     wrong = [job for job in jobs if job.sought.object_id != job.capture.object_id]
     assert [(job.capture.name, job.sought.object_id) for job in wrong] == [
         ('000001/000000/obj_000004', 1)]
+    # Nor one that is left out, as it is hardly visible.
+    change(scenes[0], 'scene_gt.json', lambda values: values['3'].append(
+        {'obj_id': 1} | named('cam_R_m2c', 'cam_t_m2c', np.eye(4))))
+    found = tuple(bop_captures(scenes, BopChoice(views=7)))
+    jobs = Plan(found, (Variant('default'),), (0,), found).jobs()
+    assert all(job.sought.object_id == job.capture.object_id
+               for job in jobs if job.capture.source == scenes[0])
 
 
 def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
@@ -163,7 +170,7 @@ def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
 @pytest.mark.parametrize(('edit', 'reason'), [
     (lambda values: values['0'][0].pop('obj_id'), 'picture 0: obj_id None is no number'),
     (lambda values: values['0'][0].update(cam_t_m2c=[1, 2]), 'expected 9 and 3 numbers, got 9'),
-    (lambda values: values['0'][1].update(cam_R_m2c=[[9] * 3] * 3), 'are no rotation'),
+    (lambda values: values['0'][1].update(cam_R_m2c=[[9] * 3] * 3), 'is no rotation'),
     (lambda values: values['0'][0].update(obj_id=9), r'no folder above .*/obj_000009\.ply'),
     (lambda values: values.update({'0': 3}), 'expected numbers of pictures')])
 def test_a_broken_truth_is_refused_in_one_line(scene, edit, reason):

@@ -7,7 +7,7 @@ import pytest
 from pmcl_scenes import cup
 from tiny_capture import light_field, pose, write_capture
 
-from pmcl_ros.evaluation.captures import Capture, find_captures
+from pmcl_ros.evaluation.captures import Capture, find_captures, select
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -93,7 +93,7 @@ def test_captures_are_found_by_name(tmp_path):
         write_capture(tmp_path / name)
     (tmp_path / 'white').mkdir()
     assert [each.name for each in find_captures(tmp_path)] == ['a', 'b']
-    assert [each.name for each in find_captures(tmp_path, ['b'])] == ['b']
+    assert [each.name for each in select(find_captures(tmp_path), ['b'], tmp_path)] == ['b']
     assert len({each.object for each in find_captures(tmp_path)}) == 1
     second = tmp_path / 'a/1'
     second.mkdir()
@@ -104,6 +104,6 @@ def test_captures_are_found_by_name(tmp_path):
     assert [each.source.name for each in targets] == ['a', 'a', 'b']
     assert (targets[1].light_field().views == targets[0].light_field().views).all()
     with pytest.raises(SettingsError, match='no capture c; there are a, a/1, b'):
-        find_captures(tmp_path, ['c'])
+        select(find_captures(tmp_path), ['c'], tmp_path)
     with pytest.raises(SettingsError, match='no subfolder'):
         find_captures(tmp_path / 'white')

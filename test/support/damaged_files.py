@@ -22,6 +22,7 @@ from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.mosaic_image import read_mosaic_image
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.truth import Truth
@@ -231,7 +232,7 @@ def mesh_formats(folder):
 
 
 def view_formats(folder):
-    for name in ('grid', 'posed', 'sweep', 'colmap/images', 'bop/rgb', 'hci'):
+    for name in ('grid', 'posed', 'sweep', 'colmap/images', 'bop/rgb', 'hci', 'set/000001/rgb'):
         (folder / name).mkdir(parents=True)
         for number in range(3):
             for file in (f'v_0_{number}.png', f'{number:06d}.png', f'input_Cam{number:03d}.png'):
@@ -250,6 +251,15 @@ def view_formats(folder):
     scene = {str(number): {'cam_K': [20.0, 0, 5.5, 0, 21, 4, 0, 0, 1],
                            'cam_R_w2c': [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
                            'cam_t_w2c': [100.0 * number, 0, 0]} for number in range(3)}
+    truth = {str(number): [{'obj_id': 2, 'cam_R_m2c': [1.0, 0, 0, 0, 1, 0, 0, 0, 1],
+                            'cam_t_m2c': [0.0, 0, 500]}] for number in range(3)}
+    visible = {str(number): [{'visib_fract': 0.5}] for number in range(3)}
+    targets = [{'scene_id': 1, 'im_id': number, 'obj_id': 2} for number in range(3)]
+    test_scene = folder / 'set' / '000001'
+    (folder / 'set' / 'models').mkdir()
+    (folder / 'set' / 'models' / 'obj_000002.ply').touch()  # read by whoever searches
+    (test_scene / 'scene_camera.json').write_text(json.dumps(scene))
+    (test_scene / 'scene_gt.json').write_text(json.dumps(truth))
     hci = {'intrinsics': {'focal_length_mm': 100.0, 'image_resolution_x_px': 12,
                           'image_resolution_y_px': 9, 'sensor_size_mm': 64.0},
            'extrinsics': {'num_cams_x': 3, 'num_cams_y': 1, 'baseline_mm': 5.0,
@@ -265,6 +275,12 @@ def view_formats(folder):
         PINHOLE, 0.01, nominal_positions(1, 3), np.ones((1, 3), np.float32)))
     write_npz(npz, made_field)
 
+    def captures(path):
+        return bop_captures([path], BopChoice())
+
+    def aimed_at(path):
+        return bop_captures([test_scene], BopChoice(targets=path))
+
     def colmap(path):
         return read_source(path, metric=Metric(1.0))
     return {
@@ -273,6 +289,11 @@ def view_formats(folder):
         'sweep.yaml': at(folder / 'sweep', 'sweep.yaml', dump(sweep), read_light_field),
         'bop': at(folder / 'bop', 'scene_camera.json', json.dumps(scene).encode(), read_source,
                   folder / 'bop'),
+        'scene_gt.json': at(test_scene, 'scene_gt.json', json.dumps(truth).encode(), captures,
+                            test_scene),
+        'scene_gt_info.json': at(test_scene, 'scene_gt_info.json', json.dumps(visible).encode(),
+                                 captures, test_scene),
+        'targets': at(folder, 'targets.json', json.dumps(targets).encode(), aimed_at),
         'hci': at(folder / 'hci', 'parameters.cfg', '\n'.join(
             line for name, part in hci.items() for line in (f'[{name}]', *(
                 f'{key} = {value}' for key, value in part.items()))).encode(), read_light_field,

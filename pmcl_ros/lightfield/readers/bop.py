@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
 from pmcl_ros.runtime.errors import FileError, LightFieldError
@@ -18,7 +19,6 @@ from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'scene_camera.json'
 _FOLDERS, _ENDINGS = ('rgb', 'gray'), ('png', 'jpg', 'tif')
-_FAR = 1e11  # mm
 _POSE = 'cam_R_w2c', 'cam_t_w2c'
 _NUMBER = re.compile(r'[0-9]{1,9}')
 
@@ -35,11 +35,11 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
     cameras: dict[str, Any] = {}
     views = []
     for number, values in _read(path).items():
-        if picture is not None and picture.stem != f'{int(number):06d}':
+        if picture is not None and picture.stem != f'{number:06d}':
             continue
-        if numbers is not None and int(number) not in numbers:
+        if numbers is not None and number not in numbers:
             continue
-        file = picture or picture_of(scene, int(number))
+        file = picture or picture_of(scene, number)
         try:
             fx, skew, cx, _, fy, cy, *_ = (float(each) for each in values['cam_K'])
         except (KeyError, TypeError, ValueError, OverflowError):
@@ -48,9 +48,9 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
             raise LightFieldError(f'{path}: picture {number} has skew {skew:g} in cam_K; expected '
                                   'a camera without')
         height, width = _size(file)
-        cameras[number] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
+        cameras[str(number)] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
                            'cy': cy}
-        view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': number}
+        view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': str(number)}
         pose = None if picture is not None else _camera_to_world(path, number, values)
         if pose is not None:
             view['camera_to_reference'] = pose.ravel().tolist()
@@ -71,7 +71,7 @@ def camera_poses(scene: Path) -> dict[int, NDArray[np.float64] | None]:
     None for a picture without one. Raises LightFieldError.
     """
     path = scene / NAME
-    return {int(number): _camera_to_world(path, number, values)
+    return {number: _camera_to_world(path, number, values)
             for number, values in _read(path).items()}
 
 
@@ -87,15 +87,13 @@ def rigid(rotation: object, translation: object, where: str) -> NDArray[np.float
     if turn.size != 9 or place.size != 3:
         raise LightFieldError(f'{where}: expected 9 and 3 numbers, got {turn.size} and '
                               f'{place.size}')
-    if not (abs(turn) < 2).all() or not (abs(place) < _FAR).all():
-        raise LightFieldError(f'{where}: {turn.tolist()} and {place.tolist()} are no rotation and '
-                              'no place')
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), place.ravel() / 1000
+    check_pose(pose, where)
     return pose
 
 
-def _camera_to_world(path: Path, number: str, values: dict[str, Any]
+def _camera_to_world(path: Path, number: int, values: dict[str, Any]
                      ) -> NDArray[np.float64] | None:
     given = [key for key in _POSE if key in values]
     if not given:
@@ -111,7 +109,7 @@ def _camera_to_world(path: Path, number: str, values: dict[str, Any]
     return pose
 
 
-def _incomplete(path: Path, number: str) -> LightFieldError:
+def _incomplete(path: Path, number: int) -> LightFieldError:
     return LightFieldError(f'{path}: picture {number} needs cam_K, 9 numbers, and cam_R_w2c, 9 '
                            'numbers, with cam_t_w2c, 3 numbers')
 
@@ -121,7 +119,7 @@ def pictures_alone(scene: Path) -> list[Path]:
     cameras = _read(scene / NAME)
     if any(key in values for values in cameras.values() for key in _POSE):
         return []
-    return [picture_of(scene, int(number)) for number in cameras]
+    return [picture_of(scene, number) for number in cameras]
 
 
 def model_of(path: Path, object_id: int) -> Path:
@@ -145,15 +143,22 @@ def scene_of(picture: Path) -> Path | None:
             and (folder.parent / NAME).is_file() else None)
 
 
-def _read(path: Path) -> dict[str, dict[str, Any]]:
+def _read(path: Path) -> dict[int, dict[str, Any]]:
+    values = by_number(path)
+    if not all(isinstance(each, dict) for each in values.values()):
+        raise LightFieldError(f'{path}: expected numbers of pictures, each with its camera')
+    return values
+
+
+def by_number(path: Path) -> dict[int, Any]:
+    """What a JSON file of a scene says of each picture, by its number. Raises LightFieldError."""
     try:
         values = read_json(path)
     except FileError as error:
         raise LightFieldError(str(error)) from None
-    if not all(isinstance(each, dict) and _NUMBER.fullmatch(number)
-               for number, each in values.items()):
-        raise LightFieldError(f'{path}: expected numbers of pictures, each with its camera')
-    return values
+    if not all(map(_NUMBER.fullmatch, values)):
+        raise LightFieldError(f'{path}: expected the numbers of pictures as its names')
+    return {int(number): each for number, each in values.items()}
 
 
 def picture_of(scene: Path, number: int) -> Path:
