@@ -72,7 +72,8 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     chosen = {} if kind is None else {'evidence': kind}
     settings = PmclSettings.make({'mode': mode, 'object': str(objects[0]), 'seed': seed}
                                  | region.settings() | chosen | dict(of_search),
-                                 '--roi, --depths, --table, --mode, --evidence, --set, --seed')
+                                 '--roi, --depths, --table, --tilt, --up, --mode, --evidence, '
+                                 '--set, --seed')
     load = ObjectModel.load if object_id is None else ObjectModel.load_bop
     alone = pictures_alone(source.source)
     if alone:

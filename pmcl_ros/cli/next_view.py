@@ -45,7 +45,7 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')
     settings = PmclSettings.make({'object': str(object_path), 'seed': seed} | region.settings(),
-                                 '--roi, --depths, --table, --seed')
+                                 '--roi, --depths, --table, --tilt, --up, --seed')
     model = ObjectModel.load(object_path)
     settings, read = settled(settings, opened.read, model.radius)
     with Pipeline.for_object(model, settings, posed=True) as pipeline:

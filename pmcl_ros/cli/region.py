@@ -1,4 +1,4 @@
-"""Options that say where an object is looked for: a box, all that is in view, or a table."""
+"""Options that say where an object is looked for, and how turned."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
@@ -6,6 +6,7 @@ from functools import wraps
 from typing import Any
 
 import click
+import numpy as np
 
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.lightfield.readers.read import Source
@@ -22,7 +23,12 @@ _OPTIONS = (
                  '[m].'),
     click.option('--table', type=float, nargs=6, metavar='X Y Z NX NY NZ', help='In place of '
                  '--roi: what stands on a table in view, by a point of it and its normal, which '
-                 'points up, in the frame of --roi [m]; between --depths, if given.'))
+                 'points up, in the frame of --roi [m]; between --depths, if given.'),
+    click.option('--tilt', type=click.FloatRange(0, 180), nargs=2, metavar='LEAST MOST',
+                 help='Angles between --up and the z axis of the object that are possible: 0 30 '
+                 'of what stands, 70 110 of what lies [deg].'),
+    click.option('--up', type=float, nargs=3, metavar='X Y Z', help='Direction that --tilt is to, '
+                 'in the frame of --roi; by default the normal of --table.'))
 
 
 @dataclass(frozen=True)
@@ -32,13 +38,17 @@ class GivenRegion:
     roi: tuple[float, ...] | None = None
     depths: tuple[float, ...] | None = None
     table: tuple[float, ...] | None = None
+    tilt: tuple[float, ...] | None = None
+    up: tuple[float, ...] | None = None
 
-    def __bool__(self) -> bool:
+    @property
+    def is_placed(self) -> bool:
+        """Whether they say where, not only how it is turned."""
         return any(each is not None for each in (self.roi, self.depths, self.table))
 
     def settings(self) -> dict[str, Any]:
         """Values of `PmclSettings`; UsageError where none or too much is given."""
-        if not self:
+        if not self.is_placed:
             raise click.UsageError(
                 "the region of interest is unknown: give --roi CX CY CZ SX SY SZ, the box that "
                 "holds the object's origin, or --depths 0.3 0.9, all that is in view between two "
@@ -47,9 +57,17 @@ class GivenRegion:
             if self.depths is not None or self.table is not None:
                 raise click.UsageError('--roi is a box, --depths and --table say it otherwise: '
                                        'give one')
-            return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]}
+            return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]} | self.orientation
         given = {'roi_depths': self.depths, 'roi_table': self.table}
-        return {name: value for name, value in given.items() if value is not None}
+        return ({name: value for name, value in given.items() if value is not None}
+                | self.orientation)
+
+    @property
+    def orientation(self) -> dict[str, Any]:
+        """Those that say how the object is turned."""
+        up = {} if self.up is None else {'roi_up': self.up}
+        return up if self.tilt is None else up | {
+            'roi_tilt': tuple(np.deg2rad(self.tilt).tolist())}
 
 
 def region_options(command: Callable[..., None]) -> Callable[..., None]:

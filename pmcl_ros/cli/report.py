@@ -43,13 +43,14 @@ def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
     beside = folder / 'truth.json' if (folder / 'truth.json').is_file() else None
     known = truth_path or beside
     truth = Truth.load(known) if known else None
-    where = (region.settings() if region or truth is None else
-             {'roi_center': truth.roi_center, 'roi_size': truth.roi_size})
+    where = (region.settings() if region.is_placed or truth is None else
+             {'roi_center': truth.roi_center, 'roi_size': truth.roi_size}
+             | region.orientation)
     if object_path is not None and truth_path is None:
         truth = None  # it is of the object in the picture, which may be another one
     object_path = object_path or _object(path, folder)
     settings = PmclSettings.make({'mode': mode, 'object': str(object_path), 'seed': seed}
-                                 | where, '--roi, --depths, --table, --mode, --seed')
+                                 | where, '--roi, --depths, --table, --tilt, --up, --mode, --seed')
     model = ObjectModel.load(object_path)
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('reading', total=1.0)

@@ -18,6 +18,7 @@ from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.estimator import Contour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
@@ -49,7 +50,8 @@ class ContourEvidence:
     edges: the evidence of the picture. profile: log odds by its energies. error: of the model.
     creases: None to ignore them. constraint: (n,) which of poses (n, 4, 4) are feasible, besides
     being in the region. detail: tolerance of the simplified mesh at the resolution of the image
-    [image px]. interface: of water, in the camera's frame.
+    [image px]. interface: of water, orientation: of the object, if it is not any, in the camera's
+    frame.
     """
 
     renderer: Renderer
@@ -63,6 +65,7 @@ class ContourEvidence:
     constraint: Feasible | None = None
     detail: float = 0.0
     interface: Interface | None = None
+    orientation: Orientation | None = None
 
     @classmethod
     def from_edges(cls, edges: EvidenceVolume, renderer: Renderer, model: ObjectModel,
@@ -73,7 +76,8 @@ class ContourEvidence:
         """The evidence in an edge volume or a contour map.
 
         profile, error: None for those of `edges`. region: by default that of the settings.
-        camera: (4, 4) to the frame of the settings' interface; by default it is that frame.
+        camera: (4, 4) to the frame of the settings' interface and direction up; by default it is
+        that frame.
         Creases were learned on refocused edges: they are ignored where the evidence has none.
         """
         if profile is None or not edges.shows_creases:
@@ -92,9 +96,12 @@ class ContourEvidence:
             if renderer.name != 'numba':
                 _LOG.info('what is seen through water is scored on the processor')
                 renderer = NumbaRenderer()
+        orientation = Orientation.from_settings(settings, model)
+        if orientation is not None and camera is not None:
+            orientation = orientation.seen_from(camera)
         region = region or Region(settings.roi_center, settings.roi_size)
         return cls(renderer, model, settings, region, edges, profile, error or edges.model_error,
-                   creases, interface=interface)
+                   creases, interface=interface, orientation=orientation)
 
     @property
     def window(self) -> Window:
@@ -152,6 +159,8 @@ class ContourEvidence:
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are feasible: the prior is uniform on them."""
         inside = self.region.contains(poses[:, :3, 3])
+        if self.orientation is not None:
+            inside &= self.orientation.allows(poses[:, :3, :3])
         return inside if self.constraint is None else inside & self.constraint(poses)
 
     def _scene(self, window: Window) -> Scene:

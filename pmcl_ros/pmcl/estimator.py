@@ -1,7 +1,7 @@
 """Posterior -> PoseEstimate: the result of a search."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.region import Region
@@ -52,11 +53,15 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class Estimator:
-    """Makes the estimates of one object's poses in a region of interest."""
+    """Makes the estimates of one object's poses in a region of interest.
+
+    orientation: of the object, if it is not any.
+    """
 
     model: ObjectModel
     region: Region
     settings: PmclSettings
+    orientation: Orientation | None = None
 
     def from_posterior(self, header: Header, views: Sequence[Camera], posterior: Posterior,
                        local_model_at: LocalModelAt, contour: Contour, least: Thresholds,
@@ -141,11 +146,14 @@ class Estimator:
     def _representative(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """The canonical one of the equivalents of a pose (4, 4) by the discrete symmetries.
 
-        Among those with their origin in the region, if there are any.
+        Among those that are in the region in a possible orientation, if there are any.
         """
         symmetry = self.model.symmetry
         if len(symmetry.discrete) == 1:
             return pose
         poses = symmetry.equivalents(pose)
         inside = self.region.contains(poses[:, :3, 3])
+        if self.orientation is not None:
+            alone = replace(self.orientation, axes=self.orientation.axes[:1])
+            inside &= alone.allows(poses[:, :3, :3])
         return symmetry.canonical(poses[inside] if inside.any() else poses)

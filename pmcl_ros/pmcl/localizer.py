@@ -18,6 +18,7 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.region import Region
@@ -63,7 +64,8 @@ class Localizer:
         self._error = error
         self._creases = creases or (Creases.from_model(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._estimator = Estimator(model, self._region, settings)
+        self._orientation = Orientation.from_settings(settings, model)
+        self._estimator = Estimator(model, self._region, settings, self._orientation)
         self._renderer = make_renderer(settings.renderer, likelihoods=False)
         self.renderer = self._renderer.name
         try:
@@ -152,8 +154,8 @@ class Localizer:
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
         if start is None:
-            start, scores = self._proposals.propose(edges.coarser or edges,
-                                                    self._settings.proposals)
+            start, scores = self._proposals.propose(
+                edges.coarser or edges, self._settings.proposals, self._orientation)
             if watch is not None:
                 watch(Generation('proposals', start, scores))
             start = with_sunken(start, self._model, evidence.interface)

@@ -15,6 +15,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Record, Watch, recorder
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.particles import Weights, perturb, uniform_poses
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.region import Region
@@ -34,7 +35,8 @@ class ParticleFilterLocalizer:
     def __init__(self, model: ObjectModel, settings: PmclSettings) -> None:
         self._model, self._settings = model, settings
         self._region = Region(settings.roi_center, settings.roi_size)
-        self._estimator = Estimator(model, self._region, settings)
+        self._orientation = Orientation.from_settings(settings, model)
+        self._estimator = Estimator(model, self._region, settings, self._orientation)
         self._renderer = make_renderer(settings.renderer, likelihoods=True)
         self.renderer = self._renderer.name
 
@@ -63,27 +65,33 @@ class ParticleFilterLocalizer:
         try:
             with self._renderer.likelihood_score(drawn, volume) as score:
                 poses, scores = particle_filter(
-                    where(lambda each: self._region.contains(each[:, :3, 3]), score, 0.0),
-                    self._region, self._settings, rng, progress or (lambda _: True),
-                    recorder(watch, 'filter'))
+                    where(self._feasible, score, 0.0), self._region, self._settings, rng,
+                    progress or (lambda _: True), recorder(watch, 'filter'), self._orientation)
                 estimate = self._estimator.from_particles(
                     volume, poses, Weights.from_values(scores), score)
                 return replace(estimate, evaluations=score.evaluations)
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
+    def _feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        inside = self._region.contains(poses[:, :3, 3])
+        if self._orientation is not None:
+            inside &= self._orientation.allows(poses[:, :3, :3])
+        return inside
+
 
 def particle_filter(score: Score, region: Region, settings: PmclSettings,
-                    rng: np.random.Generator, progress: Progress, record: Record | None = None
+                    rng: np.random.Generator, progress: Progress, record: Record | None = None,
+                    orientation: Orientation | None = None
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Poses (n, 4, 4) and their scores (n,) when the mean weight passed the threshold.
 
     Or when the iterations ended. Paper, section V: uniform start in the region over SO(3); the
     weight of a particle is its mean likelihood; importance resampling; zero-mean Gaussian
     perturbation in six degrees of freedom; repeated until the mean weight is above a threshold.
-    record: called with the particles of each iteration.
+    record: called with the particles of each iteration. orientation: in place of SO(3), if given.
     """
-    poses = uniform_poses(region, settings.faithful_particles, rng)
+    poses = uniform_poses(region, settings.faithful_particles, rng, orientation)
     scores = score(poses)
     for iteration in range(settings.faithful_iterations):
         if record is not None:

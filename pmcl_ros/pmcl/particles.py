@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -85,11 +86,16 @@ class Weights:
         return np.minimum(drawn, np.flatnonzero(self.normalised)[-1])
 
 
-def uniform_poses(region: Region, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """(count, 4, 4) poses, origins uniform in the region, orientations uniform over SO(3)."""
+def uniform_poses(region: Region, count: int, rng: np.random.Generator,
+                  orientation: Orientation | None = None) -> NDArray[np.float64]:
+    """(count, 4, 4) poses, origins uniform in the region, orientations uniform over SO(3).
+
+    orientation: in place of SO(3), if given.
+    """
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, :3, 3] = np.array(region.center) + (rng.random((count, 3)) - 0.5) * region.size
-    poses[:, :3, :3] = Rotation.random(count, rng).as_matrix()
+    poses[:, :3, :3] = (Rotation.random(count, rng).as_matrix() if orientation is None
+                        else orientation.draw(count, rng))
     return poses
 
 

@@ -152,7 +152,8 @@ def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.flo
                 radius: float) -> Given:
     """Settings with the box that `roi_depths` and `roi_table` mean in the views of some cameras.
 
-    It holds all places that all of the cameras see. cameras: each with its pose (4, 4)
+    It holds all places that all of the cameras see. A table's normal is the `roi_up` that was not
+    given. cameras: each with its pose (4, 4)
     in the reference frame. radius: of the object, whose origin is at most this high above a table
     [m]. Raises LocalizationError where there is no such place.
     """
@@ -169,7 +170,9 @@ def with_region(settings: Given, cameras: Sequence[tuple[Pinhole, NDArray[np.flo
             f'no place {near:g} to {far:g} m away{table} is in view of all {len(cameras)} '
             'cameras; are depths and table right? Else give the box')
     low, high = places.min(axis=0), places.max(axis=0)
+    upright = settings.is_oriented and not any(settings.roi_up)
     return settings.model_copy(update={
+        'roi_up': settings.roi_table[3:] if upright else settings.roi_up,
         'roi_center': tuple(((low + high) / 2).tolist()), 'roi_size': tuple((high - low).tolist()),
         'roi_depths': (0.0, 0.0), 'roi_table': (0.0,) * 6})
 

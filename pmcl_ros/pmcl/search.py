@@ -123,6 +123,8 @@ class ContourSearch:
         found = np.concatenate([kept.poses, found])
         values = np.concatenate([kept.values, values])
         best = np.argsort(-values, kind='stable')
+        if np.isfinite(values).any():  # fewer are left rather than one that is impossible
+            best = best[np.isfinite(values[best])]
         best = best[suppress_duplicates(found[best], self.posterior.model.symmetry, _LEFT)]
         return _Judged(found[best], values[best])
 

@@ -1,5 +1,6 @@
 """Parameters of the pose search."""
 
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -14,6 +15,8 @@ Mode = Literal['default', 'faithful']
 EvidenceKind = Literal['edges', 'map']
 _Size = Annotated[float, Field(gt=0, le=10)]
 _Depth = Annotated[float, Field(ge=0, le=10)]
+_Angle = Annotated[float, Field(ge=0, le=math.pi)]
+_ANY_TILT = 0.0, math.pi  # rad
 
 
 class PmclSettings(Settings):
@@ -49,6 +52,13 @@ class PmclSettings(Settings):
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), description='in place of that box: what stands on a plane '
         'in view, by a point of it and its normal, which points up from the table, in the frame '
         'of the box; zeros: the box [m]')
+    roi_up: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description='direction to which roi_tilt is, frame of roi_center; zeros: '
+        'the normal of roi_table')
+    roi_tilt: tuple[_Angle, _Angle] = Field(
+        _ANY_TILT, description='least and largest angle between roi_up and the z axis of the '
+        'mesh, or the axis of symmetry of an object that has one: [0, 0.5] of what stands, [1.2, '
+        '1.9] of what lies; an object that looks the same upside down may be [rad]')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
         'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
@@ -102,6 +112,24 @@ class PmclSettings(Settings):
     def region_in_view(self) -> bool:
         """Whether the region of interest follows from what the cameras see."""
         return any(self.roi_depths) or any(self.roi_table)
+
+    @property
+    def is_oriented(self) -> bool:
+        """Whether not all orientations of the object are possible."""
+        return self.roi_tilt != _ANY_TILT
+
+    @model_validator(mode='after')
+    def _oriented(self) -> 'PmclSettings':
+        least, most = self.roi_tilt
+        if not least <= most:
+            raise ValueError(f'roi_tilt is a least and a largest angle [rad]: not {least} and '
+                             f'{most}')
+        if self.is_oriented and not (any(self.roi_up) or any(self.roi_table)):
+            raise ValueError(f'roi_tilt {self.roi_tilt} is an angle to no direction: set roi_up')
+        if any(self.roi_up) and not self.is_oriented:
+            raise ValueError(f'roi_up {self.roi_up} alone allows any orientation: set roi_tilt, '
+                             'as [0, 0.5] for what stands')
+        return self
 
     @model_validator(mode='after')
     def _in_view(self) -> 'PmclSettings':

@@ -45,6 +45,9 @@ _SHOWN = 800  # characters of a log
 # m: height of the middle of the region where the object's origin is sought, and its size.
 _REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
     'sink': (0.64, (0.3, 0.3, 0.13)), 'tank': (0.775, (0.3, 0.3, 0.1))}
+# How the object is turned there: a bottle floats upright, a glass in a sink stands or lies.
+_TURNED: dict[WorkplaceKind, dict[str, object]] = {
+    'sink': {}, 'tank': {'roi_up': [0.0, 0.0, 1.0], 'roi_tilt': [0.0, 0.5]}}
 _USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
 # What the executive is told: the height of its aim, and more. Into a tank it looks through the
 # film on its front, by two views at a time, as the bottle drifts; it is sure enough with a
@@ -165,7 +168,7 @@ class Series:
         height, size = _REGION[self.place]
         search: dict[str, object] = {
             'object': str(self.thing), 'roi_center': [*MIDDLE[self.place], height],
-            'roi_size': list(size)}
+            'roi_size': list(size)} | _TURNED[self.place]
         if self.declared:
             water = self.water(seed)
             search |= {'interface_index': water.index,

@@ -20,6 +20,7 @@ from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import Refine, Score
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
@@ -84,10 +85,18 @@ class JointEvidence:
                    (into, np.array(settings.roi_size) / 2), tuple(seen))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(n,) which of poses (n, 4, 4) have their origin in the region of interest."""
+        """(n,) which of poses (n, 4, 4) are in the region, turned as the object can be."""
         into, half = self.box
         places = poses[:, :3, 3] @ into[:3, :3].T + into[:3, 3]
-        return (np.abs(places) <= half + 1e-9).all(axis=1)
+        inside = (np.abs(places) <= half + 1e-9).all(axis=1)
+        if self.orientation is not None:
+            inside &= self.orientation.allows(poses[:, :3, :3])
+        return np.asarray(inside)
+
+    @property
+    def orientation(self) -> Orientation | None:
+        """Of the object, if it is not any, in the frame of the poses."""
+        return self.views[0].orientation
 
     @property
     def independent(self) -> float:

@@ -164,8 +164,8 @@ class MultiViewLocalizer:
                 sample = posterior.sample_near(near, modes, particles, rng)
                 estimate = self._estimate(evidence, joint, posterior, sample, rng)
             else:
-                estimate = Estimator(self._model, joint.region, self._settings).from_prior(
-                    evidence.header, near, particles, rng)
+                estimate = self._estimator(joint).from_prior(evidence.header, near, particles,
+                                                             rng)
         return replace(in_frame(estimate, first), mode=FOLLOWED,
                        evaluations=sum(each.evaluations for each in optimizers))
 
@@ -203,11 +203,14 @@ class MultiViewLocalizer:
             likeliest = sample.modes[np.bincount(sample.own).argmax()]
             apart = posterior.disagreement_near(likeliest.pose)
         least = self._least(joint, posterior.numbers, apart)
-        estimate = Estimator(self._model, joint.region, self._settings).from_posterior(
+        estimate = self._estimator(joint).from_posterior(
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng)
         return replace(estimate, disagreement=apart)
+
+    def _estimator(self, joint: JointEvidence) -> Estimator:
+        return Estimator(self._model, joint.region, self._settings, joint.orientation)
 
     def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float
                ) -> Thresholds:
@@ -247,7 +250,7 @@ class MultiViewLocalizer:
                 self._proposals = Proposals(self._renderer, self._model, view.region)
             try:
                 poses, _ = self._proposals.within(view.region).propose(
-                    view.edges, self._settings.proposals)
+                    view.edges, self._settings.proposals, view.orientation)
             except LocalizationError as error:
                 _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
                 continue

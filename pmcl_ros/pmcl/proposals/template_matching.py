@@ -22,6 +22,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.proposals.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
@@ -40,6 +41,7 @@ _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
+_ASIDE = 0.17  # rad: by which no orientation is farther from that of a template
 
 
 @dataclass(frozen=True)
@@ -75,10 +77,11 @@ class Proposals:
         other._region = region
         return other
 
-    def propose(self, edges: EvidenceVolume, count: int
+    def propose(self, edges: EvidenceVolume, count: int, orientation: Orientation | None = None
                 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The best `count` poses (n, 4, 4) and their scores (n,), without duplicates, best first.
 
+        orientation: of the object, if it is not any, in the frame of the camera.
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
         pinhole = edges.pinhole
@@ -86,7 +89,7 @@ class Proposals:
         flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # one picture: at any depth
         maps = _maps_at(edges, self._region.center[2]) if flat else None
         places = [self._at_depth(edges, depth, _maps_at(edges, depth) if maps is None else maps,
-                                 offsets, directions, _TRIED * count)
+                                 offsets, directions, _TRIED * count, orientation)
                   for depth in self._region.depths(_DEPTH_STEP)]
         seen = [each for each in places if each is not None]
         if not seen:
@@ -99,12 +102,14 @@ class Proposals:
         side, turn = np.divmod(template, len(self._turns))
         poses = _poses(pinhole, pixels, depths, self.templates.rotations[side], self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
+        if orientation is not None:
+            poses[:, :3, :3] = orientation.clip(poses[:, :3, :3])
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], scores[best[kept]]
 
     def _at_depth(self, edges: EvidenceVolume, depth: float, maps: NDArray[np.int16],
-                  offsets: NDArray[np.float32], directions: NDArray[np.uint8], count: int
-                  ) -> _Places | None:
+                  offsets: NDArray[np.float32], directions: NDArray[np.uint8], count: int,
+                  orientation: Orientation | None) -> _Places | None:
         """The best `count` places at a depth; None where the object is out of view in all.
 
         maps: (directions, rows, columns) of cells.
@@ -127,16 +132,36 @@ class Proposals:
         after = (max(0, reach + rows[-1] + 1 - height), max(0, reach + columns[-1] + 1 - width))
         maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
         where = rows[0] + before[0], columns[0] + before[1], len(rows), len(columns)
+        possible = self._possible(pinhole, rows, columns, orientation)
+        tried = np.flatnonzero(possible.any(axis=1))
         with LOCK:
-            sums, place = _slide(maps, cells, directions, *where, _SQUARE)
+            sums, place = _slide(maps, cells[tried], directions[tried], *where, _SQUARE)
         focal = np.sqrt(pinhole.fx * pinhole.fy)
-        lengths = np.repeat(self.templates.lengths, len(self._turns)) * focal * scale
-        scores = (sums * (lengths[:, None] / _UNIT / POINTS)).ravel()
+        lengths = np.repeat(self.templates.lengths, len(self._turns))[tried] * focal * scale
+        scores = (sums * (lengths[:, None] / _UNIT / POINTS))
+        scores = np.where(possible[tried], scores, -np.inf).ravel()
         best = np.argpartition(-scores, min(count, len(scores)) - 1)[:count]
+        best = best[np.isfinite(scores[best])]
         place = place.ravel()[best]
         row, column = np.divmod(place, len(columns))
-        pixels = np.stack([columns[column], rows[row]], axis=-1) * _CELL + (_CELL - 1) / 2
-        return _Places(depth, scores[best], pixels, best // sums.shape[1])
+        pixels = _middle(np.stack([columns[column], rows[row]], axis=-1))
+        return _Places(depth, scores[best], pixels, tried[best // sums.shape[1]])
+
+    def _possible(self, pinhole: Pinhole, rows: NDArray[np.int64], columns: NDArray[np.int64],
+                  orientation: Orientation | None) -> NDArray[np.bool_]:
+        """(templates, squares) where turned templates show the object as it can be.
+
+        rows, columns: of cells, of which squares are made as `_slide` does.
+        """
+        top, left = np.meshgrid(rows[::_SQUARE], columns[::_SQUARE], indexing='ij')
+        number = len(self.templates.rotations) * len(self._turns)
+        if orientation is None:
+            return np.broadcast_to(True, (number, top.size))
+        sight = _towards(pinhole, _middle(np.stack([left.ravel(), top.ravel()], axis=-1)
+                                          + _SQUARE // 2))
+        turned = (Rotation.from_rotvec(self._turns[:, None] * [0, 0, 1.0]).as_matrix()
+                  @ self.templates.rotations[:, None]).reshape(-1, 3, 3)
+        return orientation.allows_seen(turned, sight.inv().apply(orientation.direction), _ASIDE)
 
 
 def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
@@ -236,16 +261,30 @@ def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.flo
     They are seen along that line of sight as the template of `rotations` (n, 3, 3), turned by
     `turns` (n,) [rad], is from ahead.
     """
-    rays = np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
-                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=-1)
-    tangent = np.cross([0, 0, 1.0], rays)  # the smallest rotation from straight ahead to the ray
-    sine = np.linalg.norm(tangent, axis=1, keepdims=True)
-    towards = Rotation.from_rotvec(tangent / np.maximum(sine, 1e-12) * np.arctan(sine))
+    rays, towards = _rays(pinhole, pixels), _towards(pinhole, pixels)
     turned = Rotation.from_rotvec(turns[:, None] * [0, 0, 1.0]) * Rotation.from_matrix(rotations)
     poses = np.tile(np.eye(4), (len(pixels), 1, 1))
     poses[:, :3, :3] = (towards * turned).as_matrix()
     poses[:, :3, 3] = rays * depths[:, None]
     return poses
+
+
+def _rays(pinhole: Pinhole, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3) to pixels (n, 2), at depth 1."""
+    return np.stack([(pixels[:, 0] - pinhole.cx) / pinhole.fx,
+                     (pixels[:, 1] - pinhole.cy) / pinhole.fy, np.ones(len(pixels))], axis=-1)
+
+
+def _towards(pinhole: Pinhole, pixels: NDArray[np.float64]) -> Rotation:
+    """The smallest rotations from straight ahead to the lines of sight of pixels (n, 2)."""
+    tangent = np.cross([0, 0, 1.0], _rays(pinhole, pixels))
+    sine = np.linalg.norm(tangent, axis=1, keepdims=True)
+    return Rotation.from_rotvec(tangent / np.maximum(sine, 1e-12) * np.arctan(sine))
+
+
+def _middle(cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(n, 2) pixel in the middle of each of cells (n, 2)."""
+    return np.asarray(cells * _CELL + (_CELL - 1) / 2)
 
 
 def _suppress_duplicates(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:
