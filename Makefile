@@ -17,7 +17,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 LP_NUM_THREADS=1
 # Byte code is kept: else every process compiles all sources anew, those of the tests too.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-quick test-tensorflow test-oldest lint venv docs eval bench soak fuzz clean
+.PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz clean
 
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
 ifeq ($(SCENE),)
@@ -29,10 +29,13 @@ demo: $(ARM)
 	@$(BIN)/pmcl manipulate $(SCENE) --trials 1 --seed 1 --out out/$(SCENE)
 endif
 
-test: $(TEST)
-	@$(BIN)/pmcl warm-up --all
-	@$(MAKE) --no-print-directory -j 2 --output-sync=target lint test-tensorflow
+# The kernels are compiled while the packages of the tests, which change no others, are installed.
+test: $(RUN)
+	@$(MAKE) --no-print-directory -j 2 kernels lint test-tensorflow
 	$(ONE_THREAD) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+
+kernels: $(RUN)
+	@$(BIN)/pmcl warm-up --all
 
 # Apart from the others: test/conftest.py says why.
 test-tensorflow: $(TEST)

@@ -64,10 +64,17 @@ class GivenRegion:
 
     @property
     def orientation(self) -> dict[str, Any]:
-        """Those that say how the object is turned."""
-        up = {} if self.up is None else {'roi_up': self.up}
-        return up if self.tilt is None else up | {
-            'roi_tilt': tuple(np.deg2rad(self.tilt).tolist())}
+        """Those that say how the object is turned; UsageError where a part of that is missing."""
+        if self.tilt is None:
+            if self.up is not None:
+                raise click.UsageError('--up is what --tilt is to: give --tilt 0 30 for what '
+                                       'stands, 70 110 for what lies')
+            return {}
+        if self.up is None and self.table is None:
+            raise click.UsageError('--tilt is an angle to --up X Y Z, or to the normal of '
+                                   '--table: give one of them')
+        return {'roi_tilt': tuple(np.deg2rad(self.tilt).tolist())} | (
+            {} if self.up is None else {'roi_up': self.up})
 
 
 def region_options(command: Callable[..., None]) -> Callable[..., None]:

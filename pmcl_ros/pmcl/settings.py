@@ -15,8 +15,8 @@ Mode = Literal['default', 'faithful']
 EvidenceKind = Literal['edges', 'map']
 _Size = Annotated[float, Field(gt=0, le=10)]
 _Depth = Annotated[float, Field(ge=0, le=10)]
-_Angle = Annotated[float, Field(ge=0, le=math.pi)]
-_ANY_TILT = 0.0, math.pi  # rad
+_HALF_TURN = 3.1416  # rad, a little more
+_Angle = Annotated[float, Field(ge=0, le=_HALF_TURN)]
 
 
 class PmclSettings(Settings):
@@ -56,9 +56,9 @@ class PmclSettings(Settings):
         (0.0, 0.0, 0.0), description='direction to which roi_tilt is, frame of roi_center; zeros: '
         'the normal of roi_table')
     roi_tilt: tuple[_Angle, _Angle] = Field(
-        _ANY_TILT, description='least and largest angle between roi_up and the z axis of the '
-        'mesh, or the axis of symmetry of an object that has one: [0, 0.5] of what stands, [1.2, '
-        '1.9] of what lies; an object that looks the same upside down may be [rad]')
+        (0.0, _HALF_TURN), description='least and largest angle between roi_up and the z axis of '
+        'the mesh, or the axis of symmetry of an object that has one: 0 and 0.5 of what stands, '
+        '1.2 and 1.9 of what lies; what looks the same upside down may be either way up [rad]')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
         'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
@@ -116,7 +116,7 @@ class PmclSettings(Settings):
     @property
     def is_oriented(self) -> bool:
         """Whether not all orientations of the object are possible."""
-        return self.roi_tilt != _ANY_TILT
+        return self.roi_tilt[0] > 0 or self.roi_tilt[1] < math.pi
 
     @model_validator(mode='after')
     def _oriented(self) -> 'PmclSettings':

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from scipy.spatial.transform import Rotation
 from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.cli.localize import localize
@@ -102,5 +103,18 @@ def test_the_region_is_all_that_is_in_view_or_what_stands_on_a_table(capture, tm
     assert '--roi CX CY CZ SX SY SZ' in done.output
     assert '--depths 0.3 0.9' in done.output
     assert '--table X Y Z NX NY NZ' in done.output
+    table = ['--table', *truth[:3, 3], *truth[:3, 2]]
+    done = found(*table, '--tilt', 0, 20)
+    upright = Rotation.from_quat(json.loads(done.stdout)['orientation_xyzw']).as_matrix()[:, 2]
+    assert upright @ truth[:3, 2] > np.cos(np.deg2rad(20))
+    # Upside down, what stands upright is not found.
+    done = found(*table, '--up', *-truth[:3, 2], '--tilt', 0, 20)
+    assert json.loads(done.stdout)['lost']
+    over = Rotation.from_quat(json.loads(done.stdout)['orientation_xyzw']).as_matrix()[:, 2]
+    assert over @ truth[:3, 2] < -np.cos(np.deg2rad(20.1))
+    done = found('--depths', 0.3, 0.55, '--tilt', 0, 20, status=2)
+    assert 'to --up X Y Z, or to the normal of --table' in done.output
+    done = found(*table, '--up', 0, 0, 1, status=2)
+    assert 'give --tilt 0 30 for what stands' in done.output
     done = found('--roi', *'001111', '--depths', 0.3, 0.6, status=2)
     assert 'give one' in done.output
