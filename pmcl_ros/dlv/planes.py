@@ -56,7 +56,8 @@ def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int,
     planes = np.empty((len(indices), 3, height + 2 * pad, width + 2 * pad), np.float32)
     means = np.empty(len(indices))
     with LOCK:
-        _fill_colours(_bits(light_field), indices, _curve(gamma), pad, planes, means)
+        _fill_colours(_bits(light_field), np.ascontiguousarray(indices), _curve(gamma), pad,
+                      planes, means)
     return planes, means
 
 

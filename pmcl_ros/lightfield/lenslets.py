@@ -82,8 +82,8 @@ def sum_lenslets(counts: NDArray[np.uint16], black: float, lenslets: Lenslets,
     factors = factors.reshape(-1)
     factors.flags.writeable = False  # as some already are: one kernel serves both
     with LOCK:
-        _sum(pairs, np.float32(black), lenslets.centres, np.float32(lenslets.radius), slots,
-             factors, np.float32(scale), out.reshape(-1))
+        _sum(pairs, np.float32(black), np.ascontiguousarray(lenslets.centres),
+             np.float32(lenslets.radius), slots, factors, np.float32(scale), out.reshape(-1))
 
 
 @compiled(parallel=True)

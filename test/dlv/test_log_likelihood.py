@@ -37,7 +37,8 @@ def test_likelihood_is_zero_at_the_worst_label_and_falls_with_cost(cost):
     assert (np.take_along_axis(likelihood, worst, 0) == 0).all()
     assert (likelihood >= 0).all()
     ordered = np.take_along_axis(likelihood, cost.argsort(axis=0), 0)
-    assert (np.diff(ordered, axis=0) <= 0).all()
+    # Costs that differ by less than float32 can tell may come in either order.
+    assert (np.diff(ordered, axis=0) <= np.finfo(np.float32).eps).all()
 
 
 @pytest.mark.parametrize('color_cost', ['l2', 'sad'])

@@ -64,7 +64,7 @@ class Drawing(NamedTuple):
         return cls(np.ascontiguousarray(scene.model.vertices.T, np.float32),
                    np.ascontiguousarray(scene.model.faces, np.int32), scene.model.closed,
                    np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
-                   *scene.window.size, scene.near, scene.far, water)
+                   *scene.window.size, float(scene.near), float(scene.far), water)
 
 
 class Room(NamedTuple):

@@ -195,6 +195,8 @@ def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(contex
     parts = []
     search(evidence, lambda part: parts.append(part) or len(parts) < 3)
     assert len(parts) == 3  # stopped in the middle, it asks no more
+    if posed:  # the rest is the same, and takes long
+        return
     # The search with the small pixels alone begins beside the object, and does not reach it.
     missed = search(replace(evidence, views=tuple(
         replace(each, evidence=replace(each.evidence, reduced=None)) for each in views)))

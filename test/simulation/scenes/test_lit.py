@@ -98,14 +98,14 @@ def test_contact_darkens_the_table_without_any_lamp_in_view():
 
 def test_rough_glass_blurs_what_is_behind():
     stripes = np.where((np.arange(SIZE) // 48 % 2)[None, :, None], 1.0, 0.05)
-    stripes = np.broadcast_to(stripes, (SIZE, SIZE, 3)).astype(np.float32)
+    stripes = np.tile(stripes, (SIZE, 1, 3)).astype(np.float32)
     slab = trimesh.creation.box([1.0, 1.0, 0.01])
 
     def contrast(roughness):
         glass = Clear(1.5, roughness=roughness)
         solid = Solid(Triangles(np.array(slab.triangles), 0, 1), (glass,), pose_at(0, 0, 0.4))
         sheet = replace(_SHEET, texture=stripes, side=0.2)
-        return _light([solid], [sheet], samples=8).mean(axis=(0, 2)).std()
+        return _light([solid], [sheet], samples=2).mean(axis=(0, 2)).std()
 
     sharp = contrast(0.0)
     assert sharp > 0.15
@@ -114,7 +114,7 @@ def test_rough_glass_blurs_what_is_behind():
 
 def test_a_translucent_sheet_scatters():
     stripes = np.where((np.arange(SIZE) // 48 % 2)[None, :, None], 1.0, 0.05)
-    stripes = np.broadcast_to(stripes, (SIZE, SIZE, 3)).astype(np.float32)
+    stripes = np.tile(stripes, (SIZE, 1, 3)).astype(np.float32)
 
     def contrast(roughness):
         film = Sheet(pose_at(0, 0, 0.3), (4.0, 4.0), WHITE, 0.1, 0.2, 1.0, roughness)
