@@ -37,6 +37,7 @@ from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.multi_object.posed_scene import PosedSceneLocalizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
@@ -82,6 +83,13 @@ def make_localizer(model: ObjectModel, settings: PmclSettings, posed: bool = Fal
     if settings.mode == 'faithful':
         return ParticleFilterLocalizer(model, settings)
     return Localizer(model, settings)
+
+
+def make_scene_localizer(models: Sequence[ObjectModel], settings: PmclSettings,
+                         posed: bool = False) -> AnyLocalizer[SceneEstimate]:
+    """What finds several objects together, likewise. Raises as `SceneLocalizer`."""
+    return (PosedSceneLocalizer(models, settings) if posed
+            else SceneLocalizer(models, settings))
 
 
 def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
@@ -212,13 +220,14 @@ class Pipeline(Generic[Estimate]):
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
-                    changes: Mapping[str, Any] | None = None, origin: str = 'region of interest'
-                    ) -> 'Pipeline[SceneEstimate]':
-        """Several objects together. Raises as `SceneLocalizer`."""
-        localizer: AnyLocalizer[SceneEstimate] = SceneLocalizer(models, settings)
-        near, far = Region(settings.roi_center, settings.roi_size).grown(
-            max(each.radius for each in models))
-        return Pipeline(localizer, settings, near, far, changes, origin)
+                    changes: Mapping[str, Any] | None = None, origin: str = 'region of interest',
+                    posed: bool = False) -> 'Pipeline[SceneEstimate]':
+        """Several objects together. posed: as of `make_localizer`. Raises as `SceneLocalizer`."""
+        localizer = make_scene_localizer(models, settings, posed)
+        largest = max(models, key=lambda each: each.radius)
+        near, far = depths_of(settings.roi_center, settings.roi_size, largest.radius, posed)
+        return Pipeline(localizer, settings, near, far, changes, origin,
+                        largest if posed else None)
 
     def __enter__(self) -> 'Pipeline[Estimate]':
         return self

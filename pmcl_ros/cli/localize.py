@@ -12,9 +12,9 @@ from rich.progress import Progress, track
 
 from pmcl_ros.cli.base import FILE, FOLDER, STDERR
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
-from pmcl_ros.cli.sources import GivenSource, source_options
+from pmcl_ros.cli.sources import GivenSource, Opened, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
-from pmcl_ros.drawing.view_overlay import overlay_in_view
+from pmcl_ros.drawing.view_overlay import outlines_in_view, overlay_in_view
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.truth import Truth
@@ -89,12 +89,9 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     opened = source.open()
     model = load(objects[0])
     if len(objects) > 1:
-        if opened.posed:
-            raise click.UsageError(f'{source.source}: several objects are found in a light field '
-                                   'or one picture; give one --object for posed views')
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
-        _localize_several(opened.read, objects, settings, dict(of_volume), as_json, out)
+        _localize_several(opened, objects, settings, dict(of_volume), as_json, out)
         return
     settings, read = settled(settings, opened.read, model.radius)
     pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', opened.posed)
@@ -146,7 +143,7 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
         click.echo(json.dumps({'pictures': found}))
 
 
-def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
+def _localize_several(opened: Opened, objects: Sequence[Path],
                       settings: PmclSettings, of_volume: dict[str, Any], as_json: bool,
                       out: Path | None) -> None:
     """Find objects together, print their poses, and draw their outlines.
@@ -155,8 +152,9 @@ def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
     """
     loaded = {each: ObjectModel.load(each) for each in dict.fromkeys(objects)}
     models = [loaded[each] for each in objects]
-    settings, read = settled(settings, read, max(each.radius for each in models))
-    run = _run(Pipeline.for_objects(models, settings, of_volume, '--set'), read, settings.seed)
+    settings, read = settled(settings, opened.read, max(each.radius for each in models))
+    run = _run(Pipeline.for_objects(models, settings, of_volume, '--set', opened.posed), read,
+               settings.seed)
     scene = run.estimate
     _print(scene, {'dlv': run.seconds['views'] + run.seconds['evidence'],
                    'pmcl': run.seconds['pose']}, as_json)
@@ -164,7 +162,12 @@ def _localize_several(read: Callable[[], Source], objects: Sequence[Path],
         out.mkdir(parents=True, exist_ok=True)
         there = [(model, each.pose, name) for model, each, name
                  in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
-        assert not isinstance(run.source, PosedViews)
+        if isinstance(run.source, PosedViews):
+            for number, view in enumerate(run.source.views):
+                write_png(out / f'overlay_{number:03d}.png', outlines_in_view(
+                    view, there, settings.interface))
+            click.echo(f'pictures in {out}', err=True)
+            return
         write_png(out / 'overlay.png', outlines(displayed(run.source), run.source.pinhole, there))
         click.echo(f'picture in {out}', err=True)
 

@@ -1,13 +1,26 @@
-"""Draws an object on a posed view, as the liquid shows it that it may be in."""
+"""Draws objects on a posed view, as the liquid shows them that they may be in."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.drawing.pictures import outlines, overlay
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
+
+
+def outlines_in_view(view: PosedView,
+                     things: Sequence[tuple[ObjectModel, NDArray[np.float64], str]],
+                     interface: Interface | None) -> NDArray[np.uint8]:
+    """The `outlines` of models at poses (4, 4), each with a word; frames as `overlay_in_view`."""
+    camera = view.camera_to_reference
+    into, water = np.linalg.inv(camera), interface and interface.seen_from(camera)
+    return outlines(view.displayed(), view.pinhole, [
+        (as_it_appears(model, into @ pose, water), into @ pose, word)
+        for model, pose, word in things])
 
 
 def overlay_in_view(view: PosedView, model: ObjectModel, pose: NDArray[np.float64],

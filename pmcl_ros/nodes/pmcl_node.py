@@ -16,6 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import overlay
+from pmcl_ros.drawing.view_overlay import overlay_in_view
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -77,14 +78,16 @@ class PmclNode(StageNode):
             paths = [resolve(each, 'objects') for each in settings.several]
             self._several = SeveralObjects(self, settings, paths, settings.broadcast_tf,
                                            self._overlays, self._markers)
-            self._work(self._several.localizer, ', '.join(self._several.names))
+            self._work(partial(self._several.localizer, self._posed),
+                       ', '.join(self._several.names))
             names, models = self._several.names, self._several.models
             self._continuities = [Continuity(each.symmetry, _region(settings)) for each in models]
+            self._evidence_of = _evidence_of(settings, max(models, key=lambda each: each.radius))
         else:
             self._set_up_one(settings)
             names, models = [self._model.name], [self._model]
         self._optional = OptionalOutputs(self, settings, names, models)
-        self._of_views = PosedViewsOutputs(self, self._model if self._posed else None, settings)
+        self._of_views = PosedViewsOutputs(self, self._posed, settings)
 
     def _set_up_one(self, settings: PmclNodeSettings) -> None:
         path = resolve(settings.object, 'object')
@@ -103,8 +106,7 @@ class PmclNode(StageNode):
         """Search with a localizer of one object, in the region that the settings say."""
         self._box = region_to_marker(_region(settings))
         self._continuities = [Continuity(self._model.symmetry, _region(settings))]
-        self._evidence_of = ViewsEvidenceBuilder(
-            DlvSettings(), settings.evidence != 'edges', size_in(self._model, settings))
+        self._evidence_of = _evidence_of(settings, self._model)
         if isinstance(localizer, Localizer | MultiViewLocalizer):
             self._tracker = Tracker(localizer, self._model, settings)
 
@@ -228,7 +230,7 @@ class PmclNode(StageNode):
             elif isinstance(found, PoseEstimate):
                 found = self._continuities[0].follow(found, camera)
                 if isinstance(evidence, ViewsEvidence):
-                    self._of_views.on_estimate(evidence, found)
+                    self._of_views.on_estimate(evidence, found, self._model)
                 self._publish(found, given, latency)
                 self._optional.publish([found])
                 self._of_views.publish_chart()  # after the pose, which does not wait for it
@@ -236,8 +238,11 @@ class PmclNode(StageNode):
                 found = replace(found, estimates=tuple(
                     one.follow(each, camera) for one, each
                     in zip(self._continuities, found.estimates, strict=True)))
-                self._several.publish(found, evidence.header, evidence.pinhole, latency)
+                if isinstance(evidence, ViewsEvidence):
+                    self._of_views.on_estimate(evidence, *found.least_sure(self._several.models))
+                self._several.publish(found, given, latency)
                 self._optional.publish(found.estimates)
+                self._of_views.publish_chart()
 
     def _placed(self, given: Evidence | PosedViews) -> AnyLocalizer[PoseEstimate]:
         """What searches the region that follows from the cameras of the first capture."""
@@ -285,8 +290,8 @@ class PmclNode(StageNode):
             if self.object_frame is not None:
                 self.object_frame.broadcast(estimate)
             if isinstance(given, PosedViews):
-                self._overlays.publish_views(given, self._model, estimate.pose,
-                                             self._settings.interface)
+                self._overlays.publish_views(given, lambda view: overlay_in_view(
+                    view, self._model, estimate.pose, self._settings.interface))
             else:
                 self._overlays.publish(
                     estimate.header, given.pinhole, lambda picture, camera:
@@ -306,6 +311,12 @@ class PmclNode(StageNode):
 
 def _region(settings: PmclNodeSettings) -> Box:
     return Box(settings.roi_center, settings.roi_size)
+
+
+def _evidence_of(settings: PmclNodeSettings, model: ObjectModel) -> ViewsEvidenceBuilder:
+    """What makes the evidence of posed views. model: of the largest object."""
+    return ViewsEvidenceBuilder(DlvSettings(), settings.evidence != 'edges',
+                                size_in(model, settings))
 
 
 def main() -> int:

@@ -13,11 +13,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
 from pmcl_ros.drawing.pictures import contact_sheet, outlines
-from pmcl_ros.drawing.view_overlay import overlay_in_view
+from pmcl_ros.drawing.view_overlay import outlines_in_view
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.messages.camera_info import pinhole_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import picture_from, picture_to_message
@@ -30,12 +29,9 @@ from pmcl_ros.messages.marker import (
 from pmcl_ros.messages.pose import estimate_to_messages, estimate_to_transform
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import tf2
+from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_scene_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import (
-    SceneEstimate,
-    SceneLocalizer,
-    distinct_names,
-)
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, distinct_names
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -113,14 +109,11 @@ class Overlays:
             return
         self._publisher.publish(picture_to_message(header, draw(picture, pinhole)))
 
-    def publish_views(self, views: PosedViews, model: ObjectModel, pose: NDArray[np.float64],
-                      interface: Interface | None) -> None:
-        """Draw an object at a pose (4, 4), maybe in a liquid, on each view.
-
-        Pose and interface: in the views' frame.
-        """
+    def publish_views(self, views: PosedViews, draw: Callable[[PosedView], NDArray[np.uint8]]
+                      ) -> None:
+        """Draw on each view, if the topic has a subscriber."""
         if self._publisher.get_subscription_count():
-            drawn = [overlay_in_view(view, model, pose, interface) for view in views.views]
+            drawn = [draw(view) for view in views.views]
             self._publisher.publish(picture_to_message(views.header, contact_sheet(drawn)))
 
 
@@ -170,14 +163,16 @@ class SeveralObjects:
         self._meshes: list[Marker] = []  # made for the first subscriber
         self._box = region_to_marker(Box(settings.roi_center, settings.roi_size))
 
-    def localizer(self) -> SceneLocalizer:
-        """A localizer of all of them; call it on the thread that uses it."""
-        return SceneLocalizer(self.models, self._settings)
+    def localizer(self, posed: bool) -> AnyLocalizer[SceneEstimate]:
+        """A localizer of all of them; call it on the thread that uses it.
 
-    def publish(self, scene: SceneEstimate, header: Header, pinhole: Pinhole, latency: float
-                ) -> None:
-        """Publish the joint estimate of one capture; pinhole: of its evidence."""
-        health, stamp = self._node.health, header.stamp_ns
+        posed: in posed views.
+        """
+        return make_scene_localizer(self.models, self._settings, posed)
+
+    def publish(self, scene: SceneEstimate, given: Evidence | PosedViews, latency: float) -> None:
+        """Publish the joint estimate of one capture."""
+        health, stamp = self._node.health, given.header.stamp_ns
         health.extra = {'objects': len(self.names),
                         'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
         for k, (name, each) in enumerate(zip(self.names, scene.estimates, strict=True)):
@@ -192,8 +187,12 @@ class SeveralObjects:
         self._list.publish(self.names, scene.estimates)
         there = [(model, each.pose, name) for model, each, name
                  in zip(self.models, scene.estimates, self.names, strict=True) if not each.lost]
-        self._overlays.publish(header, pinhole,
-                               lambda picture, camera: outlines(picture, camera, there))
+        if isinstance(given, PosedViews):
+            self._overlays.publish_views(given, lambda view: outlines_in_view(
+                view, there, self._settings.interface))
+        else:
+            self._overlays.publish(given.header, given.pinhole, lambda picture, camera: outlines(
+                picture, camera, there))
         if self._markers.get_subscription_count():
             self._meshes = self._meshes or [
                 mesh_to_marker(replace(model, name=name))

@@ -53,9 +53,8 @@ class PmclNodeSettings(TrackingSettings):
         if self.source == 'light_field' and self.evidence == 'map' and self.tracking != 'none':
             raise ValueError(f'tracking {self.tracking} needs evidence edges in light fields, it '
                              f'is {self.evidence}')
-        if self.source == 'posed_views' and (self.several or self.mode != 'default'):
-            raise ValueError('source posed_views needs one object and mode default; objects are '
-                             f'{list(self.several)}, mode {self.mode}')
+        if self.source == 'posed_views' and self.mode != 'default':
+            raise ValueError(f'source posed_views needs mode default, it is {self.mode}')
         if self.source == 'posed_views' and self.tracking == 'camera':
             raise ValueError('tracking camera is for light fields: posed views have poses of '
                              'their cameras; set it to constant_pose')

@@ -28,13 +28,12 @@ if TYPE_CHECKING:  # matplotlib is imported for the first subscriber of a chart
 class PosedViewsOutputs:
     """How sure the pose is with each further view, and `~/next_view`: what one more would bring.
 
-    For `set_up` of a node. model: None: there are no posed views, and the service says so.
+    For `set_up` of a node. posed: else there are no posed views, and the service says so.
     settings: those with the region that is searched.
     """
 
-    def __init__(self, node: StageNode, model: ObjectModel | None, settings: PmclNodeSettings
-                 ) -> None:
-        self._node, self._model, self.settings = node, model, settings
+    def __init__(self, node: StageNode, posed: bool, settings: PmclNodeSettings) -> None:
+        self._node, self._posed, self.settings = node, posed, settings
         self._next = node.publisher(PoseStamped, 'next_view', SMALL)
         self._candidates = node.publisher(Image, 'next_view/candidates', SMALL)
         self._sigmas = node.publisher(Image, 'pose/sigma_by_views', SMALL)
@@ -46,7 +45,7 @@ class PosedViewsOutputs:
 
     def forget(self) -> None:
         """Drop what has been found."""
-        self._last: tuple[ViewsEvidence, PoseEstimate] | None = None
+        self._last: tuple[ViewsEvidence, PoseEstimate, ObjectModel] | None = None
         self._cameras: list[NDArray[np.float64]] = []  # of the views that came last
         self._told: dict[int, float] = {}  # number of views: largest standard deviation [m]
         self._number = 0  # of the last views
@@ -55,15 +54,19 @@ class PosedViewsOutputs:
         """Take the cameras of views that have come and will be searched."""
         self._cameras = [each.camera_to_reference for each in views.views]
 
-    def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate) -> None:
-        """Take what was found in some views, for `~/next_view` and the chart; from any thread."""
+    def on_estimate(self, evidence: ViewsEvidence, estimate: PoseEstimate, model: ObjectModel
+                    ) -> None:
+        """Take what was found in some views, for `~/next_view` and the chart; from any thread.
+
+        model: of what the estimate is of.
+        """
         number = len(evidence.views)
         # Fewer: another collection has begun. As many: a view of it has been replaced, or the same
         # ones are searched again; what was told of the first ones stays.
         kept = self._told if number >= self._number else {}
         self._told = {each: sigma for each, sigma in kept.items() if each < number}
         self._number = number
-        self._last = None if estimate.lost else (evidence, estimate)
+        self._last = None if estimate.lost else (evidence, estimate, model)
         if not estimate.lost:
             self._told = self._told | {number: position_sigma(estimate.covariance)}
 
@@ -76,7 +79,7 @@ class PosedViewsOutputs:
             _draw(self._sigmas, last[1].header, sigmas_figure(sigmas))
 
     def _answer(self) -> str:
-        if self._model is None:
+        if not self._posed:
             raise LocalizationError('a next view needs posed views: set source to posed_views')
         last = self._last  # the thread of the search may replace it
         if last is None or not all(
@@ -87,11 +90,11 @@ class PosedViewsOutputs:
                                     'views of another collection are being searched: take '
                                     'pictures of the region of interest first, and wait for the '
                                     'pose')
-        evidence, estimate = last
+        evidence, estimate, model = last
         there = [each.camera_to_reference for each in evidence.views]
         candidates = cap(estimate.pose, there, self.settings.next_view_cap,
                          self.settings.next_view_candidates)
-        found = next_views(evidence.without(estimate.hidden), self._model, self.settings,
+        found = next_views(evidence.without(estimate.hidden), model, self.settings,
                            estimate.pose, candidates, evidence.pinhole)
         best = found[0]
         if best.sigma >= best.now:

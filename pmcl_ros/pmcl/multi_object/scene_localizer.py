@@ -15,6 +15,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_search import SceneSearch
+from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
@@ -36,6 +37,14 @@ class SceneEstimate:
     estimates: tuple[PoseEstimate, ...]
     alone: tuple[PoseEstimate, ...]
     depth: float
+
+    def least_sure(self, models: Sequence[ObjectModel]) -> tuple[PoseEstimate, ObjectModel]:
+        """The estimate whose position is the least certain, and its model.
+
+        Of those that were found, if any was. models: (n,) of the objects.
+        """
+        both = zip(self.estimates, models, strict=True)
+        return max(both, key=lambda each: (not each[0].lost, position_sigma(each[0].covariance)))
 
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON."""
@@ -61,13 +70,7 @@ class SceneLocalizer:
 
     def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings,
                  profile: ContourProfile | None = None) -> None:
-        self.names = tuple(distinct_names([each.name for each in models],
-                                          [id(each) for each in models]))
-        if len(models) > _MOST:
-            raise LocalizationError(f'{len(models)} objects are listed, at most {_MOST} are '
-                                    'searched for jointly')
-        if settings.mode != 'default':
-            raise LocalizationError(f'several objects need mode default, it is {settings.mode}')
+        self.names = names_of(models, settings)
         if settings.evidence == 'map':
             raise LocalizationError('several objects need evidence edges, it is '
                                     f'{settings.evidence}')
@@ -129,6 +132,20 @@ class SceneLocalizer:
             for k, each in zip(places, ours, strict=True):
                 result[k] = each
         return tuple(result)
+
+
+def names_of(models: Sequence[ObjectModel], settings: PmclSettings) -> tuple[str, ...]:
+    """(n,) distinct names of listed models; copies are the same ObjectModel.
+
+    Raises LocalizationError for no or too many objects, equal names, or another mode.
+    """
+    names = tuple(distinct_names([each.name for each in models], [id(each) for each in models]))
+    if len(models) > _MOST:
+        raise LocalizationError(f'{len(models)} objects are listed, at most {_MOST} are searched '
+                                'for jointly')
+    if settings.mode != 'default':
+        raise LocalizationError(f'several objects need mode default, it is {settings.mode}')
+    return names
 
 
 def distinct_names(names: Sequence[str], kinds: Sequence[Hashable] = ()) -> list[str]:

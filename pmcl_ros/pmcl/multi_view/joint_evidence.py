@@ -16,7 +16,7 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, refinement
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -46,7 +46,8 @@ class JointEvidence:
     Poses are in the frame of the first camera that sees the region. views: what each that sees it
     shows. cameras: (n, 4, 4) of these, to that frame. errors: of the cameras. region: a box there
     that holds the region of interest. box: (4, 4) from that frame into that of the region of
-    interest, and half its size (3,) [m]. numbers: of the views, among all.
+    interest, and half its size (3,) [m]. numbers: of the views, among all. constraint: (n,) which
+    of poses (n, 4, 4) are feasible besides.
     """
 
     model: ObjectModel
@@ -56,13 +57,14 @@ class JointEvidence:
     region: Region
     box: tuple[NDArray[np.float64], NDArray[np.float64]]
     numbers: tuple[int, ...]
+    constraint: Feasible | None = None
 
     @classmethod
     def from_views(cls, evidence: ViewsEvidence, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings) -> 'JointEvidence':
+                   settings: PmclSettings, feasible: Feasible | None = None) -> 'JointEvidence':
         """Of the views that see the region of interest, which is a box in the reference frame.
 
-        Raises LocalizationError where none does.
+        feasible: constraint of poses in that frame. Raises LocalizationError where none does.
         """
         seen = regions_seen(evidence, model, settings)
         posed, views = [evidence.views[number] for number in seen], []
@@ -82,7 +84,8 @@ class JointEvidence:
         errors = (CameraErrors.from_views(posed) if evidence.errors is None
                   else CameraErrors(evidence.errors[list(seen)]))
         return cls(model, tuple(views), cameras, errors, views[0].region,
-                   (into, np.array(settings.roi_size) / 2), tuple(seen))
+                   (into, np.array(settings.roi_size) / 2), tuple(seen),
+                   None if feasible is None else lambda poses: feasible(first @ poses))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are in the region, turned as the object can be."""
@@ -91,6 +94,8 @@ class JointEvidence:
         inside = (np.abs(places) <= half + 1e-9).all(axis=1)
         if self.orientation is not None:
             inside &= self.orientation.allows(poses[:, :3, :3])
+        if self.constraint is not None:
+            inside &= self.constraint(poses)
         return np.asarray(inside)
 
     @property

@@ -4,13 +4,14 @@ import contextlib
 import logging
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
@@ -21,6 +22,7 @@ from pmcl_ros.pmcl.multi_view.surface import with_surface
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Posterior
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.sunken import with_sunken
@@ -45,7 +47,7 @@ class MultiViewLocalizer:
 
     def __init__(self, model: ObjectModel, settings: PmclSettings,
                  numbers: LearnedViews | None = None) -> None:
-        self._model, self._settings, self._numbers = model, settings, numbers
+        self.model, self._settings, self._numbers = model, settings, numbers
         self._renderer = NumbaRenderer()
         self.renderer = self._renderer.name
         self._proposals: Proposals | None = None
@@ -62,42 +64,58 @@ class MultiViewLocalizer:
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None) -> PoseEstimate:
+                 watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
-        that sees the region.
+        that sees the region. feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in
+        the region, in the reference frame.
         Raises LocalizationError where no view sees the region of interest.
         """
-        stages = Stages(progress or (lambda _: True))
-        found = self._localized(evidence, rng, stages, start, watch)
+        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, feasible)
+        found = self._localized(evidence, rng, stages, asked)
         if self._numbers is not None:
             return found.estimate
         if found.estimate.lost and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
-                views, rng, ending, start, watch, found.modes))
+                views, rng, ending, replace(asked, also=found.modes)))
         if not found.estimate.hidden:
             _tell(found.fits, found.estimate.least_evidence)
-        return with_surface(found.estimate, evidence, self._model, self._settings)
+        return with_surface(found.estimate, evidence, self.model, self._settings)
+
+    def contours(self, evidence: ViewsEvidence, pose: NDArray[np.float64]
+                 ) -> dict[int, ContourPoints]:
+        """The contour of a pose (4, 4), in the reference frame, in the pixels of each view.
+
+        By the numbers of the views that see the region; cameras are where they are told to be.
+        """
+        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
+        with contextlib.ExitStack() as stack:
+            seen = joint.open(stack).contours(into @ pose, np.zeros(joint.errors.number))
+        made = {}
+        for number, view in zip(joint.numbers, seen, strict=True):
+            whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole
+            shift = np.array([whole.cx - part.cx, whole.cy - part.cy])
+            made[number] = replace(view.points, pixels=view.points.pixels + shift)
+        return made
 
     def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-                   start: NDArray[np.float64] | None, watch: Watch | None,
-                   also: NDArray[np.float64] | None = None) -> Found:
-        """The pose by all of some views. also: (k, 4, 4) where to look besides `start`."""
-        coarser = evidence.coarser
+                   asked: '_Asked') -> Found:
+        """The pose by all of some views."""
+        coarser, watch = evidence.coarser, asked.watch
         found, evaluations = ((None, 0) if coarser is None
-                              else self._found(coarser, rng, stages, start, watch, also))
-        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+                              else self._found(coarser, rng, stages, asked))
+        joint = self._joint(evidence, asked.feasible)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if found is None:
-                poses = search.find(self._begin(joint, first, start, watch, also), rng, stages,
-                                    watch)
+                poses = search.find(self._begin(joint, first, asked), rng, stages, watch)
             else:
                 poses = search.sharpen(np.linalg.inv(first) @ found, watch)
             sample = search.sample(poses, rng, stages, watch)
@@ -109,34 +127,37 @@ class MultiViewLocalizer:
         return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
                       first @ modes, shown)
 
+    def _joint(self, evidence: ViewsEvidence, feasible: Feasible | None) -> JointEvidence:
+        return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,
+                                        feasible)
+
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
-               start: NDArray[np.float64] | None, watch: Watch | None,
-               also: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], int]:
+               asked: '_Asked') -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
-        joint = JointEvidence.from_views(coarser, self._renderer, self._model, self._settings)
+        joint = self._joint(coarser, asked.feasible)
         first = coarser.views[joint.numbers[0]].camera_to_reference
-        begin = self._begin(joint, first, start, watch, also)
+        begin = self._begin(joint, first, asked)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
-            found = first @ search.find(begin, rng, stages, watch)
+            found = first @ search.find(begin, rng, stages, asked.watch)
         return found, sum(each.evaluations for each in optimizers)
 
-    def _begin(self, joint: JointEvidence, first: NDArray[np.float64],
-               start: NDArray[np.float64] | None, watch: Watch | None,
-               also: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    def _begin(self, joint: JointEvidence, first: NDArray[np.float64], asked: '_Asked'
+               ) -> NDArray[np.float64]:
         """(k, 4, 4) where the search begins, in the frame of the first camera (4, 4)."""
-        begin = self._proposed(joint) if start is None else np.linalg.inv(first) @ start
-        if also is not None:
-            begin = np.concatenate([begin, np.linalg.inv(first) @ also])
-        if watch is not None:
-            watch(Generation('proposals', begin, np.zeros(len(begin))))
+        begin = (self._proposed(joint) if asked.start is None
+                 else np.linalg.inv(first) @ asked.start)
+        if asked.also is not None:
+            begin = np.concatenate([begin, np.linalg.inv(first) @ asked.also])
+        if asked.watch is not None:
+            asked.watch(Generation('proposals', begin, np.zeros(len(begin))))
         return begin
 
     def _opened(self, joint: JointEvidence, stack: contextlib.ExitStack
                 ) -> tuple[ContourSearch, JointPosterior, list[GaussNewton]]:
         """A search, its posterior, and what refines poses, until the stack is closed."""
         optimizers = joint.optimizers()
-        posterior = JointPosterior(self._model, self._settings, joint.open(stack),
+        posterior = JointPosterior(self.model, self._settings, joint.open(stack),
                                    numbers_of(joint, self._numbers))
         search = ContourSearch(
             joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
@@ -149,15 +170,15 @@ class MultiViewLocalizer:
 
         prior, and the estimate: in the reference frame.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         near = prior.seen_from(first)
         optimizers = joint.optimizers()[1:]
         with contextlib.ExitStack() as stack:
             contours = joint.open(stack)
-            posterior = JointPosterior(self._model, self._settings, contours,
+            posterior = JointPosterior(self.model, self._settings, contours,
                                        numbers_of(joint, self._numbers))
-            modes = NearPrior(self._model, contours.rigid_score, joint.refinement(optimizers[0]),
+            modes = NearPrior(self.model, contours.rigid_score, joint.refinement(optimizers[0]),
                               joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
                               candidates).modes(near, rng)
             if modes:
@@ -175,11 +196,11 @@ class MultiViewLocalizer:
 
         Scaled as for a posterior about the best of them.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
-            return JointPosterior(self._model, self._settings, joint.open(stack),
+            return JointPosterior(self.model, self._settings, joint.open(stack),
                                   None).log_likelihoods(seen)
 
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -188,10 +209,10 @@ class MultiViewLocalizer:
         By the noise of the evidence about this pose, with the cameras where they fit it best, and
         by the errors of their poses, without a model error.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
-            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
+            posterior = JointPosterior(self.model, self._settings, joint.open(stack), None)
             return posterior.fitted_at(into @ pose).covariance
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
@@ -210,7 +231,7 @@ class MultiViewLocalizer:
         return replace(estimate, disagreement=apart)
 
     def _estimator(self, joint: JointEvidence) -> Estimator:
-        return Estimator(self._model, joint.region, self._settings, joint.orientation)
+        return Estimator(self.model, joint.region, self._settings, joint.orientation)
 
     def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float
                ) -> Thresholds:
@@ -230,10 +251,10 @@ class MultiViewLocalizer:
 
         Uncertain cameras are moved as fits best.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self._model, self._settings)
+        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
-            posterior = JointPosterior(self._model, self._settings, joint.open(stack), None)
+            posterior = JointPosterior(self.model, self._settings, joint.open(stack), None)
             return np.array([posterior.evidence_at(each)
                              for each in np.linalg.inv(first) @ poses])
 
@@ -247,14 +268,14 @@ class MultiViewLocalizer:
         for number in first + [each for each in range(len(joint.views)) if each not in first]:
             view = joint.views[number]
             if self._proposals is None:
-                self._proposals = Proposals(self._renderer, self._model, view.region)
+                self._proposals = Proposals(self._renderer, self.model, view.region)
             try:
                 poses, _ = self._proposals.within(view.region).propose(
                     view.edges, self._settings.proposals, view.orientation)
             except LocalizationError as error:
                 _LOG.info('view %d proposes nothing: %s', joint.numbers[number], error)
                 continue
-            found.append(joint.cameras[number] @ with_sunken(poses, self._model, view.interface))
+            found.append(joint.cameras[number] @ with_sunken(poses, self.model, view.interface))
             if len(found) == _PROPOSING:
                 break
         if not found:
@@ -263,6 +284,16 @@ class MultiViewLocalizer:
         poses = np.concatenate(found)
         inside = poses[joint.feasible(poses)]
         return inside if len(inside) else poses
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What `MultiViewLocalizer.localize` was asked. also: (k, 4, 4) where to look besides."""
+
+    start: NDArray[np.float64] | None
+    watch: Watch | None
+    feasible: Feasible | None
+    also: NDArray[np.float64] | None = None
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:

@@ -1,0 +1,210 @@
+"""ViewsEvidence -> SceneEstimate: several objects in posed views, in their reference frame."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.pmcl.contour_evidence import Feasible
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_object.penetration import (
+    MAX_PENETRATION,
+    PlacedSolid,
+    Solid,
+    deepest_penetration,
+    resolve_penetration,
+)
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, names_of
+from pmcl_ros.pmcl.multi_object.visibility import residual_edges
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.progress import Progress
+
+_LOG = logging.getLogger(__name__)
+_ITS_OWN = 0.5  # share of an object's evidence that must be left beside those that were found
+_LIKELY = 8.4  # nat: half the 99 % quantile of chi-squared, of 6 degrees of freedom
+_BALLS = 0.8  # of the sum of their radii: by which inscribed balls must be apart
+
+
+class PosedSceneLocalizer:
+    """Finds several objects in several views (docs/concepts/several.md).
+
+    Matching pursuit: each object is searched for alone; the one with the most evidence is there,
+    and what it explains is no evidence of another. Objects that lose theirs by this, and those
+    that were not found, are searched for in what is left, outside of it.
+    models: listed; copies are the same ObjectModel.
+    Raises LocalizationError for no or too many objects, or equal names.
+    """
+
+    def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings) -> None:
+        self.names = names_of(models, settings)
+        self.models = tuple(models)
+        distinct = list(dict.fromkeys(models))
+        self._listed = [distinct.index(each) for each in models]
+        self._solids = [Solid.from_model(each) for each in distinct]
+        self._localizers = [MultiViewLocalizer(each, settings) for each in distinct]
+        self.renderer = self._localizers[0].renderer
+
+    def __enter__(self) -> 'PosedSceneLocalizer':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
+                 progress: Progress | None = None) -> SceneEstimate:
+        """The poses of the listed objects in the reference frame.
+
+        progress: called with 0..1; returning False ends the search with the poses found so far.
+        Raises as `MultiViewLocalizer.localize`.
+        """
+        search = _Pursuit(self._localizers, self._solids, evidence, rng,
+                          progress or (lambda _: True))
+        found = search.run(self._listed)
+        estimates = self._in_order(self._apart(found))
+        there = [(self._solids[number], each.pose)
+                 for number, each in zip(self._listed, estimates, strict=True) if not each.lost]
+        return SceneEstimate(self.names, estimates,
+                             tuple(search.alone[number] for number in self._listed),
+                             max(deepest_penetration(there), 0.0))
+
+    def _apart(self, found: Sequence[PoseEstimate]) -> list[PoseEstimate]:
+        """The estimates after `resolve_penetration`; of two that cannot be apart one is lost."""
+        result = list(found)
+        places = [k for k, each in enumerate(result) if not each.lost]
+        resolved = resolve_penetration([self._placed(k, result[k]) for k in places])
+        for k, off in zip(places, resolved.deviations, strict=True):
+            if off.any():
+                old = result[k]
+                result[k] = replace(old, pose=retract(old.pose, off[None])[0], particles=retract(
+                    old.particles, np.tile(off, (len(old.particles), 1))))
+        if resolved.depth > MAX_PENETRATION:
+            worst = min((places[k] for k in resolved.pair), key=lambda k: result[k].score)
+            result[worst] = replace(result[worst], lost=True)
+        return result
+
+    def _placed(self, place: int, estimate: PoseEstimate) -> PlacedSolid:
+        return placed(self._solids[self._listed[place]], self.models[place], estimate)
+
+    def _in_order(self, found: Sequence[PoseEstimate]) -> tuple[PoseEstimate, ...]:
+        """Copies along the x axis of the reference frame, lost ones last, so that names stay."""
+        result = list(found)
+        for number in set(self._listed):
+            places = [k for k, each in enumerate(self._listed) if each == number]
+            ours = sorted((found[k] for k in places), key=lambda each: (each.lost,
+                                                                        each.pose[0, 3]))
+            for k, each in zip(places, ours, strict=True):
+                result[k] = each
+        return tuple(result)
+
+
+def placed(solid: Solid, model: ObjectModel, estimate: PoseEstimate) -> PlacedSolid:
+    """An object where it was found; it can turn about its axis of symmetry at no cost, in vain."""
+    basis = model.symmetry.tangent_basis(estimate.pose)
+    across = basis @ basis.T
+    return PlacedSolid(solid, estimate.pose, across @ estimate.covariance @ across)
+
+
+class _Pursuit:
+    """The joint search in one capture.
+
+    localizers, solids: of the distinct objects. alone: the estimates of the separate searches.
+    """
+
+    def __init__(self, localizers: Sequence[MultiViewLocalizer], solids: Sequence[Solid],
+                 evidence: ViewsEvidence, rng: np.random.Generator, progress: Progress) -> None:
+        self._localizers, self._solids = localizers, solids
+        self._whole = self._left = evidence
+        self._rng, self._progress, self._stopped, self._done = rng, progress, False, 0
+        self._there: list[tuple[int, PoseEstimate]] = []  # number of the object, where it is
+        self.alone: list[PoseEstimate] = []
+
+    def run(self, listed: Sequence[int]) -> list[PoseEstimate]:
+        """The estimates of the listed objects, by their numbers."""
+        self._searches = len(self._localizers) * (1 + len(listed))
+        self.alone = [self._search(number) for number in range(len(self._localizers))]
+        best = dict(enumerate(self.alone))
+        waiting, found = list(range(len(listed))), dict[int, PoseEstimate]()
+        while waiting:
+            numbers = {listed[place] for place in waiting}
+            there = [number for number in sorted(numbers) if not best[number].lost]
+            if not there or self._stopped:
+                break
+            number = max(there, key=lambda each: best[each].score)
+            place = next(each for each in waiting if listed[each] == number)
+            waiting.remove(place)
+            found[place] = best[number]
+            self._accept(number, best[number])
+            for each in sorted({listed[one] for one in waiting}):
+                if not self._stands(each, best[each]) and not self._stopped:
+                    best[each] = self._search(each)
+        return [found[place] if place in found else replace(best[number], lost=True)
+                for place, number in enumerate(listed)]
+
+    def _search(self, number: int) -> PoseEstimate:
+        """Search for one object in what is left, outside of what is there."""
+        begin, self._done = self._done, self._done + 1
+        feasible = self._feasible(number)
+
+        def progress(done: float) -> bool:
+            part = min((begin + done) / self._searches, 1.0)
+            self._stopped = self._stopped or not self._progress(part)
+            return not self._stopped
+
+        if self._there:
+            _LOG.info('%s is searched for in the residual evidence of %d objects',
+                      self._localizers[number].model.name, len(self._there))
+        found = self._localizers[number].localize(self._left, self._rng.spawn(1)[0], progress,
+                                                  feasible=feasible)
+        possible = feasible(found.pose[None])[0] and self._fits(number, found)
+        return found if possible else replace(found, lost=True)
+
+    def _accept(self, number: int, estimate: PoseEstimate) -> None:
+        """An object is there: what it explains is no evidence of another."""
+        self._there.append((number, estimate))
+        contours = self._localizers[number].contours(self._left, estimate.pose)
+        self._left = replace(self._left, views=tuple(
+            replace(each, evidence=residual_edges(each.evidence, [contours[view]]))
+            if view in contours else each for view, each in enumerate(self._left.views)))
+
+    def _stands(self, number: int, estimate: PoseEstimate) -> bool:
+        """Whether an object that was found before can stand beside what is there."""
+        if estimate.lost or not self._fits(number, estimate):
+            return False
+        left, whole = (float(self._localizers[number].evidence(each, estimate.pose[None])[0])
+                       for each in (self._left, self._whole))
+        return left > _ITS_OWN * whole
+
+    def _fits(self, number: int, estimate: PoseEstimate) -> bool:
+        """Whether an object is outside of all that is there, or can be by what is known."""
+        ours = placed(self._solids[number], self._localizers[number].model, estimate)
+        for other, where in self._there:
+            resolved = resolve_penetration(
+                [ours, placed(self._solids[other], self._localizers[other].model, where)],
+                _LIKELY)
+            if resolved.depth > MAX_PENETRATION or resolved.cost > _LIKELY:
+                return False
+        return True
+
+    def _feasible(self, number: int) -> Feasible:
+        """Feasible poses of an object beside those there: the inscribed balls do not overlap."""
+        ours = self._solids[number]
+
+        def feasible(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+            centres = poses[:, :3, :3] @ ours.core + poses[:, :3, 3]
+            possible = np.ones(len(poses), bool)
+            for other, where in self._there:
+                solid = self._solids[other]
+                middle = where.pose[:3, :3] @ solid.core + where.pose[:3, 3]
+                away = np.linalg.norm(centres - middle, axis=1)
+                possible &= away > _BALLS * (ours.core_radius + solid.core_radius)
+            return possible
+        return feasible
