@@ -23,7 +23,7 @@ from pmcl_ros.evaluation.studies.profile_errors import (
     profile_trial,
 )
 from pmcl_ros.evaluation.studies.profile_errors import summary as summary_of_profiles
-from pmcl_ros.evaluation.studies.together import Together, summary
+from pmcl_ros.evaluation.studies.together import CAMERA, Together, summary
 from pmcl_ros.evaluation.studies.together import together as in_scene
 from pmcl_ros.evaluation.studies.tracking import (
     TRACKED,
@@ -39,12 +39,12 @@ from pmcl_ros.evaluation.studies.view_gain import view_gain as in_one_scene
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _FIELDS = SequenceSettings.model_fields
-_CAMERA = {'width': 640, 'height': 480, 'fx': 600.0, 'cx': 319.5, 'cy': 239.5}
 Done = TypeVar('Done')  # what a study has of one seed
 
 
@@ -102,7 +102,7 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     """
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    ordinary = OrdinaryCamera.make(_CAMERA) if camera is None else OrdinaryCamera.load(camera)
+    ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     run = partial(profile_trial, of=ProfileStudy(ordinary, samples, with_cad=cad))
     done: list[ProfileTrial] = []
     for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
@@ -125,10 +125,12 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
               help='Side of a view [px].')
 @click.option('--samples', type=click.IntRange(1), default=1, show_default=True,
               help='Rays per pixel and view.')
+@click.option('--cameras', metavar='PLAN', help='In posed views of an ordinary camera of 640x480 '
+              'px, as of `pmcl scenes render`: arc:3:40; else in a light field.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for a picture of each scene, and the table.')
 def together(count: int, seed: int, objects: int, views: int, size: int, samples: int,
-             processes: int, out: Path | None) -> None:
+             cameras: str | None, processes: int, out: Path | None) -> None:
     """Localise the objects of scenes in which some hide others: jointly, and each alone.
 
     Prints a row for each scene: errors of the origins in mm, in brackets where the object is
@@ -138,7 +140,8 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
                                   'pmcl together')
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    run = partial(in_scene, count=objects, settings=settings, samples=samples)
+    run = partial(in_scene, count=objects, settings=settings, samples=samples,
+                  plan=None if cameras is None else CameraPlan.parse(cameras))
     seeds = range(seed, seed + count)
     done: list[Together] = []
     for each in progress.track(_all(run, seeds, processes), total=count, console=STDERR,
@@ -191,7 +194,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     """
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-    ordinary = OrdinaryCamera.make(_CAMERA) if camera is None else OrdinaryCamera.load(camera)
+    ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     scenes = SceneSettings.make({'kinds': kinds, 'empty': 0.0, 'views': 3,
                                  'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
     run = partial(in_one_scene, of=ViewGainSettings(scenes, ordinary, samples, apart, cap,

@@ -71,6 +71,17 @@ def test_a_bag_of_posed_views_has_the_pose_of_their_folder(capture, expected, tm
     assert 'is a bag: --every and --shrink are for light fields' in done.output
 
 
+def test_of_several_objects_each_is_told_by_its_name(capture, expected, tmp_path):
+    trimesh.creation.box((0.05, 0.07, 0.15)).export(tmp_path / 'carton.stl')
+    told = localized(capture, capture, '--object', capture / 'model.obj', '--object',
+                     tmp_path / 'carton.stl', '--out', tmp_path / 'out')['objects']
+    assert told['carton']['lost']
+    assert not told['model']['lost']
+    np.testing.assert_allclose(told['model']['position'], expected['position'], atol=0.002)
+    drawn = [cv2.imread(str(tmp_path / 'out' / f'overlay_{each:03d}.png')) for each in range(2)]
+    assert (drawn[0] != drawn[1]).any()
+
+
 def robots_bag(folder, views):
     """Images, camera_info and poses: the camera rests for 0.3 s at each view."""
     messages = []

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import rclpy
+import trimesh
 import yaml
 from click.testing import CliRunner
 from diagnostic_msgs.msg import DiagnosticArray
@@ -23,6 +24,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Float32MultiArray
 from std_srvs.srv import Trigger
 from test_sweep_driver import BASE, SECOND, START, Robot, info_of, pose_of, record
+from visualization_msgs.msg import MarkerArray
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.header import Header
@@ -361,6 +363,33 @@ def test_fixed_cameras_follow_an_object(tmp_path, user, frames, truth, search):
     assert 0 < off(found[1], found[0]).translation < 0.003
 
 
+def test_several_objects_have_poses_of_their_own(tmp_path, user, frames, truth, search):
+    """The one that is there, and a carton that is not."""
+    trimesh.creation.box((0.05, 0.07, 0.15)).export(tmp_path / 'carton.stl')
+    both = search | {'source': 'posed_views', 'objects': [
+        search['object'], str(tmp_path / 'carton.stl')]}
+    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=both) as node:
+        assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
+        poses, others = (user.listen(PoseStamped, f'objects/{name}/pose', SMALL)
+                         for name in ('model', 'carton'))
+        listed = user.listen(MarkerArray, 'objects', LATCHED)
+        pictures, nexts = user.listen(Image, 'overlay', SMALL), user.listen(
+            PoseStamped, 'next_view', SMALL)
+        publishers = [user.publisher(kind, topic, qos) for kind, topic, qos in TOPICS]
+        for publisher, message in zip(publishers, sent_by(frames, 4), strict=True):
+            publisher.publish(message)
+        user.wait(lambda: poses and listed and pictures, 'a pose')
+        assert user.call(Trigger, '/pmcl_node/next_view', Trigger.Request()).success
+        user.wait(lambda: nexts, 'the next view')
+    header, pose = pose_from(poses[0])
+    assert header == Header(frames[-1].stamp_ns, 'base_link')
+    assert off(pose, truth).translation < 0.01
+    assert [(each.ns, each.text) for each in listed[0].markers] == [
+        ('model', 'found'), ('carton', 'lost')]
+    assert others == []
+    assert picture_from(pictures[0]).std() > 10
+
+
 class Sent:
     """In the place of a broadcaster, as tf2_ros is not on PyPI: keeps what it would send."""
 
@@ -433,7 +462,7 @@ def test_what_a_node_of_posed_views_cannot_do_is_refused(tmp_path, user, search)
         assert 'posed views have poses of their cameras; set it to constant_pose' in node.log
         assert user.set('pmcl_node', tracking='none', mode='faithful') == []
         assert not user.change('pmcl_node', CONFIGURE)
-        assert 'source posed_views needs one object and mode default' in node.log
+        assert 'source posed_views needs mode default, it is faithful' in node.log
         assert user.set('pmcl_node', source='light_field', mode='default') == []
         assert all(user.change('pmcl_node', CONFIGURE, ACTIVATE)), node.log
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())

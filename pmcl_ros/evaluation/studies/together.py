@@ -1,29 +1,35 @@
 """Compares the joint localisation of several objects with single ones, on generated scenes."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.drawing.pictures import outlines
+from pmcl_ros.drawing.pictures import contact_sheet, displayed, outlines
+from pmcl_ros.drawing.view_overlay import outlines_in_view
 from pmcl_ros.evaluation.recall import median, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.evidence.edges import EdgeVolume, build_edges
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.readers.read import Source
+from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
 from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
-from pmcl_ros.simulation.scenes.render import SyntheticCapture, render
+from pmcl_ros.simulation.scenes.render import render, seen_from
+from pmcl_ros.simulation.scenes.scene import Scene
 
+# The ordinary camera of studies in posed views.
+CAMERA = {'width': 640, 'height': 480, 'fx': 600.0, 'cx': 319.5, 'cy': 239.5}
 _ALIKE = 2.0, 2.0  # mm, degrees: so much worse still counts as equally good
 _HEAD = ('seed', 'objects', 'overlap', 'alone', 'together', 'as well', 'deepest', 'missing one',
          'time')
@@ -55,27 +61,31 @@ class Together:
         return list(zip(self.together[:-1], self.alone[:-1], strict=True))
 
 
-def together(seed: int, count: int, settings: SceneSettings, samples: int) -> Together:
+def together(seed: int, count: int, settings: SceneSettings, samples: int,
+             plan: CameraPlan | None = None) -> Together:
     """Render the scene of a seed, and localise its objects and one that is not there.
 
     An object alone is localised with the same evidence and region; of two copies the nearer one
-    counts.
+    counts. plan: of the posed views of an ordinary camera; None: a light field.
     """
     rng = np.random.default_rng(seed)
-    group = group_scene(rng, count, settings)
-    capture = render(group.scene, rng, samples)
-    models = [capture.model(k) for k in group.copies]
+    camera = None if plan is None else OrdinaryCamera.make(CAMERA)
+    group = group_scene(rng, count, settings, None if camera is None else camera.sensor(rng))
+    source = (render(group.scene, rng, samples).light_field if camera is None or plan is None
+              else _posed_views(group.scene, camera, plan, rng, samples))
+    targets = group.scene.targets
+    made = [ObjectModel(f'target {k}', each.vertices, each.faces, each.axis, True, each.discrete)
+            for k, each in enumerate(targets)]
+    models = [made[k] for k in group.copies]
     other = random_transparent(rng) if rng.random() < 0.5 else random_opaque(rng)
     models.append(ObjectModel('missing', other.vertices, other.faces, other.axis, True))
-    target = capture.targets[0]
-    search = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size,
+    search = PmclSettings(roi_center=targets[0].roi_center, roi_size=targets[0].roi_size,
                           renderer='numba')
-    edges = _edges(capture, models, search)
-    with SceneLocalizer(models, search) as localizer:
-        started = time.perf_counter()
-        found = localizer.localize(edges, np.random.default_rng(seed))
-        seconds = time.perf_counter() - started
-    truths = [[each.pose for each, same in zip(capture.targets, group.copies, strict=True)
+    with Pipeline.for_objects(models, search, {'views': settings.views}, 'pmcl together',
+                              plan is not None) as pipeline:
+        run = pipeline.run(lambda: source, np.random.default_rng(seed))
+    found, seconds = run.estimate, run.seconds['pose']
+    truths = [[each.pose for each, same in zip(targets, group.copies, strict=True)
                if same == copy] for copy in group.copies]
 
     def trial(estimate: PoseEstimate, k: int, truth: NDArray[np.float64], mode: str) -> Trial:
@@ -96,11 +106,11 @@ def together(seed: int, count: int, settings: SceneSettings, samples: int) -> To
     nowhere = np.eye(4)
     return Together(
         seed, group.scene.name, len(set(group.copies)) < count,
-        seen_overlap(capture.targets, group.scene.sensor.grid.pinhole),
+        seen_overlap(targets, group.scene.sensor.grid.pinhole),
         (*(jointly[k] for k in range(count)),
          trial(found.estimates[-1], count, nowhere, 'together')),
         (*alone, trial(found.alone[-1], count, nowhere, 'alone')), found.depth, seconds,
-        _picture(capture, found, models))
+        _picture(source, found, models))
 
 
 def rank(trial: Trial) -> int:
@@ -175,17 +185,22 @@ def _share(flags: Sequence[bool]) -> str:
     return f'{100 * share(flags):.0f} % ({sum(flags)} of {len(flags)})' if flags else 'none'
 
 
-def _edges(capture: SyntheticCapture, models: Sequence[ObjectModel], search: PmclSettings
-           ) -> EdgeVolume:
-    """The evidence for all of the models in the region."""
-    near, far = Region(search.roi_center, search.roi_size).grown(
-        max(each.radius for each in models))
-    views = capture.light_field.views.shape[0]
-    return build_edges(capture.light_field, DlvSettings(near=near, far=far, views=views))
+def _posed_views(scene: Scene, camera: OrdinaryCamera, plan: CameraPlan,
+                 rng: np.random.Generator, samples: int) -> PosedViews:
+    """In the frame of the scene's own camera, with the errors of the plan."""
+    poses = plan.cameras(scene)
+    return PosedViews(tuple(
+        PosedView(Header(frame_id='camera'), encoded(
+            take_picture(seen_from(scene, pose), camera, rng, samples), camera.gamma),
+            camera.pinhole, told, (1e-3 * plan.sigma_mm, float(np.deg2rad(plan.sigma_deg))),
+            'arm', plan.common)
+        for pose, told in zip(poses, plan.told(poses, rng), strict=True)))
 
 
-def _picture(capture: SyntheticCapture, found: SceneEstimate, models: Sequence[ObjectModel]
+def _picture(source: Source, found: SceneEstimate, models: Sequence[ObjectModel]
              ) -> NDArray[np.uint8]:
     there = [(model, each.pose, name) for model, each, name
              in zip(models, found.estimates, found.names, strict=True) if not each.lost]
-    return outlines(capture.light_field.picture(), capture.light_field.grid.pinhole, there)
+    if isinstance(source, PosedViews):
+        return contact_sheet([outlines_in_view(each, there, None) for each in source.views])
+    return outlines(displayed(source), source.pinhole, there)

@@ -159,13 +159,18 @@ class _Pursuit:
             self._stopped = self._stopped or not self._progress(part)
             return not self._stopped
 
-        if self._there:
-            _LOG.info('%s is searched for in the residual evidence of %d objects',
-                      self._localizers[number].model.name, len(self._there))
-        found = self._localizers[number].localize(self._left, self._rng.spawn(1)[0], progress,
-                                                  feasible=feasible)
-        possible = feasible(found.pose[None])[0] and self._fits(number, found)
-        return found if possible else replace(found, lost=True)
+        localizer, rng = self._localizers[number], self._rng.spawn(1)[0]
+        if not self._there:
+            return localizer.localize(self._whole, rng, progress)
+        _LOG.info('%s is searched for in the residual evidence of %d objects',
+                  localizer.model.name, len(self._there))
+        found = localizer.localize(self._left, rng, progress, feasible=feasible, second=False)
+        # What it shares with the others is no part that is missing: all of it is judged.
+        modes = np.stack([each.pose for each in found.modes])
+        judged = localizer.localize(self._whole, rng, lambda _: progress(1.0), modes,
+                                    feasible=feasible)
+        possible = feasible(judged.pose[None])[0] and self._stands(number, judged)
+        return judged if possible else replace(found, lost=True)
 
     def _accept(self, number: int, estimate: PoseEstimate) -> None:
         """An object is there: what it explains is no evidence of another."""

@@ -64,19 +64,20 @@ class MultiViewLocalizer:
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
+                 watch: Watch | None = None, feasible: Feasible | None = None,
+                 second: bool = True) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
         that sees the region. feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in
-        the region, in the reference frame.
+        the region, in the reference frame. second: try `second_hypothesis` for a lost object.
         Raises LocalizationError where no view sees the region of interest.
         """
         stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, feasible)
         found = self._localized(evidence, rng, stages, asked)
-        if self._numbers is not None:
+        if self._numbers is not None or not second:
             return found.estimate
         if found.estimate.lost and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.

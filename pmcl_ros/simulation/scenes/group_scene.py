@@ -22,6 +22,7 @@ from pmcl_ros.simulation.scenes.random_scene import (
     random_sensor,
 )
 from pmcl_ros.simulation.scenes.scene import Scene, Target
+from pmcl_ros.simulation.scenes.sensor import Sensor
 
 _TRIES = 2000
 _GLASS, _COPY, _FILM = 0.6, 0.25, 0.2  # shares: of objects, of scenes with copies, with a film
@@ -40,11 +41,13 @@ class GroupScene:
     copies: tuple[int, ...]
 
 
-def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings) -> GroupScene:
+def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings,
+                sensor: Sensor | None = None) -> GroupScene:
     """Draw `count` objects of glass or opaque ones close together on a table, all of them in view.
 
     At least two of them overlap in the image, each pair by 60 % of the smaller outline at most.
     All targets have one region of interest: it holds their origins with a margin of 3 to 6 cm.
+    sensor: the camera; by default one like an F01 is drawn.
     """
     copies = list(range(count))
     if count > 1 and rng.random() < _COPY:
@@ -52,7 +55,7 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings) -
     made = [random_transparent(rng) if rng.random() < _GLASS else random_opaque(rng)
             for _ in range(count)]
     objects = [made[k] for k in copies]
-    sensor = random_sensor(rng, settings)
+    sensor = sensor or random_sensor(rng, settings)
     pinhole = sensor.grid.pinhole
     for _ in range(_TRIES):
         worlds = _beside_each_other(rng, objects)
