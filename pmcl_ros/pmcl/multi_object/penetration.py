@@ -5,7 +5,7 @@ of the object across the face of the nearest point.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 
 _LOG = logging.getLogger(__name__)
@@ -23,6 +25,7 @@ _RESIDUAL = 0.001  # m: residual penetration; surfaces are sampled at about 1 mm
 _ITERATIONS = 40
 _SURFACE, _SAMPLES = 60_000, 3000  # points of the surface: for distances, for contacts
 _GRID = 21  # points along each side of the bounding box, for the inscribed ball
+_BALLS = 0.8  # of the sum of their radii: by which inscribed balls must be apart
 _NEAREST = 6  # surface points that decide whether a point is inside
 
 
@@ -137,6 +140,14 @@ class PlacedSolid:
     pose: NDArray[np.float64]
     covariance: NDArray[np.float64]
 
+    @classmethod
+    def from_estimate(cls, solid: Solid, estimate: PoseEstimate, symmetry: Symmetry
+                      ) -> 'PlacedSolid':
+        """Where an object of this symmetry was found: turning about its axis changes nothing."""
+        basis = symmetry.tangent_basis(estimate.pose)
+        across = basis @ basis.T
+        return cls(solid, estimate.pose, across @ estimate.covariance @ across)
+
 
 @dataclass(frozen=True)
 class Resolution:
@@ -151,6 +162,24 @@ class Resolution:
     cost: float
     depth: float
     pair: tuple[int, ...]
+
+
+def outside_of(solid: Solid, others: Sequence[tuple[Solid, NDArray[np.float64]]]
+               ) -> Callable[[NDArray[np.float64]], NDArray[np.bool_]]:
+    """Which poses (n, 4, 4) of a solid are outside of others at poses (4, 4), as a function.
+
+    Inscribed balls must not overlap. It is a necessary condition, and quickly checked.
+    """
+    middles = [(other, pose[:3, :3] @ other.core + pose[:3, 3]) for other, pose in others]
+
+    def outside(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
+        centres = poses[:, :3, :3] @ solid.core + poses[:, :3, 3]
+        possible = np.ones(len(poses), bool)
+        for other, middle in middles:
+            away = np.linalg.norm(centres - middle, axis=1)
+            possible &= away > _BALLS * (solid.core_radius + other.core_radius)
+        return possible
+    return outside
 
 
 def resolve_penetration(solids: Sequence[PlacedSolid], most: float = np.inf) -> Resolution:

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import retract
@@ -16,6 +15,7 @@ from pmcl_ros.pmcl.multi_object.penetration import (
     PlacedSolid,
     Solid,
     deepest_penetration,
+    outside_of,
     resolve_penetration,
 )
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, names_of
@@ -28,7 +28,6 @@ from pmcl_ros.runtime.progress import Progress
 _LOG = logging.getLogger(__name__)
 _ITS_OWN = 0.5  # share of an object's evidence that must be left beside those that were found
 _LIKELY = 8.4  # nat: half the 99 % quantile of chi-squared, of 6 degrees of freedom
-_BALLS = 0.8  # of the sum of their radii: by which inscribed balls must be apart
 
 
 class PosedSceneLocalizer:
@@ -92,7 +91,8 @@ class PosedSceneLocalizer:
         return result
 
     def _placed(self, place: int, estimate: PoseEstimate) -> PlacedSolid:
-        return placed(self._solids[self._listed[place]], self.models[place], estimate)
+        return PlacedSolid.from_estimate(self._solids[self._listed[place]], estimate,
+                                         self.models[place].symmetry)
 
     def _in_order(self, found: Sequence[PoseEstimate]) -> tuple[PoseEstimate, ...]:
         """Copies along the x axis of the reference frame, lost ones last, so that names stay."""
@@ -104,13 +104,6 @@ class PosedSceneLocalizer:
             for k, each in zip(places, ours, strict=True):
                 result[k] = each
         return tuple(result)
-
-
-def placed(solid: Solid, model: ObjectModel, estimate: PoseEstimate) -> PlacedSolid:
-    """An object where it was found; it can turn about its axis of symmetry at no cost, in vain."""
-    basis = model.symmetry.tangent_basis(estimate.pose)
-    across = basis @ basis.T
-    return PlacedSolid(solid, estimate.pose, across @ estimate.covariance @ across)
 
 
 class _Pursuit:
@@ -190,26 +183,18 @@ class _Pursuit:
 
     def _fits(self, number: int, estimate: PoseEstimate) -> bool:
         """Whether an object is outside of all that is there, or can be by what is known."""
-        ours = placed(self._solids[number], self._localizers[number].model, estimate)
+        ours = self._placed(number, estimate)
         for other, where in self._there:
-            resolved = resolve_penetration(
-                [ours, placed(self._solids[other], self._localizers[other].model, where)],
-                _LIKELY)
+            resolved = resolve_penetration([ours, self._placed(other, where)], _LIKELY)
             if resolved.depth > MAX_PENETRATION or resolved.cost > _LIKELY:
                 return False
         return True
 
     def _feasible(self, number: int) -> Feasible:
-        """Feasible poses of an object beside those there: the inscribed balls do not overlap."""
-        ours = self._solids[number]
+        """Feasible poses of an object beside those there."""
+        return outside_of(self._solids[number], [(self._solids[other], where.pose)
+                                                 for other, where in self._there])
 
-        def feasible(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-            centres = poses[:, :3, :3] @ ours.core + poses[:, :3, 3]
-            possible = np.ones(len(poses), bool)
-            for other, where in self._there:
-                solid = self._solids[other]
-                middle = where.pose[:3, :3] @ solid.core + where.pose[:3, 3]
-                away = np.linalg.norm(centres - middle, axis=1)
-                possible &= away > _BALLS * (ours.core_radius + solid.core_radius)
-            return possible
-        return feasible
+    def _placed(self, number: int, estimate: PoseEstimate) -> PlacedSolid:
+        return PlacedSolid.from_estimate(self._solids[number], estimate,
+                                         self._localizers[number].model.symmetry)

@@ -18,6 +18,7 @@ from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
     Solid,
+    outside_of,
     resolve_penetration,
 )
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges, visible_evidence
@@ -101,18 +102,9 @@ class SceneSearch:
         return found
 
     def _feasible(self, number: int, there: set[Member]) -> Feasible:
-        """Feasible poses of an object beside others: the inscribed balls do not overlap."""
-        ours = self._solids[number]
-        others = [(self._solids[each[0]], self._candidates[each].pose) for each in sorted(there)]
-
-        def feasible(poses: NDArray[np.float64]) -> NDArray[np.bool_]:
-            centres = poses[:, :3, :3] @ ours.core + poses[:, :3, 3]
-            possible = np.ones(len(poses), bool)
-            for solid, pose in others:
-                away = np.linalg.norm(centres - (pose[:3, :3] @ solid.core + pose[:3, 3]), axis=1)
-                possible &= away > 0.8 * (ours.core_radius + solid.core_radius)
-            return possible
-        return feasible
+        """Feasible poses of an object beside others."""
+        return outside_of(self._solids[number], [
+            (self._solids[each[0]], self._candidates[each].pose) for each in sorted(there)])
 
     def _visible_points(self, member: Member, assigned: Sequence[Member | None]) -> ContourPoints:
         observation = self._candidates[member]
@@ -159,12 +151,9 @@ class SceneSearch:
                   ) -> dict[Member, PoseEstimate]:
         """The estimates after `resolve_penetration`."""
         members = [each for each in found if not found[each].lost]
-        solids = []
-        for each in members:
-            basis = self._models[each[0]].symmetry.tangent_basis(found[each].pose)
-            spread = basis @ basis.T @ found[each].covariance @ basis @ basis.T
-            solids.append(PlacedSolid(self._solids[each[0]], found[each].pose, spread))
-        resolved = resolve_penetration(solids)
+        resolved = resolve_penetration([
+            PlacedSolid.from_estimate(self._solids[each[0]], found[each],
+                                      self._models[each[0]].symmetry) for each in members])
         for member, off in zip(members, resolved.deviations, strict=True):
             if not off.any():
                 continue
