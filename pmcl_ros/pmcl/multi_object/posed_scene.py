@@ -8,7 +8,6 @@ import numpy as np
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
@@ -20,6 +19,7 @@ from pmcl_ros.pmcl.multi_object.penetration import (
 )
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, names_of
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges
+from pmcl_ros.pmcl.multi_view.joint_evidence import Beside
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -145,7 +145,6 @@ class _Pursuit:
     def _search(self, number: int) -> PoseEstimate:
         """Search for one object in what is left, outside of what is there."""
         begin, self._done = self._done, self._done + 1
-        feasible = self._feasible(number)
 
         def progress(done: float) -> bool:
             part = min((begin + done) / self._searches, 1.0)
@@ -157,12 +156,13 @@ class _Pursuit:
             return localizer.localize(self._whole, rng, progress)
         _LOG.info('%s is searched for in the residual evidence of %d objects',
                   localizer.model.name, len(self._there))
-        found = localizer.localize(self._left, rng, progress, feasible=feasible, second=False)
-        # What it shares with the others is no part that is missing: all of it is judged.
+        beside = self._beside(number)
+        found = localizer.localize(self._left, rng, progress, beside=beside, second=False)
+        # What it shares with the others is no part that is missing: the whole evidence judges.
         modes = np.stack([each.pose for each in found.modes])
         judged = localizer.localize(self._whole, rng, lambda _: progress(1.0), modes,
-                                    feasible=feasible)
-        possible = feasible(judged.pose[None])[0] and self._stands(number, judged)
+                                    beside=beside)
+        possible = beside.feasible(judged.pose[None])[0] and self._stands(number, judged)
         return judged if possible else replace(found, lost=True)
 
     def _accept(self, number: int, estimate: PoseEstimate) -> None:
@@ -177,7 +177,9 @@ class _Pursuit:
         """Whether an object that was found before can stand beside what is there."""
         if estimate.lost or not self._fits(number, estimate):
             return False
-        left, whole = (float(self._localizers[number].evidence(each, estimate.pose[None])[0])
+        beside = self._beside(number)
+        left, whole = (float(self._localizers[number].evidence(each, estimate.pose[None],
+                                                               beside)[0])
                        for each in (self._left, self._whole))
         return left > _ITS_OWN * whole
 
@@ -190,10 +192,12 @@ class _Pursuit:
                 return False
         return True
 
-    def _feasible(self, number: int) -> Feasible:
-        """Feasible poses of an object beside those there."""
-        return outside_of(self._solids[number], [(self._solids[other], where.pose)
-                                                 for other, where in self._there])
+    def _beside(self, number: int) -> Beside:
+        """What is there, beside an object."""
+        outside = outside_of(self._solids[number], [(self._solids[other], where.pose)
+                                                    for other, where in self._there])
+        return Beside(outside, [(self._localizers[other].model, where.pose)
+                                for other, where in self._there])
 
     def _placed(self, number: int, estimate: PoseEstimate) -> PlacedSolid:
         return PlacedSolid.from_estimate(self._solids[number], estimate,

@@ -14,11 +14,10 @@ from scipy.spatial import cKDTree
 
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.pmcl.local_model import Observation
+from pmcl_ros.pmcl.local_model import BEHIND, Observation
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
 _TRANSPARENT = 0.5  # prior probability that a contour is visible through an object before it
-_BEHIND = 0.005  # m: least distance behind a surface
 _SAME_EDGE, _PARALLEL = 2.0, 0.7  # px apart, cosine of the normals: the same edge in the image
 _SUPPRESSED = 2.5  # px: standard deviation of the band about a contour without residual edges
 
@@ -71,7 +70,7 @@ def _in_front(points: ContourPoints, others: Sequence[Observation]) -> NDArray[n
         height, width = other.depth.shape
         column, row = np.rint(points.pixels.T).astype(int)
         front = other.depth[row.clip(0, height - 1), column.clip(0, width - 1)]
-        first = (front > 0) & (points.depths > front + _BEHIND) & (front < nearest)
+        first = (front > 0) & (points.depths > front + BEHIND) & (front < nearest)
         nearest, which = np.where(first, front, nearest), np.where(first, number, which)
     return which
 

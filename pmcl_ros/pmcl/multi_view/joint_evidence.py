@@ -16,8 +16,8 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
-from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement, scene
+from pmcl_ros.pmcl.local_model import BEHIND, LocalModel, weighted
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
@@ -40,6 +40,30 @@ _AT_STAGES = 3, 5, 1000  # views at most by which coarse, fine and finest contou
 
 
 @dataclass(frozen=True)
+class Beside:
+    """Other objects that are known to be there.
+
+    feasible: (n,) which of poses (n, 4, 4) are outside of them. things: each with its pose
+    (4, 4). Poses are in the reference frame of the views.
+    """
+
+    feasible: Feasible
+    things: Sequence[tuple[ObjectModel, NDArray[np.float64]]]
+
+    def depths(self, renderer: Renderer, view: ContourEvidence, camera: NDArray[np.float64]
+               ) -> NDArray[np.float32]:
+        """(height, width) depth of their surfaces in a view [m], 0 where there is none."""
+        pinhole, nearest = view.edges.pinhole, np.float32(np.inf)
+        window = Window(0, 0, (pinhole.width, pinhole.height))
+        front = np.full((pinhole.height, pinhole.width), nearest, np.float32)
+        for model, pose in self.things:
+            drawn = scene(model, view.region, pinhole, window, 0.0, view.interface)
+            depth = renderer.depths(drawn, (np.linalg.inv(camera) @ pose)[None])[0]
+            front = np.where((depth > 0) & (depth < front), depth, front)
+        return np.where(np.isfinite(front), front, np.float32(0))
+
+
+@dataclass(frozen=True)
 class JointEvidence:
     """Evidence of an object's poses in several views.
 
@@ -47,7 +71,8 @@ class JointEvidence:
     shows. cameras: (n, 4, 4) of these, to that frame. errors: of the cameras. region: a box there
     that holds the region of interest. box: (4, 4) from that frame into that of the region of
     interest, and half its size (3,) [m]. numbers: of the views, among all. constraint: (n,) which
-    of poses (n, 4, 4) are feasible besides.
+    of poses (n, 4, 4) are feasible besides. fronts: in each view (height, width) depth of other
+    objects, which may hide this one; 0 for none [m].
     """
 
     model: ObjectModel
@@ -58,13 +83,14 @@ class JointEvidence:
     box: tuple[NDArray[np.float64], NDArray[np.float64]]
     numbers: tuple[int, ...]
     constraint: Feasible | None = None
+    fronts: tuple[NDArray[np.float32], ...] = ()
 
     @classmethod
     def from_views(cls, evidence: ViewsEvidence, renderer: Renderer, model: ObjectModel,
-                   settings: PmclSettings, feasible: Feasible | None = None) -> 'JointEvidence':
+                   settings: PmclSettings, beside: Beside | None = None) -> 'JointEvidence':
         """Of the views that see the region of interest, which is a box in the reference frame.
 
-        feasible: constraint of poses in that frame. Raises LocalizationError where none does.
+        beside: other objects, in that frame. Raises LocalizationError where none does.
         """
         seen = regions_seen(evidence, model, settings)
         posed, views = [evidence.views[number] for number in seen], []
@@ -85,7 +111,10 @@ class JointEvidence:
                   else CameraErrors(evidence.errors[list(seen)]))
         return cls(model, tuple(views), cameras, errors, views[0].region,
                    (into, np.array(settings.roi_size) / 2), tuple(seen),
-                   None if feasible is None else lambda poses: feasible(first @ poses))
+                   None if beside is None else lambda poses: beside.feasible(first @ poses),
+                   () if beside is None else tuple(
+                       beside.depths(renderer, each, view.camera_to_reference)
+                       for each, view in zip(views, posed, strict=True)))
 
     def feasible(self, poses: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(n,) which of poses (n, 4, 4) are in the region, turned as the object can be."""
@@ -240,10 +269,22 @@ class JointContours:
         """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
         joint = self.joint
         cameras = joint.errors.moved(joint.cameras, motions)
-        return [ViewContour(score.points(np.linalg.inv(camera) @ pose), edges, view.profile,
-                            camera=camera)
-                for score, view, edges, camera in zip(
-                    self.scores, joint.views, self.levels[level], cameras, strict=True)]
+        seen = [score.points(np.linalg.inv(camera) @ pose)
+                for score, camera in zip(self.scores, cameras, strict=True)]
+        if joint.fronts:
+            seen = [_not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
+        return [ViewContour(points, edges, view.profile, camera=camera)
+                for points, view, edges, camera in zip(
+                    seen, joint.views, self.levels[level], cameras, strict=True)]
+
+    def share(self, pose: NDArray[np.float64]) -> float:
+        """Of the contour of a pose (4, 4) in all views, that is not hidden by other objects."""
+        if not self.joint.fronts:
+            return 1.0
+        whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
+                    for score, camera in zip(self.scores, self.joint.cameras, strict=True))
+        motions = np.zeros(self.joint.errors.number)
+        return float(self.points(pose, motions).lengths.sum()) / max(whole, 1e-9)
 
     def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
         """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
@@ -295,6 +336,21 @@ class JointContours:
                 _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
                 float(wide), alone.evidence / max(alone.length, 1e-9), alone.evidence))
         return made
+
+
+def _not_hidden(points: ContourPoints, front: NDArray[np.float32]) -> ContourPoints:
+    """A contour without its part behind other objects, where that is not seen through them.
+
+    front: (height, width) depth of these, 0 for none [m]. As their material is unknown, what is
+    behind them counts if it has evidence, all in all.
+    """
+    height, width = front.shape
+    column, row = np.rint(points.pixels.T).astype(int)
+    before = front[row.clip(0, height - 1), column.clip(0, width - 1)]
+    hidden = (before > 0) & (points.depths > before + BEHIND)
+    if float(points.lengths[hidden] @ points.evidence[hidden]) >= 0:
+        return points
+    return weighted(points, np.where(hidden, 0.0, 1.0))
 
 
 def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]) -> float:

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence, ViewFit
+from pmcl_ros.pmcl.multi_view.joint_evidence import Beside, JointEvidence, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
@@ -64,18 +63,18 @@ class MultiViewLocalizer:
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
-                 watch: Watch | None = None, feasible: Feasible | None = None,
+                 watch: Watch | None = None, beside: Beside | None = None,
                  second: bool = True) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
-        that sees the region. feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in
-        the region, in the reference frame. second: try `second_hypothesis` for a lost object.
+        that sees the region. beside: other objects: it is outside of them, and what they hide of
+        it is not missing. second: try `second_hypothesis` for a lost object.
         Raises LocalizationError where no view sees the region of interest.
         """
-        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, feasible)
+        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside)
         found = self._localized(evidence, rng, stages, asked)
         if self._numbers is not None or not second:
             return found.estimate
@@ -111,7 +110,7 @@ class MultiViewLocalizer:
         coarser, watch = evidence.coarser, asked.watch
         found, evaluations = ((None, 0) if coarser is None
                               else self._found(coarser, rng, stages, asked))
-        joint = self._joint(evidence, asked.feasible)
+        joint = self._joint(evidence, asked.beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
@@ -128,14 +127,14 @@ class MultiViewLocalizer:
         return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
                       first @ modes, shown)
 
-    def _joint(self, evidence: ViewsEvidence, feasible: Feasible | None) -> JointEvidence:
+    def _joint(self, evidence: ViewsEvidence, beside: Beside | None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,
-                                        feasible)
+                                        beside)
 
     def _found(self, coarser: ViewsEvidence, rng: np.random.Generator, stages: Stages,
                asked: '_Asked') -> tuple[NDArray[np.float64], int]:
         """(n, 4, 4) the best poses with larger pixels, in the reference frame; evaluations."""
-        joint = self._joint(coarser, asked.feasible)
+        joint = self._joint(coarser, asked.beside)
         first = coarser.views[joint.numbers[0]].camera_to_reference
         begin = self._begin(joint, first, asked)
         with contextlib.ExitStack() as stack:
@@ -228,7 +227,8 @@ class MultiViewLocalizer:
         estimate = self._estimator(joint).from_posterior(
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
-            sample, posterior.local_model_at, posterior.points_at, least, rng)
+            sample, posterior.local_model_at, posterior.points_at, least, rng,
+            posterior.contours.share)
         return replace(estimate, disagreement=apart)
 
     def _estimator(self, joint: JointEvidence) -> Estimator:
@@ -246,13 +246,13 @@ class MultiViewLocalizer:
                    else numbers.needed(joint.independent, apart, alone.support))
         return Thresholds(support, numbers.least_evidence, alone.weight)
 
-    def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64]
-                 ) -> NDArray[np.float64]:
+    def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64],
+                 beside: Beside | None = None) -> NDArray[np.float64]:
         """(n,) evidence of poses (n, 4, 4) in the reference frame, summed over views [nat].
 
-        Uncertain cameras are moved as fits best.
+        Uncertain cameras are moved as fits best. beside: as of `localize`.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        joint = self._joint(evidence, beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             posterior = JointPosterior(self.model, self._settings, joint.open(stack), None)
@@ -293,7 +293,7 @@ class _Asked:
 
     start: NDArray[np.float64] | None
     watch: Watch | None
-    feasible: Feasible | None
+    beside: Beside | None
     also: NDArray[np.float64] | None = None
 
 

@@ -30,15 +30,19 @@ FRONT, BEHIND = standing(-0.015, 0.025, 0.41, 0.2), standing(0.02, 0.005, 0.5, 0
 BESIDE = standing(0.035, 0.02, 0.47, 0.2)
 
 
-def seen(things, angles=(-25, 0, 25)):
-    """Views from around of glass (model, pose): the contours of all are seen."""
+def seen(things, angles=(-25, 0, 25), opaque=False):
+    """Views from around of (model, pose): of glass the contours of all are seen."""
     views = []
     for angle in angles:
         camera = np.eye(4)
         camera[:3, :3] = Rotation.from_euler('y', angle, degrees=True).as_matrix()
         camera[:3, 3] = MIDDLE - camera[:3, :3] @ MIDDLE
-        maps = [map_seen(surface(model, np.linalg.inv(camera) @ pose) > 0, CAMERA, 0.3, 0.6, ZOOM)
-                for model, pose in things]
+        depths = np.array([surface(model, np.linalg.inv(camera) @ pose)
+                           for model, pose in things])
+        there = depths > 0
+        if opaque:
+            there &= depths == np.where(depths > 0, depths, np.inf).min(axis=0)
+        maps = [map_seen(each, CAMERA, 0.3, 0.6, ZOOM) for each in there]
         base = np.array([-4, 0, 0, 0, 0], np.float32)
         tensor = sum(each.tensor - base for each in maps) + base
         views.append(PosedEvidence(replace(maps[0], tensor=tensor, numbers=OF_CONTOURS),
@@ -77,6 +81,16 @@ def test_one_before_another_are_found_where_they_are(both):
     assert (estimate, model) in zip(found.estimates, (BOTTLE, CUP), strict=True)
     sigmas = [np.linalg.eigvalsh(each.covariance[:3, :3])[-1] for each in found.estimates]
     assert np.linalg.eigvalsh(estimate.covariance[:3, :3])[-1] == max(sigmas)
+
+
+def test_what_another_one_hides_is_not_missing():
+    evidence = seen([(CUP, FRONT), (BOTTLE, BEHIND)], opaque=True)
+    found = located([CUP, BOTTLE], evidence)
+    hidden = found.estimates[1]
+    assert not found.estimates[0].lost
+    assert not hidden.lost
+    assert off(hidden, BEHIND, BOTTLE)[0] < 2
+    assert found.alone[1].lost or hidden.support > found.alone[1].support
 
 
 def test_copies_are_found_and_numbered_along_the_frame_s_x_axis():
