@@ -21,6 +21,8 @@ from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.runtime.settings import Settings
 
+CUP = model_of(cup())
+
 
 class Teller(StageNode):
     """Says how sure poses are."""
@@ -28,7 +30,7 @@ class Teller(StageNode):
     name, settings_class = 'teller', Settings
 
     def set_up(self, _):
-        self.outputs = PosedViewsOutputs(self, model_of(cup()), PmclNodeSettings())
+        self.outputs = PosedViewsOutputs(self, True, PmclNodeSettings())
 
     def start(self):
         self.outputs.start()
@@ -75,7 +77,7 @@ def test_the_chart_keeps_what_was_told_of_the_first_views_of_a_collection(
     def tell(number, millimetres, lost=False):
         evidence = ViewsEvidence(Header(1, 'base'), (PosedEvidence(small_edges, np.eye(4)),)
                                  * number)
-        teller.outputs.on_estimate(evidence, estimate_of(millimetres, lost))
+        teller.outputs.on_estimate(evidence, estimate_of(millimetres, lost), CUP)
         teller.outputs.publish_chart()
 
     nan = np.nan
@@ -106,7 +108,7 @@ def test_a_pose_says_nothing_of_a_collection_that_is_being_searched(teller, user
         return 'no pose has been found' in answer.message
 
     assert unknown()
-    teller.outputs.on_estimate(evidence, estimate_of(3))
+    teller.outputs.on_estimate(evidence, estimate_of(3), CUP)
     teller.outputs.on_views(more)
     assert not unknown()
     teller.outputs.on_views(others)
