@@ -15,6 +15,7 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.learning.contour_errors import LEVEL
 from pmcl_ros.learning.searches import Supports
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
@@ -121,7 +122,7 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
     into = np.linalg.inv(first.camera_to_reference)
     symmetry = example.model.symmetry
     with contextlib.ExitStack() as stack:
-        contours = joint.open(stack)
+        contours = JointContours.opened(joint, stack)
         posterior = JointPosterior(example.model, example.settings, contours, None)
         mode = posterior.refine(into @ pose)
         apart = posterior.disagreement_near(mode.pose)

@@ -1,7 +1,7 @@
 """PoseEstimate: the pose of an object in one capture, its covariance, particles and modes."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import retract
 
 FOLLOWED = 'followed'  # the mode of an estimate that was found near a prediction
 
@@ -73,6 +74,11 @@ class PoseEstimate:
     def quaternion(self) -> NDArray[np.float64]:
         """(4,) x, y, z, w of the orientation."""
         return _quaternion(self.pose)
+
+    def moved(self, deviation: NDArray[np.float64]) -> 'PoseEstimate':
+        """The pose and its particles moved by a tangent vector (6,), as of `se3.retract`."""
+        return replace(self, pose=retract(self.pose, deviation[None])[0], particles=retract(
+            self.particles, np.tile(deviation, (len(self.particles), 1))))
 
     def as_dict(self) -> dict[str, Any]:
         """The fields of the command line's JSON (architecture, "The command line")."""

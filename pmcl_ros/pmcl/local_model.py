@@ -30,7 +30,6 @@ _REACH = 20.0
 _LEAST_FREE = 0.25  # share of the degrees of freedom that remain, however short the contour is
 _LEAST_VARIANCE = 0.05  # of the slope of a contribution: no capture is without noise
 _FARTHEST = 1.0  # px, rms along the contour: largest step; the model does not hold farther off
-BEHIND = 0.005  # m: least distance of a point that is behind a surface
 _NEGLIGIBLE = 1e-3  # weight of a point of a contour; points of less are left out
 
 

@@ -151,8 +151,7 @@ def test_all_proposals_are_possible_and_one_is_near_the_pose(context, model):
     off = np.linalg.norm(poses[:, :3, 3] - truth[:3, 3], axis=1)
     turn = model.symmetry.rotation_distance(poses, truth)
     assert ((off < 0.016) & (turn < np.deg2rad(20))).any()
-    # Those that are possible anyway are found without being told, too, unless others took their
-    # places.
+    # Without the prior there are others among them.
     poses, _ = proposals.propose(edges, 200)
     assert not orientation.allows(poses[:, :3, :3]).all()
 

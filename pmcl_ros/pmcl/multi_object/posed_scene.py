@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
@@ -19,7 +18,7 @@ from pmcl_ros.pmcl.multi_object.penetration import (
 )
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, names_of
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges
-from pmcl_ros.pmcl.multi_view.joint_evidence import Beside
+from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -82,9 +81,7 @@ class PosedSceneLocalizer:
         resolved = resolve_penetration([self._placed(k, result[k]) for k in places])
         for k, off in zip(places, resolved.deviations, strict=True):
             if off.any():
-                old = result[k]
-                result[k] = replace(old, pose=retract(old.pose, off[None])[0], particles=retract(
-                    old.particles, np.tile(off, (len(old.particles), 1))))
+                result[k] = result[k].moved(off)
         if resolved.depth > MAX_PENETRATION:
             worst = min((places[k] for k in resolved.pair), key=lambda k: result[k].score)
             result[worst] = replace(result[worst], lost=True)

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.contour_evidence import Feasible
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import Observation, weighted
@@ -157,15 +156,12 @@ class SceneSearch:
         for member, off in zip(members, resolved.deviations, strict=True):
             if not off.any():
                 continue
-            old = found[member]
-            pose = retract(old.pose, off[None])[0]
-            particles = retract(old.particles, np.tile(off, (len(old.particles), 1)))
-            observations[member] = self._at(member, pose)
+            moved = found[member].moved(off)
+            observations[member] = self._at(member, moved.pose)
             others = [seen for each, seen in observations.items() if each != member]
             scale = self._candidates.scale(member[0])
             support = support_beside(observations[member], others, scale, self._least)
-            found[member] = replace(old, pose=pose, particles=particles, support=support,
-                                    lost=support < self._least_support)
+            found[member] = replace(moved, support=support, lost=support < self._least_support)
         if resolved.depth > MAX_PENETRATION:  # both cannot be present
             worst = min((members[k] for k in resolved.pair), key=lambda each: found[each].support)
             found[worst] = replace(found[worst], lost=True)

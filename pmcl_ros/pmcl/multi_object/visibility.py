@@ -14,10 +14,11 @@ from scipy.spatial import cKDTree
 
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.pmcl.local_model import BEHIND, Observation
+from pmcl_ros.pmcl.local_model import Observation
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
 _TRANSPARENT = 0.5  # prior probability that a contour is visible through an object before it
+_BEHIND = 0.005  # m: least distance behind a surface
 _SAME_EDGE, _PARALLEL = 2.0, 0.7  # px apart, cosine of the normals: the same edge in the image
 _SUPPRESSED = 2.5  # px: standard deviation of the band about a contour without residual edges
 
@@ -67,12 +68,21 @@ def _in_front(points: ContourPoints, others: Sequence[Observation]) -> NDArray[n
     """(m,) index of the nearest other object that lies before each point; -1: none."""
     nearest, which = np.full(len(points.depths), np.inf), np.full(len(points.depths), -1)
     for number, other in enumerate(others):
-        height, width = other.depth.shape
-        column, row = np.rint(points.pixels.T).astype(int)
-        front = other.depth[row.clip(0, height - 1), column.clip(0, width - 1)]
-        first = (front > 0) & (points.depths > front + BEHIND) & (front < nearest)
+        front = depth_before(points, other.depth)
+        first = front < nearest
         nearest, which = np.where(first, front, nearest), np.where(first, number, which)
     return which
+
+
+def depth_before(points: ContourPoints, surface: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(m,) depth at which a surface lies before each point [m]; infinite where it does not.
+
+    surface: (height, width) its depth in the picture, 0 where there is none [m].
+    """
+    height, width = surface.shape
+    column, row = np.rint(points.pixels.T).astype(int)
+    depth = surface[row.clip(0, height - 1), column.clip(0, width - 1)].astype(np.float64)
+    return np.where((depth > 0) & (points.depths > depth + _BEHIND), depth, np.inf)
 
 
 def _not_explained(points: ContourPoints, evidence: NDArray[np.float64], other: ContourPoints

@@ -1,66 +1,32 @@
-"""The contour evidence of several views together: scores of poses, refinement, local models."""
+"""The contour evidence of several views together: where poses are feasible, their refinement."""
 
-import contextlib
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evidence.energies import evidence_across
-from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement, scene
-from pmcl_ros.pmcl.local_model import BEHIND, LocalModel, weighted
+from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
+from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
-from pmcl_ros.pmcl.posterior import Refine, Score
+from pmcl_ros.pmcl.posterior import Refine
 from pmcl_ros.pmcl.region import Region
-from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
-from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.render.gauss_newton import WIDEST, GaussNewton
+from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.tracking.near_prior import rigid_score
-from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
 from pmcl_ros.runtime.errors import LocalizationError
 
 _LOG = logging.getLogger(__name__)
-_SHARP = 0.5  # px: of a blur that leaves contours as sharp as they are
-_FARTHEST = 8.0  # px: as far from a contour is looked for what a view shows of it
 _AT_STAGES = 3, 5, 1000  # views at most by which coarse, fine and finest contours are refined
-
-
-@dataclass(frozen=True)
-class Beside:
-    """Other objects that are known to be there.
-
-    feasible: (n,) which of poses (n, 4, 4) are outside of them. things: each with its pose
-    (4, 4). Poses are in the reference frame of the views.
-    """
-
-    feasible: Feasible
-    things: Sequence[tuple[ObjectModel, NDArray[np.float64]]]
-
-    def depths(self, renderer: Renderer, view: ContourEvidence, camera: NDArray[np.float64]
-               ) -> NDArray[np.float32]:
-        """(height, width) depth of their surfaces in a view [m], 0 where there is none."""
-        pinhole, nearest = view.edges.pinhole, np.float32(np.inf)
-        window = Window(0, 0, (pinhole.width, pinhole.height))
-        front = np.full((pinhole.height, pinhole.width), nearest, np.float32)
-        for model, pose in self.things:
-            drawn = scene(model, view.region, pinhole, window, 0.0, view.interface)
-            depth = renderer.depths(drawn, (np.linalg.inv(camera) @ pose)[None])[0]
-            front = np.where((depth > 0) & (depth < front), depth, front)
-        return np.where(np.isfinite(front), front, np.float32(0))
 
 
 @dataclass(frozen=True)
@@ -170,17 +136,6 @@ class JointEvidence:
         """Refines poses by Gauss-Newton steps, and evaluates them there."""
         return refinement(optimizer, self.feasible, tries)
 
-    def open(self, stack: contextlib.ExitStack) -> 'JointContours':
-        """What draws contours at the resolution of the images, until the stack is closed."""
-        blurs, widest = [], float(self.uncertain.max())
-        while widest > _SHARP:
-            blurs.append(widest)
-            widest /= 2
-        levels = [[each.edges.blurred(blur) for each in self.views] for blur in blurs]
-        levels.append([each.edges for each in self.views])
-        return JointContours(self, [stack.enter_context(each.score()) for each in self.views],
-                             levels)
-
     @property
     def uncertain(self) -> NDArray[np.float64]:
         """(n,) standard deviation with which each camera sees the region off [px]."""
@@ -227,157 +182,3 @@ def _is_blank(view: PosedView, pinhole: Pinhole, window: Window) -> bool:
         scale * (ends - 0.5 - (pinhole.cx, pinhole.cy))
         + (view.pinhole.cx + 0.5, view.pinhole.cy + 0.5)).astype(int).clip(0).tolist()
     return view.is_of_one_colour(left, top, right - left, bottom - top)
-
-
-@dataclass(frozen=True)
-class ViewFit:
-    """How a view agrees with a pose.
-
-    number: of the view. off: by how much it alone would move the contour, apart: likewise, where
-    it is looked for farther away [px, rms]. expected, uncertain: standard deviations of that by
-    the model error and by the errors of the camera's pose. evidence: mean along its contour
-    [nat / px], total: of all of it [nat].
-    """
-
-    number: int
-    off: float
-    apart: float
-    expected: float
-    uncertain: float
-    evidence: float
-    total: float
-
-    @property
-    def allowed(self) -> float:
-        """Standard deviation of `apart` [px]."""
-        return float(np.hypot(self.expected, self.uncertain))
-
-
-@dataclass(frozen=True)
-class JointContours:
-    """Contours of poses in all views, at the resolution of the images.
-
-    levels: the evidence of the views, ever sharper; the last is as it is.
-    """
-
-    joint: JointEvidence
-    scores: Sequence[ContourScore]
-    levels: Sequence[Sequence[EvidenceVolume]]
-
-    def contours(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
-                 ) -> list[ViewContour]:
-        """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
-        joint = self.joint
-        cameras = joint.errors.moved(joint.cameras, motions)
-        seen = [score.points(np.linalg.inv(camera) @ pose)
-                for score, camera in zip(self.scores, cameras, strict=True)]
-        if joint.fronts:
-            seen = [_not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
-        return [ViewContour(points, edges, view.profile, camera=camera)
-                for points, view, edges, camera in zip(
-                    seen, joint.views, self.levels[level], cameras, strict=True)]
-
-    def share(self, pose: NDArray[np.float64]) -> float:
-        """Of the contour of a pose (4, 4) in all views, that is not hidden by other objects."""
-        if not self.joint.fronts:
-            return 1.0
-        whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
-                    for score, camera in zip(self.scores, self.joint.cameras, strict=True))
-        motions = np.zeros(self.joint.errors.number)
-        return float(self.points(pose, motions).lengths.sum()) / max(whole, 1e-9)
-
-    def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
-        """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
-
-        Cameras are where they are told to be. None: no view sees a contour.
-        """
-        into = np.linalg.inv(self.joint.cameras)
-        scores = [(camera, rigid_score(camera @ pose, points, view.edges))
-                  for camera, score, view in zip(into, self.scores, self.joint.views, strict=True)
-                  if len((points := score.points(camera @ pose)).lengths)]
-        if not scores:
-            return None
-        return lambda poses: np.sum([score(camera @ poses) for camera, score in scores], axis=0)
-
-    def points(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> ContourPoints:
-        """All of them, one view after the other."""
-        return reduce(lambda one, other: one.joined(other),
-                      (each.points for each in self.contours(pose, motions)))
-
-    def local_model(self, pose: NDArray[np.float64], sure: bool, motions: NDArray[np.float64],
-                    scale: float | None, level: int = -1) -> LocalModel:
-        """At a pose (4, 4); sure: with its uncertainty.
-
-        scale: as of `UncertainCameras`; None: the cameras are taken to be where they are.
-        """
-        joint = self.joint
-        uncertain = None
-        if joint.errors.number and scale is not None:
-            uncertain = UncertainCameras(joint.errors.seen(joint.cameras, pose), motions, scale)
-        contours = self.contours(pose, motions, level)
-        return LocalModel.from_views(pose, joint.model.symmetry, contours,
-                                     joint.views[0].error if sure else None, uncertain)
-
-    def fits(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> list[ViewFit]:
-        """How each view agrees with a pose (4, 4), with its camera moved by motions (k,)."""
-        joint = self.joint
-        uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
-                                        [float((np.linalg.inv(camera) @ pose)[2, 3])
-                                         for camera in joint.cameras])
-        made = []
-        for number, view, contour, wide in zip(joint.numbers, joint.views,
-                                               self.contours(pose, motions), uncertain,
-                                               strict=True):
-            alone = LocalModel.from_views(pose, joint.model.symmetry, [contour], view.error)
-            step = np.linalg.solve(alone.information, alone.gradient)
-            expected = np.trace(alone.moments @ alone.model_error)
-            made.append(ViewFit(
-                number, float(np.sqrt(step @ alone.moments @ step)),
-                _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
-                float(wide), alone.evidence / max(alone.length, 1e-9), alone.evidence))
-        return made
-
-
-def _not_hidden(points: ContourPoints, front: NDArray[np.float32]) -> ContourPoints:
-    """A contour without its part behind other objects, where that is not seen through them.
-
-    front: (height, width) depth of these, 0 for none [m]. As their material is unknown, what is
-    behind them counts if it has evidence, all in all.
-    """
-    height, width = front.shape
-    column, row = np.rint(points.pixels.T).astype(int)
-    before = front[row.clip(0, height - 1), column.clip(0, width - 1)]
-    hidden = (before > 0) & (points.depths > before + BEHIND)
-    if float(points.lengths[hidden] @ points.evidence[hidden]) >= 0:
-        return points
-    return weighted(points, np.where(hidden, 0.0, 1.0))
-
-
-def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]) -> float:
-    """By how much a rigid motion fits the evidence across a view's contour better [px, rms].
-
-    Found by least squares from where along each normal the evidence is, as far as `_FARTHEST`.
-    """
-    assert view.camera is not None
-    points, turn = view.points, view.camera[:3, :3]
-    before = np.linalg.inv(view.camera) @ pose
-    basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
-    shifts = np.linspace(-_FARTHEST, _FARTHEST, 4 * round(_FARTHEST) + 1)
-    table = evidence_across(view.edges, points.pixels, points.normals, points.depths,
-                            view.profile, shifts)
-    chances = np.exp(table - table.max(axis=1, keepdims=True))
-    chances /= chances.sum(axis=1, keepdims=True)
-    off = chances @ shifts
-    weight = points.lengths / (chances @ shifts ** 2 - off ** 2 + 1)
-    motion = normal_motion(points, view.edges.pinhole, before[:3, 3]) @ basis
-    least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
-    weighted = weight[:, None] * motion
-    step = np.linalg.solve(weighted.T @ motion + least, weighted.T @ off)
-    return float(np.sqrt((points.lengths @ (motion @ step) ** 2)
-                         / max(float(points.lengths.sum()), 1.0)))
-
-
-def disagreement(fits: Sequence[ViewFit]) -> float:
-    """Mean square by which views are off, in units of the model error of one view."""
-    return float(sum(each.off ** 2 for each in fits)
-                 / max(sum(each.expected ** 2 for each in fits), 1e-12))

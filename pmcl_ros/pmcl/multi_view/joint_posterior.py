@@ -16,12 +16,8 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
-from pmcl_ros.pmcl.multi_view.joint_evidence import (
-    JointContours,
-    JointEvidence,
-    ViewFit,
-    disagreement,
-)
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit, disagreement
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior
 from pmcl_ros.pmcl.render.contour_points import ContourPoints

@@ -14,7 +14,9 @@ from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
-from pmcl_ros.pmcl.multi_view.joint_evidence import Beside, JointEvidence, ViewFit
+from pmcl_ros.pmcl.multi_view.beside import Beside
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.second_hypothesis import Found, second_hypothesis, shown_in
 from pmcl_ros.pmcl.multi_view.surface import with_surface
@@ -96,7 +98,8 @@ class MultiViewLocalizer:
         joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
-            seen = joint.open(stack).contours(into @ pose, np.zeros(joint.errors.number))
+            drawn = JointContours.opened(joint, stack)
+            seen = drawn.contours(into @ pose, np.zeros(joint.errors.number))
         made = {}
         for number, view in zip(joint.numbers, seen, strict=True):
             whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole
@@ -157,7 +160,7 @@ class MultiViewLocalizer:
                 ) -> tuple[ContourSearch, JointPosterior, list[GaussNewton]]:
         """A search, its posterior, and what refines poses, until the stack is closed."""
         optimizers = joint.optimizers()
-        posterior = JointPosterior(self.model, self._settings, joint.open(stack),
+        posterior = JointPosterior(self.model, self._settings, JointContours.opened(joint, stack),
                                    numbers_of(joint, self._numbers))
         search = ContourSearch(
             joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
@@ -175,7 +178,7 @@ class MultiViewLocalizer:
         near = prior.seen_from(first)
         optimizers = joint.optimizers()[1:]
         with contextlib.ExitStack() as stack:
-            contours = joint.open(stack)
+            contours = JointContours.opened(joint, stack)
             posterior = JointPosterior(self.model, self._settings, contours,
                                        numbers_of(joint, self._numbers))
             modes = NearPrior(self.model, contours.rigid_score, joint.refinement(optimizers[0]),
@@ -200,8 +203,7 @@ class MultiViewLocalizer:
         first = evidence.views[joint.numbers[0]].camera_to_reference
         seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
-            return JointPosterior(self.model, self._settings, joint.open(stack),
-                                  None).log_likelihoods(seen)
+            return self._of_one_view(joint, stack).log_likelihoods(seen)
 
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.
@@ -212,7 +214,7 @@ class MultiViewLocalizer:
         joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
-            posterior = JointPosterior(self.model, self._settings, joint.open(stack), None)
+            posterior = self._of_one_view(joint, stack)
             return posterior.fitted_at(into @ pose).covariance
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
@@ -230,6 +232,10 @@ class MultiViewLocalizer:
             sample, posterior.local_model_at, posterior.points_at, least, rng,
             posterior.contours.share)
         return replace(estimate, disagreement=apart)
+
+    def _of_one_view(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:
+        """The posterior with the model error of one view, until the stack is closed."""
+        return JointPosterior(self.model, self._settings, JointContours.opened(joint, stack), None)
 
     def _estimator(self, joint: JointEvidence) -> Estimator:
         return Estimator(self.model, joint.region, self._settings, joint.orientation)
@@ -255,7 +261,7 @@ class MultiViewLocalizer:
         joint = self._joint(evidence, beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
-            posterior = JointPosterior(self.model, self._settings, joint.open(stack), None)
+            posterior = self._of_one_view(joint, stack)
             return np.array([posterior.evidence_at(each)
                              for each in np.linalg.inv(first) @ poses])
 

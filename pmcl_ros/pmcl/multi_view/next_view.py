@@ -26,6 +26,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.local_model import LocalModel, without_negative
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -76,7 +77,7 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
     first = evidence.views[joint.numbers[0]].camera_to_reference
     into = np.asarray(np.linalg.inv(first), float)
     with contextlib.ExitStack() as stack:
-        contours = joint.open(stack)
+        contours = JointContours.opened(joint, stack)
         posterior = JointPosterior(model, settings, contours, numbers_of(joint))
         mode = posterior.refine(into @ pose)
         known = _Known.from_posterior(mode.pose, posterior)

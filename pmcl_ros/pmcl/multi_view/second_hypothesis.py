@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.camera_adjustment import adjust_cameras
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_view.joint_evidence import ViewFit
+from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
 
 _LOG = logging.getLogger(__name__)
 _OFF = 0.001, 0.0035  # m, rad: of cameras that are taken to be off, those of a good arm

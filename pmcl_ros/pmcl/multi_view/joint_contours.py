@@ -1,0 +1,175 @@
+"""Contours of poses in several views at the resolution of the images: evidence, local models."""
+
+import contextlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.pmcl.local_model import LocalModel
+from pmcl_ros.pmcl.multi_view.beside import not_hidden
+from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.posterior import Score
+from pmcl_ros.pmcl.render.back_end import ContourScore
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.render.gauss_newton import WIDEST
+from pmcl_ros.pmcl.tracking.near_prior import rigid_score
+from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
+from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
+
+_SHARP = 0.5  # px: of a blur that leaves contours as sharp as they are
+_FARTHEST = 8.0  # px: as far from a contour is looked for what a view shows of it
+
+
+@dataclass(frozen=True)
+class ViewFit:
+    """How a view agrees with a pose.
+
+    number: of the view. off: by how much it alone would move the contour, apart: likewise, where
+    it is looked for farther away [px, rms]. expected, uncertain: standard deviations of that by
+    the model error and by the errors of the camera's pose. evidence: mean along its contour
+    [nat / px], total: of all of it [nat].
+    """
+
+    number: int
+    off: float
+    apart: float
+    expected: float
+    uncertain: float
+    evidence: float
+    total: float
+
+    @property
+    def allowed(self) -> float:
+        """Standard deviation of `apart` [px]."""
+        return float(np.hypot(self.expected, self.uncertain))
+
+
+@dataclass(frozen=True)
+class JointContours:
+    """Contours of poses in all views, at the resolution of the images.
+
+    levels: the evidence of the views, ever sharper; the last is as it is.
+    """
+
+    joint: JointEvidence
+    scores: Sequence[ContourScore]
+    levels: Sequence[Sequence[EvidenceVolume]]
+
+    @classmethod
+    def opened(cls, joint: JointEvidence, stack: contextlib.ExitStack) -> 'JointContours':
+        """What draws contours at the resolution of the images, until the stack is closed."""
+        blurs, widest = [], float(joint.uncertain.max())
+        while widest > _SHARP:
+            blurs.append(widest)
+            widest /= 2
+        levels = [[each.edges.blurred(blur) for each in joint.views] for blur in blurs]
+        levels.append([each.edges for each in joint.views])
+        return cls(joint, [stack.enter_context(each.score()) for each in joint.views], levels)
+
+    def contours(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
+                 ) -> list[ViewContour]:
+        """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
+        joint = self.joint
+        cameras = joint.errors.moved(joint.cameras, motions)
+        seen = [score.points(np.linalg.inv(camera) @ pose)
+                for score, camera in zip(self.scores, cameras, strict=True)]
+        if joint.fronts:
+            seen = [not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
+        return [ViewContour(points, edges, view.profile, camera=camera)
+                for points, view, edges, camera in zip(
+                    seen, joint.views, self.levels[level], cameras, strict=True)]
+
+    def share(self, pose: NDArray[np.float64]) -> float:
+        """Of the contour of a pose (4, 4) in all views, that is not hidden by other objects."""
+        if not self.joint.fronts:
+            return 1.0
+        whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
+                    for score, camera in zip(self.scores, self.joint.cameras, strict=True))
+        motions = np.zeros(self.joint.errors.number)
+        return float(self.points(pose, motions).lengths.sum()) / max(whole, 1e-9)
+
+    def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
+        """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
+
+        Cameras are where they are told to be. None: no view sees a contour.
+        """
+        into = np.linalg.inv(self.joint.cameras)
+        scores = [(camera, rigid_score(camera @ pose, points, view.edges))
+                  for camera, score, view in zip(into, self.scores, self.joint.views, strict=True)
+                  if len((points := score.points(camera @ pose)).lengths)]
+        if not scores:
+            return None
+        return lambda poses: np.sum([score(camera @ poses) for camera, score in scores], axis=0)
+
+    def points(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> ContourPoints:
+        """All of them, one view after the other."""
+        return reduce(lambda one, other: one.joined(other),
+                      (each.points for each in self.contours(pose, motions)))
+
+    def local_model(self, pose: NDArray[np.float64], sure: bool, motions: NDArray[np.float64],
+                    scale: float | None, level: int = -1) -> LocalModel:
+        """At a pose (4, 4); sure: with its uncertainty.
+
+        scale: as of `UncertainCameras`; None: the cameras are taken to be where they are.
+        """
+        joint = self.joint
+        uncertain = None
+        if joint.errors.number and scale is not None:
+            uncertain = UncertainCameras(joint.errors.seen(joint.cameras, pose), motions, scale)
+        contours = self.contours(pose, motions, level)
+        return LocalModel.from_views(pose, joint.model.symmetry, contours,
+                                     joint.views[0].error if sure else None, uncertain)
+
+    def fits(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> list[ViewFit]:
+        """How each view agrees with a pose (4, 4), with its camera moved by motions (k,)."""
+        joint = self.joint
+        uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
+                                        [float((np.linalg.inv(camera) @ pose)[2, 3])
+                                         for camera in joint.cameras])
+        made = []
+        for number, view, contour, wide in zip(joint.numbers, joint.views,
+                                               self.contours(pose, motions), uncertain,
+                                               strict=True):
+            alone = LocalModel.from_views(pose, joint.model.symmetry, [contour], view.error)
+            step = np.linalg.solve(alone.information, alone.gradient)
+            expected = np.trace(alone.moments @ alone.model_error)
+            made.append(ViewFit(
+                number, float(np.sqrt(step @ alone.moments @ step)),
+                _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
+                float(wide), alone.evidence / max(alone.length, 1e-9), alone.evidence))
+        return made
+
+
+def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]) -> float:
+    """By how much a rigid motion fits the evidence across a view's contour better [px, rms].
+
+    Found by least squares from where along each normal the evidence is, as far as `_FARTHEST`.
+    """
+    assert view.camera is not None
+    points, turn = view.points, view.camera[:3, :3]
+    before = np.linalg.inv(view.camera) @ pose
+    basis = np.concatenate([turn.T @ basis[:3], turn.T @ basis[3:]])
+    shifts = np.linspace(-_FARTHEST, _FARTHEST, 4 * round(_FARTHEST) + 1)
+    table = evidence_across(view.edges, points.pixels, points.normals, points.depths,
+                            view.profile, shifts)
+    chances = np.exp(table - table.max(axis=1, keepdims=True))
+    chances /= chances.sum(axis=1, keepdims=True)
+    off = chances @ shifts
+    weight = points.lengths / (chances @ shifts ** 2 - off ** 2 + 1)
+    motion = normal_motion(points, view.edges.pinhole, before[:3, 3]) @ basis
+    least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
+    weighted = weight[:, None] * motion
+    step = np.linalg.solve(weighted.T @ motion + least, weighted.T @ off)
+    return float(np.sqrt((points.lengths @ (motion @ step) ** 2)
+                         / max(float(points.lengths.sum()), 1.0)))
+
+
+def disagreement(fits: Sequence[ViewFit]) -> float:
+    """Mean square by which views are off, in units of the model error of one view."""
+    return float(sum(each.off ** 2 for each in fits)
+                 / max(sum(each.expected ** 2 for each in fits), 1e-12))
