@@ -6,12 +6,12 @@ each orientation is rendered once, scaled to each depth, and correlated with map
 evidence.
 """
 
+from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import cv2
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
@@ -23,38 +23,63 @@ from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
+from pmcl_ros.pmcl.proposals.branch_and_bound import (
+    MARGIN,
+    SQUARE,
+    best_places,
+    blocks_of,
+    strips_of,
+    upper_bounds,
+)
 from pmcl_ros.pmcl.proposals.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK
 
 _CELL = 4  # image px: the step of places
 _BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
 # Weight of the energy outside a contour relative to that on it: about that of the profile.
 _OUTSIDE = 0.5
-# Side of a square of cells in which only the best place of each template is kept: else the
-# strongest edges of the surroundings take all of them.
-_SQUARE = 8
 _TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed
 _LOG_ODDS = -1.0, 2.0  # half the log odds that a point of a template counts at least and most
 _UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
+AT_ONCE = 8192  # pairs of a template and a square that are tried before bounds are looked at again
 _ASIDE = 0.17  # rad: by which no orientation is farther from that of a template
+
+
+# Of pairs (n,) of a template and a square: their scores, and the best place in each.
+_Exact = Callable[[NDArray[np.int64]], tuple[NDArray[np.float64], NDArray[np.int32]]]
 
 
 @dataclass(frozen=True)
 class _Places:
-    """Places at one depth [m] where templates fit best, in no order.
+    """Places where templates fit best, in no order.
 
-    scores: (n,). pixels: (n, 2) where the origin is seen. templates: (n,) turned ones.
+    scores: (n,). pixels: (n, 2) where the origin is seen. depths: (n,) [m]. templates: (n,) turned
+    ones.
     """
 
-    depth: float
     scores: NDArray[np.float64]
     pixels: NDArray[np.float64]
+    depths: NDArray[np.float64]
     templates: NDArray[np.int64]
+
+    @classmethod
+    def none(cls) -> '_Places':
+        return cls(np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64))
+
+    def best(self, count: int) -> '_Places':
+        """The best `count`, best first."""
+        order = np.argsort(-self.scores, kind='stable')[:count]
+        return _Places(self.scores[order], self.pixels[order], self.depths[order],
+                       self.templates[order])
+
+    def __add__(self, other: '_Places') -> '_Places':
+        return _Places(*(np.concatenate([getattr(self, each.name), getattr(other, each.name)])
+                         for each in fields(self)))
 
 
 class Proposals:
@@ -85,83 +110,134 @@ class Proposals:
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
         pinhole = edges.pinhole
-        offsets, directions = self.templates.turned(self._turns, pinhole)
+        turned = self.templates.turned(self._turns, pinhole)
         flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # one picture: at any depth
         maps = _maps_at(edges, self._region.center[2]) if flat else None
-        places = [self._at_depth(edges, depth, _maps_at(edges, depth) if maps is None else maps,
-                                 offsets, directions, _TRIED * count, orientation)
-                  for depth in self._region.depths(_DEPTH_STEP)]
-        seen = [each for each in places if each is not None]
+        best, seen = _Places.none(), False
+        for depth in self._region.depths(_DEPTH_STEP):
+            here = _maps_at(edges, depth) if maps is None else maps
+            there = self._at_depth(pinhole, depth, here, *turned, orientation, best.scores,
+                                   _TRIED * count)
+            if there is not None:
+                best, seen = (best + there).best(_TRIED * count), True
         if not seen:
             raise self._region.out_of_view(pinhole)
-        scores = np.concatenate([each.scores for each in seen])
-        best = np.argsort(-scores, kind='stable')[:_TRIED * count]
-        pixels = np.concatenate([each.pixels for each in seen])[best]
-        depths = np.concatenate([np.full(len(each.scores), each.depth) for each in seen])[best]
-        template = np.concatenate([each.templates for each in seen])[best]
-        side, turn = np.divmod(template, len(self._turns))
-        poses = _poses(pinhole, pixels, depths, self.templates.rotations[side], self._turns[turn])
+        side, turn = np.divmod(best.templates, len(self._turns))
+        poses = _poses(pinhole, best.pixels, best.depths, self.templates.rotations[side],
+                       self._turns[turn])
         poses[:, :3, 3] = self._region.clip(poses[:, :3, 3])  # places are whole cells
         if orientation is not None:
             poses[:, :3, :3] = orientation.clip(poses[:, :3, :3])
         kept = _suppress_duplicates(poses, count, self._symmetry)
-        return poses[kept], scores[best[kept]]
+        return poses[kept], best.scores[kept]
 
-    def _at_depth(self, edges: EvidenceVolume, depth: float, maps: NDArray[np.int16],
-                  offsets: NDArray[np.float32], directions: NDArray[np.uint8], count: int,
-                  orientation: Orientation | None) -> _Places | None:
-        """The best `count` places at a depth; None where the object is out of view in all.
+    def _at_depth(self, pinhole: Pinhole, depth: float, maps: NDArray[np.int16],
+                  offsets: NDArray[np.float32], directions: NDArray[np.uint8],
+                  orientation: Orientation | None, known: NDArray[np.float64], count: int
+                  ) -> _Places | None:
+        """Those places at a depth that are among the best `count`; None where none is in view.
 
-        maps: (directions, rows, columns) of cells.
+        maps: (directions, rows, columns) of cells. known: scores of the best elsewhere.
         """
-        pinhole = edges.pinhole
         scale = self.templates.depth / depth
         cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
         reach = int(np.abs(cells).max()) + 1
-        _, height, width = maps.shape
-        left, top, right, bottom = self._region.footprint(pinhole, depth)
-        # Farther out than the object's reach nothing of it is seen.
-        columns = np.arange(max(int(np.floor(left / _CELL)), -reach),
-                            min(int(np.ceil(right / _CELL)), width + reach) + 1)
-        rows = np.arange(max(int(np.floor(top / _CELL)), -reach),
-                         min(int(np.ceil(bottom / _CELL)), height + reach) + 1)
+        rows, columns = self._places(pinhole, depth, reach, maps.shape[1:])
         if not len(columns) or not len(rows):
             return None
-        # Around the image there is no evidence either way.
-        before = max(0, reach - rows[0]), max(0, reach - columns[0])
-        after = (max(0, reach + rows[-1] + 1 - height), max(0, reach + columns[-1] + 1 - width))
-        maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
-        where = rows[0] + before[0], columns[0] + before[1], len(rows), len(columns)
         possible = self._possible(pinhole, rows, columns, orientation)
         tried = np.flatnonzero(possible.any(axis=1))
-        with LOCK:
-            sums, place = _slide(maps, cells[tried], directions[tried], *where, _SQUARE)
+        possible, cells, directions = possible[tried], cells[tried], directions[tried]
         focal = np.sqrt(pinhole.fx * pinhole.fy)
-        lengths = np.repeat(self.templates.lengths, len(self._turns))[tried] * focal * scale
-        scores = (sums * (lengths[:, None] / _UNIT / POINTS))
-        scores = np.where(possible[tried], scores, -np.inf).ravel()
-        best = np.argpartition(-scores, min(count, len(scores)) - 1)[:count]
-        best = best[np.isfinite(scores[best])]
-        place = place.ravel()[best]
+        weights = (np.repeat(self.templates.lengths, len(self._turns))[tried]
+                   * (focal * scale / _UNIT / POINTS))
+        maps, *first = _padded(maps, rows, columns, reach)
+        where = *first, len(rows), len(columns)
+        strips = strips_of(maps)
+
+        def exact(pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+            template, square = np.divmod(pairs, possible.shape[1])
+            with LOCK:
+                sums, place = best_places(strips, cells, directions, *where, template, square)
+            return sums * weights[template], place
+
+        with LOCK:
+            bounds = upper_bounds(blocks_of(maps), cells, directions, *where)
+        bounds = np.where(possible, bounds * weights[:, None], -np.inf)
+        pairs, scores, place = _best(bounds.ravel(), exact, known, count)
         row, column = np.divmod(place, len(columns))
         pixels = _middle(np.stack([columns[column], rows[row]], axis=-1))
-        return _Places(depth, scores[best], pixels, tried[best // sums.shape[1]])
+        return _Places(scores, pixels, np.full(len(scores), depth),
+                       tried[pairs // possible.shape[1]])
+
+    def _places(self, pinhole: Pinhole, depth: float, reach: int, shape: tuple[int, ...]
+                ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows and columns of cells where the origin may be seen at a depth; none: out of view.
+
+        reach: of the object [cells]. shape: rows and columns of the image.
+        """
+        left, top, right, bottom = self._region.footprint(pinhole, depth)
+        # Farther out than the object's reach nothing of it is seen.
+        height, width = shape
+        rows = np.arange(max(int(np.floor(top / _CELL)), -reach),
+                         min(int(np.ceil(bottom / _CELL)), height + reach) + 1)
+        columns = np.arange(max(int(np.floor(left / _CELL)), -reach),
+                            min(int(np.ceil(right / _CELL)), width + reach) + 1)
+        return rows, columns
 
     def _possible(self, pinhole: Pinhole, rows: NDArray[np.int64], columns: NDArray[np.int64],
                   orientation: Orientation | None) -> NDArray[np.bool_]:
         """(templates, squares) where turned templates show the object as it can be.
 
-        rows, columns: of cells, of which squares are made as `_slide` does.
+        rows, columns: of cells, of which squares are made as `upper_bounds` does.
         """
-        top, left = np.meshgrid(rows[::_SQUARE], columns[::_SQUARE], indexing='ij')
+        top, left = np.meshgrid(rows[::SQUARE], columns[::SQUARE], indexing='ij')
         number = len(self.templates.rotations) * len(self._turns)
         if orientation is None:
             return np.broadcast_to(True, (number, top.size))
         sight = _towards(pinhole, _middle(np.stack([left.ravel(), top.ravel()], axis=-1)
-                                          + _SQUARE // 2))
+                                          + SQUARE // 2))
         turned = (Rotation.from_rotvec(self._turns[:, None] * [0, 0, 1.0]).as_matrix()
                   @ self.templates.rotations[:, None]).reshape(-1, 3, 3)
         return orientation.allows_seen(turned, sight.inv().apply(orientation.direction), _ASIDE)
+
+
+def _padded(maps: NDArray[np.int16], rows: NDArray[np.int64], columns: NDArray[np.int64],
+            reach: int) -> tuple[NDArray[np.int16], int, int]:
+    """Maps that templates lie in wherever their origin is; the first row and column there."""
+    _, height, width = maps.shape
+    beyond = reach + 1 + MARGIN
+    before = max(0, reach - int(rows[0])), max(0, reach - int(columns[0]))
+    after = max(0, int(rows[-1]) + beyond - height), max(0, int(columns[-1]) + beyond - width)
+    # Around the image there is no evidence either way.
+    maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
+    return maps, int(rows[0]) + before[0], int(columns[0]) + before[1]
+
+
+def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64], count: int
+          ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32]]:
+    """Which have one of the best `count` scores, those scores, and what else `exact` tells.
+
+    bounds: (n,) no score is greater; -inf: never one of the best. known: scores of others.
+    """
+    found = []
+    left = np.flatnonzero(bounds > -np.inf)
+    while len(left):
+        first = left
+        if len(left) > AT_ONCE:
+            first = left[np.argpartition(-bounds[left], AT_ONCE)[:AT_ONCE]]
+        scores, places = exact(first)
+        found.append((first, scores, places))
+        known = np.sort(np.concatenate([known, scores]))[-count:]
+        bounds[first] = -np.inf
+        least = known[0] if len(known) == count else -np.inf
+        left = left[bounds[left] > least]
+    if not found:
+        return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
+    pairs, scores, places = (np.concatenate(part) for part in zip(*found, strict=True))
+    best = np.flatnonzero(scores >= known[0])
+    best = best[np.argsort(pairs[best])]
+    return pairs[best], scores[best], places[best]
 
 
 def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
@@ -214,44 +290,6 @@ def _log_odds_maps(odds: ContourMap, depth: float) -> NDArray[np.int16]:
         ratio = cv2.GaussianBlur(ratio, (0, 0), _BLUR / _CELL)
         maps[k] = np.rint(_UNIT * np.clip(np.log(ratio) / 2, *_LOG_ODDS))
     return maps
-
-
-@compiled(parallel=True)
-def _slide(maps, offsets, directions,  # type: ignore[no-untyped-def]
-           row, column, rows, columns, side):
-    """Each template's best sum over each square of places, and which place (row-major) that is.
-
-    Whole rows of the maps are added, one after the other, with what lies between the places: long
-    loops without branches.
-    """
-    count, points = directions.shape
-    width = maps.shape[2]
-    lines = maps.reshape(len(maps), -1)
-    length = (rows - 1) * width + columns
-    across = -(-columns // side)
-    squares = across * -(-rows // side)
-    best = np.zeros((count, squares), np.int16)
-    place = np.zeros((count, squares), np.int32)
-    for n in prange(count):
-        starts = (row + offsets[n, :, 1]) * width + column + offsets[n, :, 0]
-        total = np.zeros(length, np.int16)
-        for p in range(0, points, 4):
-            a = lines[directions[n, p], starts[p]:starts[p] + length]
-            b = lines[directions[n, p + 1], starts[p + 1]:starts[p + 1] + length]
-            c = lines[directions[n, p + 2], starts[p + 2]:starts[p + 2] + length]
-            d = lines[directions[n, p + 3], starts[p + 3]:starts[p + 3] + length]
-            for i in range(length):
-                total[i] += a[i] + b[i] + c[i] + d[i]
-        for k in range(squares):
-            top, left = k // across * side, k % across * side
-            best[n, k] = total[top * width + left]
-            place[n, k] = top * columns + left
-            for r in range(top, min(top + side, rows)):
-                for c in range(left, min(left + side, columns)):
-                    if total[r * width + c] > best[n, k]:
-                        best[n, k] = total[r * width + c]
-                        place[n, k] = r * columns + c
-    return best, place
 
 
 def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.float64],

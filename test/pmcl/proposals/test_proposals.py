@@ -12,6 +12,7 @@ from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.proposals import template_matching
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.proposals.templates import Templates
 from pmcl_ros.pmcl.region import Region
@@ -157,3 +158,15 @@ def test_a_sheet_without_thickness_has_no_outline_edge_on(context):
     aside, along, turn = distances(poses, truth, model.axis)
     turn = np.minimum(turn, np.pi - turn)  # both of its sides look alike
     assert ((aside < 0.005) & (along < 0.02) & (turn < np.deg2rad(25))).any()
+
+
+@pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
+def test_no_pose_is_missed_by_its_bound(context, model, monkeypatch):
+    """All pairs tried at once: nothing is left out, and the same poses are proposed."""
+    edges = scene(context, model, random_poses(1, 3, depth=(0.34, 0.46))[0])
+    proposals = Proposals(NumbaRenderer(), model, REGION)
+    poses, scores = proposals.propose(edges, 20)
+    monkeypatch.setattr(template_matching, 'AT_ONCE', 10 ** 9)
+    every, best = proposals.propose(edges, 20)
+    np.testing.assert_array_equal(scores, best)
+    np.testing.assert_array_equal(poses, every)

@@ -1,0 +1,121 @@
+"""Places where templates fit best, by branch and bound: the same as by trying every place.
+
+The sum of a template's points, each at its best of four by four neighbouring places, is at most
+too high for all of these places. Squares of places whose bound is below the sums that have been
+found already are left out (correlative scan matching with maps of several resolutions: Olson 2015;
+Hess et al. 2016).
+"""
+
+import cv2
+import numpy as np
+from numba import prange
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from pmcl_ros.runtime.kernels import compiled
+
+SQUARE = 8  # cells, the side of a square: in each the best place of a template is told
+_BLOCK = 4  # cells, the side of places that share a bound; half of a square
+MARGIN = SQUARE + _BLOCK  # cells that maps have to hold beyond the last place
+
+
+def blocks_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
+    """The greatest of 4x4 cells from each cell on: what bounds are summed from.
+
+    maps: (directions, rows, columns). Returns (directions, 4, 4, rows / 4, columns / 4), rounded
+    up: the cells' last two bits of row and column first, so that every fourth cell is beside the
+    next. Cells beyond the last count as the least number.
+    """
+    ones = np.ones((_BLOCK, _BLOCK), np.uint8)
+    least = np.iinfo(np.int16).min
+    greatest = np.stack([cv2.dilate(each, ones, anchor=(0, 0)) for each in maps])
+    number, height, width = maps.shape
+    greatest = np.pad(greatest, ((0, 0), (0, -height % _BLOCK), (0, -width % _BLOCK)),
+                      constant_values=least)
+    split = greatest.reshape(number, -(-height // _BLOCK), _BLOCK, -(-width // _BLOCK), _BLOCK)
+    return np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
+
+
+@compiled(parallel=True)
+def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
+                 row, column, rows, columns):
+    """(templates, squares) no place of the square has a greater sum of this template.
+
+    blocks: of `blocks_of`. offsets: (templates, points, 2) whole cells, x and y; a multiple of
+    four points. directions: (templates, points) which map. row, column: the first place. Squares
+    are row-major.
+    """
+    count, points = directions.shape
+    width = blocks.shape[4]
+    lines = blocks.reshape(len(blocks) * _BLOCK * _BLOCK, -1)
+    down, along = -(-rows // _BLOCK), -(-columns // _BLOCK)
+    length = (down - 1) * width + along
+    across = -(-columns // SQUARE)
+    squares = across * -(-rows // SQUARE)
+    greatest = np.zeros((count, squares), np.int16)
+    for n in prange(count):
+        y, x = row + offsets[n, :, 1], column + offsets[n, :, 0]
+        line = (directions[n] * _BLOCK + y % _BLOCK) * _BLOCK + x % _BLOCK
+        starts = y // _BLOCK * width + x // _BLOCK
+        total = np.zeros(length, np.int16)
+        # Whole rows are added, one after the other, with what lies between the places: long loops
+        # without branches.
+        for p in range(0, points, 4):
+            a = lines[line[p], starts[p]:starts[p] + length]
+            b = lines[line[p + 1], starts[p + 1]:starts[p + 1] + length]
+            c = lines[line[p + 2], starts[p + 2]:starts[p + 2] + length]
+            d = lines[line[p + 3], starts[p + 3]:starts[p + 3] + length]
+            for i in range(length):
+                total[i] += a[i] + b[i] + c[i] + d[i]
+        for k in range(squares):
+            top, left = k // across * 2, k % across * 2
+            greatest[n, k] = total[top * width + left]
+            for r in range(top, min(top + 2, down)):
+                for c in range(left, min(left + 2, along)):
+                    greatest[n, k] = max(greatest[n, k], total[r * width + c])
+    return greatest
+
+
+def strips_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
+    """(directions, rows - 7, columns, 8) eight cells from each on, down: so a square is one run.
+
+    maps: (directions, rows, columns).
+    """
+    return np.ascontiguousarray(sliding_window_view(maps, SQUARE, axis=1))
+
+
+@compiled(parallel=True)
+def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
+                row, column, rows, columns, templates, squares):
+    """Of pairs (n,) of a template and a square: the best sum there, and the place (row-major).
+
+    strips: of `strips_of`, of maps with `MARGIN` cells beyond the last place; the rest as of
+    `upper_bounds`.
+    """
+    count, points = len(templates), directions.shape[1]
+    height, width = strips.shape[1:3]
+    run = strips.reshape(-1)
+    across = -(-columns // SQUARE)
+    best = np.zeros(count, np.int16)
+    place = np.zeros(count, np.int32)
+    for n in prange(count):
+        which = templates[n]
+        top, left = squares[n] // across * SQUARE, squares[n] % across * SQUARE
+        y, x = row + top + offsets[which, :, 1], column + left + offsets[which, :, 0]
+        starts = ((directions[which] * height + y) * width + x) * SQUARE
+        total = np.zeros(SQUARE * SQUARE, np.int16)
+        for p in range(0, points, 4):
+            a = run[starts[p]:starts[p] + SQUARE * SQUARE]
+            b = run[starts[p + 1]:starts[p + 1] + SQUARE * SQUARE]
+            c = run[starts[p + 2]:starts[p + 2] + SQUARE * SQUARE]
+            d = run[starts[p + 3]:starts[p + 3] + SQUARE * SQUARE]
+            for i in range(SQUARE * SQUARE):
+                total[i] += a[i] + b[i] + c[i] + d[i]
+        best[n] = total[0]
+        place[n] = top * columns + left
+        for r in range(min(SQUARE, rows - top)):
+            for k in range(min(SQUARE, columns - left)):
+                if total[k * SQUARE + r] > best[n]:
+                    best[n] = total[k * SQUARE + r]
+                    place[n] = (top + r) * columns + left + k
+    return best, place

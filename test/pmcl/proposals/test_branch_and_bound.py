@@ -1,0 +1,64 @@
+"""Branch and bound of templates: bounds hold, and the best of all places are found."""
+
+import numpy as np
+import pytest
+
+from pmcl_ros.pmcl.proposals.branch_and_bound import (
+    MARGIN,
+    SQUARE,
+    best_places,
+    blocks_of,
+    strips_of,
+    upper_bounds,
+)
+
+TEMPLATES, POINTS, REACH = 7, 12, 9
+
+
+@pytest.fixture(params=[(17, 22), (8, 8), (1, 5), (13, 1)], ids=str)
+def problem(request):
+    """Maps, templates, and the sums (templates, rows, columns) of every place, by numpy."""
+    rng = np.random.default_rng(0)
+    rows, columns = request.param
+    row, column = REACH + 3, REACH + 2
+    height, width = row + rows + REACH + MARGIN, column + columns + REACH + MARGIN
+    maps = rng.integers(-255, 511, (5, height, width)).astype(np.int16)
+    offsets = rng.integers(-REACH, REACH + 1, (TEMPLATES, POINTS, 2)).astype(np.int32)
+    directions = rng.integers(0, 5, (TEMPLATES, POINTS)).astype(np.uint8)
+    y, x = np.meshgrid(np.arange(rows) + row, np.arange(columns) + column, indexing='ij')
+    sums = maps[directions[:, :, None, None], y + offsets[:, :, 1, None, None],
+                x + offsets[:, :, 0, None, None]].sum(axis=1)
+    return maps, (offsets, directions, row, column, rows, columns), sums
+
+
+def squares_of(sums):
+    """(templates, squares) lists of the sums in each square, with their places."""
+    _, rows, columns = sums.shape
+    places = np.arange(rows * columns).reshape(rows, columns)
+    return [(sums[:, top:top + SQUARE, left:left + SQUARE].reshape(len(sums), -1),
+             places[top:top + SQUARE, left:left + SQUARE].ravel())
+            for top in range(0, rows, SQUARE) for left in range(0, columns, SQUARE)]
+
+
+def test_best_places_are_those_of_every_place(problem):
+    maps, where, sums = problem
+    for square, (each, places) in enumerate(squares_of(sums)):
+        best, place = best_places(strips_of(maps), *where, np.arange(TEMPLATES),
+                                  np.full(TEMPLATES, square))
+        np.testing.assert_array_equal(best, each.max(axis=1))
+        np.testing.assert_array_equal(place, places[each.argmax(axis=1)])
+
+
+def test_no_place_is_better_than_its_bound(problem):
+    maps, where, sums = problem
+    bounds = upper_bounds(blocks_of(maps), *where)
+    best = np.stack([each.max(axis=1) for each, _ in squares_of(sums)], axis=1)
+    assert bounds.shape == best.shape
+    assert (bounds >= best).all()
+
+
+def test_a_bound_is_reached_where_places_are_alike(problem):
+    maps, where, _ = problem
+    flat = np.broadcast_to(maps[:, :1, :1], maps.shape)  # nothing differs between places
+    best, _ = best_places(strips_of(flat), *where, np.arange(TEMPLATES), np.zeros(TEMPLATES, int))
+    np.testing.assert_array_equal(upper_bounds(blocks_of(flat), *where)[:, 0], best)
