@@ -13,9 +13,8 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / 'pmcl_ros'
 NODES = ['lytro_driver', 'subaperture_node', 'dlv_node', 'pmcl_node']
 ROS = ('rclpy', 'rcl_interfaces', 'builtin_interfaces', 'std_srvs', 'launch', 'launch_ros')
-WITH_ROS = ('nodes/',
+WITH_ROS = ('nodes/', 'simulated_robot/robot_node', 'simulated_robot/wrist_eyes',
             *(f'evaluation/bench/{name}.py' for name in ('latency', 'ros_programs', 'soak')),
-            'evaluation/manipulation/simulated_robot', 'evaluation/manipulation/wrist_eyes',
             *(f'messages/{name}.py' for name in ('diagnostics', 'grasp', 'marker')))
 
 

@@ -8,13 +8,13 @@ from harness import Process
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 
-from pmcl_ros.evaluation.manipulation.wrist_eyes import RawEye
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.messages.posed_views import posed_views_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.simulated_robot.wrist_eyes import RawEye
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture

@@ -1,1 +1,1 @@
-"""A simulated robot takes objects from water through the real nodes: trials, a report."""
+"""Series of trials of the simulated robot through the real nodes: findings, a page."""

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pmcl_ros.evaluation.manipulation.trial import Trial
 from pmcl_ros.evaluation.recall import interval
+from pmcl_ros.simulated_robot.trial import Trial
 
 HEAD = ('trials', 'of', 'done', '95 %', 'grasps at a wrong pose',
         'off at the grasp, median [mm]', '[degrees]', 'largest touch [N]',

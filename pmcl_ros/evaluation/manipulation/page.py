@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from pmcl_ros import __version__
 from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
-from pmcl_ros.evaluation.manipulation.trial import Trial
 from pmcl_ros.evaluation.report.page import image
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -20,6 +19,7 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
+from pmcl_ros.simulated_robot.trial import Trial
 
 _HEIGHT = 180  # px of a picture
 

@@ -14,7 +14,6 @@ import numpy as np
 import yaml
 
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.evaluation.manipulation.trial import Grip, Trial
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.grasps.grasp import GraspFile
@@ -24,6 +23,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
+from pmcl_ros.simulated_robot.trial import Grip, Trial
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -191,7 +191,7 @@ class Series:
         log = place / 'robot.log'
         with log.open('w') as output:
             robot = subprocess.Popen(
-                [sys.executable, '-m', 'pmcl_ros.evaluation.manipulation.simulated_robot',
+                [sys.executable, '-m', 'pmcl_ros.simulated_robot.robot_node',
                  '--place', self.place, '--object', str(self.thing), '--mass', str(self.mass),
                  '--camera', self.camera, '--renderer', self.renderer,
                  '--samples', str(self.samples), '--seed', str(seed), '--out', str(place)],

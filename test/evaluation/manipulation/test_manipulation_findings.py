@@ -3,7 +3,7 @@
 import pytest
 
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
-from pmcl_ros.evaluation.manipulation.trial import Grip, Trial
+from pmcl_ros.simulated_robot.trial import Grip, Trial
 
 RIGHT = Grip(gap=0.07, held=True, off=(2.0, 1.0))
 WRONG = Grip(gap=0.0, held=False, off=(25.0, 1.0))

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from pmcl_ros.evaluation.manipulation.trial import Grip, Picture, Trial
-from pmcl_ros.evaluation.manipulation.wrist_eyes import RENDERERS, wrist_eye
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import inverse
@@ -29,6 +27,8 @@ from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause, ros
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError, RenderError
+from pmcl_ros.simulated_robot.trial import Grip, Picture, Trial
+from pmcl_ros.simulated_robot.wrist_eyes import RENDERERS, wrist_eye
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.manipulation.film import strip
