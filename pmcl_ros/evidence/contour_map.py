@@ -1,7 +1,8 @@
 """ContourMap: log odds of occluding contours by direction, and of solids, from a network."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Hashable
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 import cv2
@@ -37,6 +38,9 @@ class ContourMap(EvidenceVolume):
     inside: NDArray[np.float32]
     numbers: LearnedMapEvidence
     reduced: 'ContourMap | None' = None
+    # Of `part` and `blurred`: a picture that is searched again with others is not blurred again.
+    _made: 'dict[Hashable, ContourMap]' = field(init=False, repr=False, compare=False,
+                                                default_factory=dict)
 
     components: ClassVar[int] = 5
     kind: ClassVar[str] = 'contour map'
@@ -96,6 +100,13 @@ class ContourMap(EvidenceVolume):
                           for each in (self.tensor, self.inside))
         return replace(self, tensor=tensor, inside=inside, pinhole=lattice.pinhole)
 
+    def part(self, lattice: PixelGrid, depths: NDArray[np.float64]) -> 'ContourMap':
+        """See `EvidenceVolume`."""
+        key = lattice, depths.tobytes()
+        if key not in self._made:
+            self._made[key] = super().part(lattice, depths)
+        return self._made[key]
+
     def suppressed(self, kept: NDArray[np.float32]) -> 'ContourMap':
         """See `EvidenceVolume`: log odds of zero say nothing."""
         return replace(self, tensor=self.tensor * kept[..., None, None])
@@ -106,6 +117,11 @@ class ContourMap(EvidenceVolume):
         They are the logarithm of the mean likelihood ratio over a Gaussian neighbourhood: what is
         known of a contour whose place is uncertain by `sigma`. box: as in `EvidenceVolume`.
         """
+        if (sigma, box) not in self._made:
+            self._made[sigma, box] = self._blurred(sigma, box)
+        return self._made[sigma, box]
+
+    def _blurred(self, sigma: float, box: Box | None) -> 'ContourMap':
         height, width = self.tensor.shape[:2]
         left, top, right, bottom = box or (0, 0, width, height)
         reach = math.ceil(_REACH * sigma)

@@ -98,3 +98,7 @@ class EvidenceVolume(ABC):
             return self
         tensor = np.ascontiguousarray(self.tensor[lattice.rows[:, None], lattice.columns])
         return replace(self, tensor=tensor, pinhole=lattice.pinhole)
+
+    def part(self: Volume, lattice: PixelGrid, depths: NDArray[np.float64]) -> Volume:
+        """The same on some of the pixels, with other labels: of a picture, the same at any."""
+        return replace(self.on(lattice), depths=depths)

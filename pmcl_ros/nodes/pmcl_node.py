@@ -39,6 +39,7 @@ from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
+from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -74,6 +75,7 @@ class PmclNode(StageNode):
         self._several: SeveralObjects | None = None
         self._posed = settings.source == 'posed_views'
         self._tracker: Tracker | None = None
+        self._growing: GrowingSearch | None = None
         if settings.several:
             paths = [resolve(each, 'objects') for each in settings.several]
             self._several = SeveralObjects(self, settings, paths, settings.broadcast_tf,
@@ -107,7 +109,11 @@ class PmclNode(StageNode):
         self._box = region_to_marker(_region(settings))
         self._continuities = [Continuity(self._model.symmetry, _region(settings))]
         self._evidence_of = _evidence_of(settings, self._model)
-        if isinstance(localizer, Localizer | MultiViewLocalizer):
+        self._growing = None
+        if isinstance(localizer, MultiViewLocalizer):
+            self._growing = GrowingSearch(localizer)
+            self._tracker = Tracker(self._growing, self._model, settings)
+        elif isinstance(localizer, Localizer):
             self._tracker = Tracker(localizer, self._model, settings)
 
     def _work(self, make: Callable[[], Any], sought: str) -> Any:
@@ -140,6 +146,8 @@ class PmclNode(StageNode):
     def _forget(self) -> None:
         if self._tracker is not None:
             self._tracker.reset()
+        if self._growing is not None:
+            self._growing.reset()
         for each in self._continuities:
             each.reset()
         self._overlays.forget()

@@ -85,6 +85,7 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
         last is the posterior, those before approximate it at lower cost.
     start: Gaussians, one about each mode, wider than the mode; particles begin in equal shares,
         by numbers that fill a Gaussian more evenly than random ones do (Halton 1960, scrambled).
+        Where none of them is feasible, they begin at the modes.
     records: for each density, a callback for the particles and their values, first and after each
         step.
     Ends early, with the current particles, when `progress` returns False.
@@ -92,7 +93,8 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     # In blocks: every other number of a Halton sequence is not even.
     own = np.arange(count) * len(start) // count
     normal = _even(count, start[0].basis.shape[1], rng)
-    poses = _displaced(start, np.stack([each.pose for each in start])[own], own, normal)
+    middles = np.stack([each.pose for each in start])[own]
+    poses = _displaced(start, middles, own, normal)
 
     def mixture(each: NDArray[np.float64]) -> NDArray[np.float64]:
         return _mixture(start, each)
@@ -102,6 +104,9 @@ def sample_posterior(densities: Sequence[LogDensity], start: Sequence[Gaussian],
     for k, (before, after) in enumerate(bridges):
         power = 0.0
         known, values = before(poses), after(poses)
+        if not np.isfinite(values).any():  # far wider than what is feasible
+            poses = middles
+            known, values = before(poses), after(poses)
         record = records[k] if records else None
         if record is not None:
             record(poses, values)

@@ -85,6 +85,16 @@ class ContourSearch:
         return (judged.poses[:_MODES] if len(judged.poses)
                 else self.finest(found[:_MODES])[0])
 
+    def find_near(self, poses: NDArray[np.float64], watch: Watch | None = None
+                  ) -> NDArray[np.float64]:
+        """(n, 4, 4) the best poses from those of a posterior by less evidence (k, 4, 4)."""
+        found = self._refined(self.coarse, poses, _HOPEFUL, 'coarse', watch)
+        judged = self._judged(found, _NONE, 'fine', watch)
+        others = ambiguous_poses(self.posterior.model, judged.poses[0])
+        if len(others):
+            judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
+        return judged.poses[:_MODES]
+
     def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
                 ) -> NDArray[np.float64]:
         """(n, 4, 4) the best of poses found with larger pixels, refined with these."""

@@ -132,3 +132,17 @@ def test_each_modes_particles_begin_evenly(modes):
             assert np.cov(normal) == pytest.approx(np.eye(6), abs=0.6)
     # Of random numbers it would be 1.
     assert np.sqrt(np.mean(np.square(means)) * size) < 0.6
+
+
+def test_poses_are_feasible_where_hardly_any_of_the_start_is():
+    pose, half = random_poses(1, 0)[0], 1e-4
+
+    def box(poses):
+        inside = (np.abs(poses[:, :3, 3] - pose[:3, 3]) < half).all(axis=1)
+        return np.where(inside, 0.0, -np.inf)
+
+    wide = Gaussian.from_covariance(pose, np.diag(np.full(6, 0.5 ** 2)), NONE)
+    poses, values, _ = sample_posterior([box], [wide], 32, 3, np.random.default_rng(0),
+                                        lambda _: True)
+    np.testing.assert_array_equal(values, 0)
+    assert (np.abs(poses[:, :3, 3] - pose[:3, 3]) < half).all()

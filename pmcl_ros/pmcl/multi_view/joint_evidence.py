@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +66,7 @@ class JointEvidence:
                                        (window.left, window.top, *window.size), 1)
             # The evidence of a picture is the same at all depths; labels say where to expect it.
             depths = depth_labels(*region.grown(model.radius), len(each.evidence.depths))
-            edges = replace(each.evidence.on(grid), depths=depths)
+            edges = each.evidence.part(grid, depths)
             views.append(ContourEvidence.from_edges(edges, renderer, model, settings, None, None,
                                                     None, region, each.camera_to_reference))
         first = posed[0].camera_to_reference

@@ -66,21 +66,23 @@ class MultiViewLocalizer:
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,
                  watch: Watch | None = None, beside: Beside | None = None,
-                 second: bool = True) -> PoseEstimate:
+                 second: bool = True, near: NDArray[np.float64] | None = None) -> PoseEstimate:
         """The object's pose in the reference frame.
 
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where to look first, in the reference frame; proposed by two of the views
         if not given. watch: called with every generation of poses, in the frame of the first view
         that sees the region. beside: other objects: it is outside of them, and what they hide of
-        it is not missing. second: try `second_hypothesis` for a lost object.
+        it is not missing. second: try `second_hypothesis` for a lost object. near: (k, 4, 4), in
+        the reference frame, where alone to look: poses by fewer views, say; without the second
+        hypothesis.
         Raises LocalizationError where no view sees the region of interest.
         """
-        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside)
+        stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside, near)
         found = self._localized(evidence, rng, stages, asked)
         if self._numbers is not None or not second:
             return found.estimate
-        if found.estimate.lost and stages.go_on(1.0):
+        if near is None and found.estimate.lost and stages.go_on(1.0):
             # The progress that is reported is at its end; it can still stop the search.
             ending = Stages(lambda _: stages.go_on(1.0))
             found, evidence = second_hypothesis(evidence, found, lambda views: self._localized(
@@ -111,13 +113,15 @@ class MultiViewLocalizer:
                    asked: '_Asked') -> Found:
         """The pose by all of some views."""
         coarser, watch = evidence.coarser, asked.watch
-        found, evaluations = ((None, 0) if coarser is None
+        found, evaluations = ((None, 0) if coarser is None or asked.near is not None
                               else self._found(coarser, rng, stages, asked))
         joint = self._joint(evidence, asked.beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
-            if found is None:
+            if asked.near is not None:
+                poses = search.find_near(np.linalg.inv(first) @ asked.near, watch)
+            elif found is None:
                 poses = search.find(self._begin(joint, first, asked), rng, stages, watch)
             else:
                 poses = search.sharpen(np.linalg.inv(first) @ found, watch)
@@ -300,6 +304,7 @@ class _Asked:
     start: NDArray[np.float64] | None
     watch: Watch | None
     beside: Beside | None
+    near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
 
 

@@ -93,7 +93,8 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
     size = max(size_in_view(model.diameter, about.roi_center, each.evidence.pinhole,
                             each.camera_to_reference) for each in evidence.views)
     made = region_volume(evidence, model, about, {
-        'window': _WINDOW, 'stride': _STRIDE * larger_pixels(size)}, beyond=_BEYOND)
+        'window': _WINDOW, 'stride': _STRIDE * larger_pixels(size)}, beyond=_BEYOND,
+        pose=estimate.pose)
     if made is None:
         return estimate
     volume, _ = made

@@ -221,8 +221,8 @@ def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64]
     bounds: (n,) no score is greater; -inf: never one of the best. known: scores of others.
     """
     found = []
-    left = np.flatnonzero(bounds > -np.inf)
-    while len(left):
+    known = np.sort(known)[-count:]
+    while len(left := np.flatnonzero(bounds > (known[0] if len(known) == count else -np.inf))):
         first = left
         if len(left) > AT_ONCE:
             first = left[np.argpartition(-bounds[left], AT_ONCE)[:AT_ONCE]]
@@ -230,8 +230,6 @@ def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64]
         found.append((first, scores, places))
         known = np.sort(np.concatenate([known, scores]))[-count:]
         bounds[first] = -np.inf
-        least = known[0] if len(known) == count else -np.inf
-        left = left[bounds[left] > least]
     if not found:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
     pairs, scores, places = (np.concatenate(part) for part in zip(*found, strict=True))

@@ -1,0 +1,85 @@
+"""Views that come one after the other: as good as a search of the whole region, for less."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from test_multi_view import CUP, around, error, found, maps_seen, settings, truth_of
+
+from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+
+ANGLES = [0, 25, -25, 12]
+
+
+@pytest.fixture(scope='module')
+def evidence(_session_context):
+    _session_context.use()
+    return maps_seen(_session_context, CUP, truth_of(CUP), around(ANGLES))
+
+
+@pytest.fixture
+def search():
+    with MultiViewLocalizer(CUP, settings()) as localizer:
+        yield GrowingSearch(localizer)
+
+
+def first(evidence, count):
+    """The first views, as values of their own, as those of another message are."""
+    return replace(evidence, views=tuple(replace(each) for each in evidence.views[:count]))
+
+
+def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search):
+    sigmas = []
+    for count in range(1, len(ANGLES) + 1):
+        estimate = search.localize(first(evidence, count), np.random.default_rng(count))
+        whole = found(CUP, first(evidence, count))
+        assert not estimate.lost
+        assert estimate.hidden == ()
+        if count > 1:
+            assert error(CUP, estimate.pose, truth_of(CUP))[0] < 1
+            assert CUP.symmetry.credible_level(whole.pose, estimate.pose, whole.covariance) < 0.9
+            assert estimate.evaluations < 0.5 * whole.evaluations
+        sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+    assert all(after < 1.1 * before for before, after in pairwise(sigmas))
+    assert sigmas[-1] < 0.3 * sigmas[0]
+
+
+def moved(evidence):
+    """The same pictures, where the first camera is told to be elsewhere."""
+    camera = evidence.views[0].camera_to_reference.copy()
+    camera[0, 3] += 0.001
+    return replace(evidence, views=(replace(evidence.views[0], camera_to_reference=camera),
+                                    *evidence.views[1:]))
+
+
+@pytest.mark.parametrize('given', [
+    lambda evidence: first(evidence, 2), moved,
+    lambda evidence: replace(evidence, views=evidence.views[1:])],
+    ids=['the same', 'from elsewhere', 'others'])
+def test_what_is_not_the_last_views_and_more_is_searched_as_the_first(evidence, search, given):
+    search.localize(first(evidence, 2), np.random.default_rng(0))
+    estimate = search.localize(given(evidence), np.random.default_rng(0))
+    np.testing.assert_array_equal(estimate.pose, found(CUP, given(evidence)).pose)
+
+
+def test_after_a_reset_views_are_searched_as_the_first(evidence, search):
+    search.localize(first(evidence, 1), np.random.default_rng(0))
+    search.reset()
+    estimate = search.localize(first(evidence, 2), np.random.default_rng(0))
+    np.testing.assert_array_equal(estimate.pose, found(CUP, first(evidence, 2)).pose)
+
+
+def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search):
+    """What the first view showed was something else, or has moved."""
+    elsewhere = truth_of(CUP)
+    elsewhere[:3, 3] += [0.03, -0.03, 0.02]
+    moved = maps_seen(context, CUP, elsewhere, around(ANGLES))
+    given = replace(moved, views=(evidence.views[0], *moved.views[1:]))
+    alone = search.localize(first(given, 1), np.random.default_rng(0))
+    assert not alone.lost
+    estimate = search.localize(given, np.random.default_rng(0))
+    assert not estimate.lost
+    assert estimate.hidden == (0,)
+    assert error(CUP, estimate.pose, elsewhere)[0] < 1
