@@ -10,10 +10,10 @@ from pathlib import Path
 from shutil import copytree
 
 import hypothesis
-import numba
 import pytest
 
 import pmcl_ros
+from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.gl import GlContext
 
 
@@ -44,7 +44,7 @@ os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
 
 # The workers share the cores: threads of theirs would wait for each other, and spin.
-numba.set_num_threads(1)
+kernels.set_threads(1)
 
 # A busy machine takes long now and then; the same examples are drawn each time.
 hypothesis.settings.register_profile('pmcl_ros', deadline=None, derandomize=True,
@@ -96,10 +96,9 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def all_threads():
     """Kernels of the test run on as many threads as there are cores; their number."""
-    number = numba.config.NUMBA_NUM_THREADS
-    numba.set_num_threads(number)
-    yield number
-    numba.set_num_threads(1)
+    kernels.set_threads(kernels.CORES)
+    yield kernels.CORES
+    kernels.set_threads(1)
 
 
 @pytest.fixture

@@ -1,11 +1,10 @@
 """The F01's 12-bit packing: two pixels in three bytes, big-endian (lytro_f01.md, B2)."""
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.runtime.errors import CameraError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _PAIRS = 4096  # that one task unpacks
 
@@ -24,8 +23,7 @@ def unpack12(data: bytes, width: int, height: int) -> NDArray[np.uint16]:
             f'raw picture holds {len(data)} bytes, expected {expected} ({width}x{height}, 12 bits '
             'packed); the download was cut short or this is another format')
     counts = np.empty((height, width), np.uint16)
-    with LOCK:
-        _unpack(np.frombuffer(data, np.uint8), counts.reshape(-1))
+    _unpack(np.frombuffer(data, np.uint8), counts.reshape(-1))
     return counts
 
 
@@ -40,9 +38,9 @@ def pack12(counts: NDArray[np.uint16]) -> bytes:
 
 
 @compiled(parallel=True)
-def _unpack(data, counts):  # type: ignore[no-untyped-def]
+def _unpack(data, counts, portion):  # type: ignore[no-untyped-def]
     pairs = len(counts) // 2
-    for task in prange(-(-pairs // _PAIRS)):
+    for task in rounds(-(-pairs // _PAIRS), portion):
         for pair in range(task * _PAIRS, min((task + 1) * _PAIRS, pairs)):
             first = np.uint16(data[3 * pair])
             middle = np.uint16(data[3 * pair + 1])

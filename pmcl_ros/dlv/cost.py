@@ -11,7 +11,6 @@ window, so no costs but a caller's are ever in memory. `reference` is the plain 
 from dataclasses import dataclass
 
 import numpy as np
-from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
@@ -24,7 +23,7 @@ from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.window_sums import sum_across, sum_down
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds, threads
 
 _NONE = np.empty((0, 0, 0), np.float32)
 
@@ -124,26 +123,25 @@ def _run(task: CostInputs, settings: DlvSettings, cost: NDArray[np.float32],
     lattice, runs = task.lattice, task.runs
     rows, columns = task.wanted.within(lattice)
     labels, _, width = task.shape
-    bands, margin = get_num_threads(), -(-task.half // LANES) * LANES
+    bands, margin = threads(), -(-task.half // LANES) * LANES
     # A row's costs for each thread, with zeros around for the windows to reach into.
     single = aligned_zeros(bands, labels + 1, -(-width // LANES) * LANES + 2 * margin)
     quadratics = aligned_zeros(bands, room_of_coefficients(width))
-    with LOCK:
-        _sweep(task.planes, runs.where, runs.cells, runs.taps, runs.time, task.weights,
-               task.limits, task.inside, *task.corner, lattice.stride,
-               settings.color_cost == 'l2', task.half, task.shape[1:], (rows.start, rows.stop),
-               (columns.start, columns.stop), quadratics, margin, single, cost, likelihood)
+    _sweep(task.planes, runs.where, runs.cells, runs.taps, runs.time, task.weights,
+           task.limits, task.inside, *task.corner, lattice.stride,
+           settings.color_cost == 'l2', task.half, task.shape[1:], (rows.start, rows.stop),
+           (columns.start, columns.stop), quadratics, margin, single, cost, likelihood)
 
 
 @compiled(parallel=True)
 def _sweep(planes, where, cells, taps, time, weights,  # type: ignore[no-untyped-def]
            limits, inside, left, top, stride, l2, half, size, rows, columns, quadratics,
-           margin, single, cost, likelihood):
+           margin, single, cost, likelihood, portion):
     """Fill `cost` or `likelihood`, of which the other is empty, a band of rows for each thread."""
     labels, (height, width) = time.shape[1], size
     reach = 2 * half + 1
     count, bands = rows[1] - rows[0], len(single)
-    for band in prange(bands):
+    for band in rounds(bands, portion):
         first, end = rows[0] + count * band // bands, rows[0] + count * (band + 1) // bands
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)

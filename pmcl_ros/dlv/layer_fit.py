@@ -2,11 +2,10 @@
 
 import cv2
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.view_moments import CONSTANT, FIRST, REST, SECOND, ViewMoments
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 REACH = 3  # px: of the derivatives' weights, exact for polynomials up to the sixth degree
 
@@ -30,10 +29,9 @@ def window_sums(pictures: NDArray[np.float32], moments: ViewMoments, half: int, 
     products = np.empty((SUMS, height, width), np.float32)
     second = np.linalg.cholesky(np.linalg.inv(moments.covariance[SECOND, SECOND])).T
     first = np.linalg.cholesky(np.linalg.inv(moments.covariance[FIRST, FIRST])).T
-    with LOCK:
-        _multiply(pictures[CONSTANT][0], pictures[FIRST], pictures[SECOND], pictures[REST],
-                  first.astype(np.float32), second.astype(np.float32),
-                  (second @ moments.fourth()).astype(np.float32), _DERIVATIVES, products)
+    _multiply(pictures[CONSTANT][0], pictures[FIRST], pictures[SECOND], pictures[REST],
+              first.astype(np.float32), second.astype(np.float32),
+              (second @ moments.fourth()).astype(np.float32), _DERIVATIVES, products)
     side = 2 * half + 1
     inside = np.s_[half:height - half:stride, half:width - half:stride]
     return np.stack([cv2.boxFilter(each, -1, (side, side), normalize=False)[inside]
@@ -42,7 +40,7 @@ def window_sums(pictures: NDArray[np.float32], moments: ViewMoments, half: int, 
 
 @compiled(parallel=True)
 def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-untyped-def]
-              white_second, fourth, derivatives, products):
+              white_second, fourth, derivatives, products, portion):
     """Products of what a pixel holds, all in units of the noise.
 
     L, O: the second- and first-degree parts. G, D, Q: what h, h^2, h^4 make of the constant part's
@@ -50,7 +48,7 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
     first-degree part's first derivatives.
     """
     _, height, width = products.shape
-    for y in prange(height):
+    for y in rounds(height, portion):
         products[:, y] = 0
         down = np.empty((5, width + 2 * REACH), np.float32)
         for channel in range(3):
@@ -114,11 +112,11 @@ def _multiply(constant, first, second, rest, white_first,  # type: ignore[no-unt
 
 
 @compiled(parallel=True)
-def fit_rays(sums, nodes, separations, independent, found):  # type: ignore[no-untyped-def]
+def fit_rays(sums, nodes, separations, independent, found, portion):  # type: ignore[no-untyped-def]
     """Writes the middle, the separation [px per view step], the nearer share and the evidence."""
     count, _, height, width = sums.shape
     widest = (nodes[1] - nodes[0]) / 2
-    for y in prange(height):
+    for y in rounds(height, portion):
         costs = np.empty(len(separations))
         for x in range(width):
             one, two, node, apart = np.inf, np.inf, 0, 0.0

@@ -3,10 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 
 @dataclass(frozen=True)
@@ -47,8 +46,7 @@ def read_layers(likelihood: NDArray[np.float32], depths: NDArray[np.float64], co
     """
     height, width, labels = likelihood.shape
     found = np.empty((height, width, count, 3), np.float32)
-    with LOCK:
-        _read(np.ascontiguousarray(likelihood, np.float32), float(prominence), found)
+    _read(np.ascontiguousarray(likelihood, np.float32), float(prominence), found)
     inverse = 1 / np.asarray(depths, float)
     place = found[..., 0].astype(float)
     metres = 1 / (inverse[0] + place * (inverse[-1] - inverse[0]) / (labels - 1))
@@ -56,10 +54,10 @@ def read_layers(likelihood: NDArray[np.float32], depths: NDArray[np.float64], co
 
 
 @compiled(parallel=True)
-def _read(likelihood, prominence, found):  # type: ignore[no-untyped-def]
+def _read(likelihood, prominence, found, portion):  # type: ignore[no-untyped-def]
     """Writes place [labels], height and sharpness of each surface."""
     height, width, labels = likelihood.shape
-    for y in prange(height):
+    for y in rounds(height, portion):
         peaks = np.empty((labels, 2), np.int64)  # first and last label of each
         heights = np.empty(labels, np.float32)
         for x in range(width):

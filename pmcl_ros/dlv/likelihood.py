@@ -1,10 +1,9 @@
 """From cost to likelihood, and its truncation to a few maxima (paper, section V.A)."""
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _NOTHING = np.float32(1e-30)  # a sum of costs this small has no reciprocal
 
@@ -17,8 +16,7 @@ def log_likelihood(cost: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     labels, height, width = cost.shape
     likelihood = np.empty((height, width, labels), np.float32)
-    with LOCK:
-        _log_likelihood(cost, likelihood)
+    _log_likelihood(cost, likelihood)
     return likelihood
 
 
@@ -30,8 +28,7 @@ def truncate(likelihood: NDArray[np.float32], maxima: int, neighbours: int) -> N
     their middle; of equally high maxima the one at the lower label is kept first.
     """
     kept = np.zeros_like(likelihood)
-    with LOCK:
-        _truncate(likelihood, maxima, neighbours, kept)
+    _truncate(likelihood, maxima, neighbours, kept)
     return kept
 
 
@@ -47,8 +44,8 @@ def _log1p(x):  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True)
-def _log_likelihood(cost, likelihood):  # type: ignore[no-untyped-def]
-    for y in prange(cost.shape[1]):
+def _log_likelihood(cost, likelihood, portion):  # type: ignore[no-untyped-def]
+    for y in rounds(cost.shape[1], portion):
         row_likelihood(cost[:, y], np.zeros(cost.shape[2], np.float32), likelihood[y])
 
 
@@ -79,8 +76,8 @@ def row_likelihood(differences, base, likelihood):  # type: ignore[no-untyped-de
 
 
 @compiled(parallel=True)
-def _truncate(likelihood, maxima, neighbours, kept):  # type: ignore[no-untyped-def]
-    for y in prange(len(likelihood)):
+def _truncate(likelihood, maxima, neighbours, kept, portion):  # type: ignore[no-untyped-def]
+    for y in rounds(len(likelihood), portion):
         _truncate_row(likelihood[y], maxima, neighbours, kept[y])
 
 

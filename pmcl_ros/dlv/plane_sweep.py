@@ -8,7 +8,6 @@ likelihoods, is the same.
 import logging
 
 import numpy as np
-from numba import get_num_threads, prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.likelihood import row_likelihood, truncate
@@ -23,7 +22,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds, threads
 
 _LOG = logging.getLogger(__name__)
 _CHANNELS, _NEXT = 5, np.uint64(5)  # of `matching_planes`, side by side
@@ -93,12 +92,11 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
     centre = _channels(pairs.reference, neutral)[np.ix_(lattice.rows + TAPS,
                                                         lattice.columns + TAPS)]
     likelihood = np.empty((*pairs.pixels.shape, len(depths)), np.float32)
-    single = aligned_zeros(get_num_threads(), len(depths) + 1, centre.shape[1] + 2 * half)
-    with LOCK:
-        _sweep(centre, (lattice.left, lattice.top), lattice.stride, others, sizes,
-               pairs.homographies(depths), taps, weights, limits.astype(np.float32),
-               settings.color_cost == 'l2', half, (rows.start, rows.stop),
-               (columns.start, columns.stop), single, likelihood)
+    single = aligned_zeros(threads(), len(depths) + 1, centre.shape[1] + 2 * half)
+    _sweep(centre, (lattice.left, lattice.top), lattice.stride, others, sizes,
+           pairs.homographies(depths), taps, weights, limits.astype(np.float32),
+           settings.color_cost == 'l2', half, (rows.start, rows.stop),
+           (columns.start, columns.stop), single, likelihood)
     return likelihood
 
 
@@ -115,13 +113,13 @@ def _channels(view: PosedView, smooth: bool) -> NDArray[np.float32]:
 
 @compiled(parallel=True)
 def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyped-def]
-           taps, weights, limits, l2, half, rows, columns, single, likelihood):
+           taps, weights, limits, l2, half, rows, columns, single, likelihood, portion):
     """Fill `likelihood`, a band of rows for each thread, as `cost` does."""
     height, width = centre.shape[:2]
     labels, reach = maps.shape[1], 2 * half + 1
     count, bands = rows[1] - rows[0], len(single)
     flat = others.reshape(len(others), -1)
-    for band in prange(bands):
+    for band in rounds(bands, portion):
         first, end = rows[0] + count * band // bands, rows[0] + count * (band + 1) // bands
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)

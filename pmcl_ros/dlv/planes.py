@@ -3,12 +3,11 @@
 from functools import lru_cache
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.sampling import SMOOTHER, copy_row
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 # Exponent that encodes linear light, whatever a camera's own is for looking: the noise of dark and
 # of bright pixels counts about alike.
@@ -38,9 +37,8 @@ def matching_planes(light_field: LightField, indices: NDArray[np.int64],
     chosen = np.vstack([[light_field.grid.centre], indices])
     columns = 16 * (-(-(window[2] + 2 * pad) // 16) | 1)
     planes = np.empty((len(chosen), window[3] + 2 * pad, 5, columns), np.float32)
-    with LOCK:
-        _fill(_bits(light_field), chosen, _curve(ENCODING), window, pad,
-              _SMOOTHER if smooth else _NONE, planes)
+    _fill(_bits(light_field), chosen, _curve(ENCODING), window, pad,
+          _SMOOTHER if smooth else _NONE, planes)
     return planes
 
 
@@ -55,9 +53,8 @@ def colour_planes(light_field: LightField, indices: NDArray[np.int64], pad: int,
     height, width = light_field.views.shape[2:4]
     planes = np.empty((len(indices), 3, height + 2 * pad, width + 2 * pad), np.float32)
     means = np.empty(len(indices))
-    with LOCK:
-        _fill_colours(_bits(light_field), np.ascontiguousarray(indices), _curve(gamma), pad,
-                      planes, means)
+    _fill_colours(_bits(light_field), np.ascontiguousarray(indices), _curve(gamma), pad,
+                  planes, means)
     return planes, means
 
 
@@ -88,14 +85,14 @@ def _encode(bits, curve, line, red, green, blue):  # type: ignore[no-untyped-def
 
 
 @compiled(parallel=True)
-def _fill(bits, chosen, curve, window, pad, taps, planes):  # type: ignore[no-untyped-def]
-    for view in prange(len(chosen)):
+def _fill(bits, chosen, curve, window, pad, taps, planes, portion):  # type: ignore[no-untyped-def]
+    for view in rounds(len(chosen), portion):
         _fill_view(bits[chosen[view, 0], chosen[view, 1]], curve, window, pad, taps, planes[view])
 
 
 @compiled(parallel=True)
-def _fill_colours(bits, chosen, curve, pad, planes, means):  # type: ignore[no-untyped-def]
-    for view in prange(len(chosen)):
+def _fill_colours(bits, chosen, curve, pad, planes, means, portion):  # type: ignore[no-untyped-def]
+    for view in rounds(len(chosen), portion):
         source = bits[chosen[view, 0], chosen[view, 1]]
         height, width = source.shape[0], source.shape[1] // 3
         inside = planes[view, :, pad:pad + height, pad:pad + width]

@@ -23,7 +23,6 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.view_moments import TAPS, ViewMoments, refocused_moments
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import VolumeError
-from pmcl_ros.runtime.kernels import LOCK
 
 _SPACING = 0.2  # px by which the outermost view moves from one refocused depth to the next
 _WIDEST = 0.9  # px by which it may move off the middle: there the series has lost a few per cent
@@ -113,9 +112,8 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
     noise = np.maximum(rest, max(float(np.median(known)), 1e-12)) / (2 * independent)
     separations = np.linspace(0, 2 * _WIDEST / reach, _SEPARATIONS + 1)[1:]
     found = np.empty((4, *best.shape), np.float32)
-    with LOCK:
-        fit_rays((sums / noise).astype(np.float32, copy=False), nodes, separations, independent,
-                 found)
+    fit_rays((sums / noise).astype(np.float32, copy=False), nodes, separations, independent,
+             found)
     found[3][~seen] = np.nan
     middle, apart = found[0] / scale, found[1] / scale
     return Superposition((middle + apart / 2).astype(np.float32),

@@ -8,11 +8,10 @@ along the picture. The polynomials are of second degree, least squares through a
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.runtime.errors import VolumeError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 CONSTANT, FIRST, SECOND, REST = slice(0, 1), slice(1, 3), slice(3, 6), slice(6, 8)
 TAPS = 6  # pixels along an axis that a sample is made from: a polynomial of the fifth degree
@@ -87,8 +86,7 @@ def refocused_moments(planes: NDArray[np.float32], pad: int, shifts: NDArray[np.
     cells = np.floor(shifts).astype(np.int64)
     taps = _lagrange(shifts - cells).astype(np.float32)
     corner = cells - (TAPS // 2 - 1) + pad + [columns.start, rows.start]
-    with LOCK:
-        _sum(planes, corner, taps, weights.astype(np.float32), out)
+    _sum(planes, corner, taps, weights.astype(np.float32), out)
     return out
 
 
@@ -101,10 +99,10 @@ def _lagrange(fraction: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @compiled(parallel=True)
-def _sum(planes, corner, taps, weights, out):  # type: ignore[no-untyped-def]
+def _sum(planes, corner, taps, weights, out, portion):  # type: ignore[no-untyped-def]
     moments, channels, height, width = out.shape
     reach = taps.shape[2]
-    for y in prange(height):
+    for y in rounds(height, portion):
         out[:, :, y] = 0
         between = np.empty(width + reach, np.float32)
         sample = np.empty(width, np.float32)

@@ -9,9 +9,8 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
 
-import numba
-
 from pmcl_ros.evaluation.trials import Camera, Job, Trial, Worker
+from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.errors import PmclError
 
 _POLL = 0.2  # s between two questions whether to stop
@@ -39,7 +38,7 @@ def run_jobs(jobs: Sequence[Job], camera: Camera | None, processes: int,
 
 def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
                   stopped: Callable[[], bool]) -> Iterator[Trial]:
-    # Spawned, not forked: numba's and GL's threads do not survive a fork.
+    # Spawned, not forked: GL's threads do not survive a fork.
     context = multiprocessing.get_context('spawn')
     stop = context.Event()
     threads = max(1, (os.cpu_count() or 1) // processes)
@@ -79,7 +78,7 @@ _WORKERS: list[Worker] = []  # the one of this process
 def _start(camera: Camera | None, stop: Event, threads: int) -> None:
     """Prepare a process of the pool: it shares the cores with the others."""
     os.environ['LP_NUM_THREADS'] = str(threads)  # of Mesa's renderer on the processor
-    numba.set_num_threads(min(threads, numba.get_num_threads()))
+    kernels.set_threads(min(threads, kernels.threads()))
     _WORKERS.append(Worker(camera, stop.is_set))
 
 

@@ -10,7 +10,6 @@ from typing import ClassVar
 
 import cv2
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.pairs import StereoPairs
@@ -25,7 +24,7 @@ from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 # px: of the smoothing before the derivative. With that before the sampling (`SMOOTHER`) it is
 # 0.8 px, about the resolution of the lenslets.
@@ -117,12 +116,10 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     pinhole, count = light_field.grid.pinhole, len(depths)
     tensor = np.empty((count, pinhole.height, pinhole.width, 3), np.float32)
     energy = np.empty((count, pinhole.height, pinhole.width), np.float32)
-    with LOCK:
-        _differentiate(pictures, *_gaussian(), tensor, energy)
+    _differentiate(pictures, *_gaussian(), tensor, energy)
     around = np.stack([cv2.GaussianBlur(each, (0, 0), NEIGHBOURHOOD) for each in energy])
     normalised = np.empty((pinhole.height, pinhole.width, count, 3), np.float32)
-    with LOCK:
-        _normalise(tensor, around, np.float32(np.median(energy)), normalised)
+    _normalise(tensor, around, np.float32(np.median(energy)), normalised)
     return EdgeVolume(light_field.header, normalised, np.asarray(depths, float), pinhole)
 
 
@@ -156,11 +153,11 @@ def _gaussian() -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 
 @compiled(parallel=True)
-def _differentiate(pictures, smooth, slope, tensor, energy):  # type: ignore[no-untyped-def]
+def _differentiate(pictures, smooth, slope, tensor, energy, portion):  # type: ignore[no-untyped-def]
     """Gradient products of smoothed pictures, summed over the channels, and their trace."""
     labels, channels, height, width = pictures.shape
     reach = len(smooth) // 2
-    for label in prange(labels):
+    for label in rounds(labels, portion):
         down = np.empty(width + 2 * reach, np.float32)
         level = np.empty(width + 2 * reach, np.float32)
         sums = np.empty((3, width), np.float32)
@@ -209,10 +206,10 @@ def _products(level, down, smooth, slope, sums):  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True)
-def _normalise(tensor, around, median, out):  # type: ignore[no-untyped-def]
+def _normalise(tensor, around, median, out, portion):  # type: ignore[no-untyped-def]
     """The tensor in units of the contrast around, (height, width, labels, 3)."""
     labels, height, width, _ = tensor.shape
-    for y in prange(height):
+    for y in rounds(height, portion):
         for x in range(width):
             for label in range(labels):
                 scale = np.float32(1) / max(around[label, y, x] + median, np.float32(1e-12))

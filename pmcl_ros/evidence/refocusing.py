@@ -1,7 +1,6 @@
 """Refocuses the views of a light field at depths."""
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.label_segments import LabelSegments
@@ -10,7 +9,7 @@ from pmcl_ros.dlv.planes import colour_planes
 from pmcl_ros.dlv.sampling import TAPS, copy_row, sample_row
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
 from pmcl_ros.runtime.errors import VolumeError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _TILE = 336  # pixels of a row processed at once: their sums at all labels stay in the cache
 
@@ -38,10 +37,9 @@ def refocused(light_field: LightField, depths: NDArray[np.floating], views: int
     gain = target / np.maximum(brightness, 1e-6) / len(brightness)
     pinhole, count = grid.pinhole, len(depths)
     pictures = np.empty((count, 3, pinhole.height, pinhole.width), np.float32)
-    with LOCK:
-        _refocus(planes, pad, runs.where, runs.cells, runs.taps,
-                 _node_weights(runs.time.astype(float)) * gain[:, None, None].astype(np.float32),
-                 pictures)
+    _refocus(planes, pad, runs.where, runs.cells, runs.taps,
+             _node_weights(runs.time.astype(float)) * gain[:, None, None].astype(np.float32),
+             pictures)
     return pictures
 
 
@@ -64,12 +62,12 @@ def _node_weights(time: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 @compiled(parallel=True)
-def _refocus(planes, pad, where, cells, taps, weights, out):  # type: ignore[no-untyped-def]
+def _refocus(planes, pad, where, cells, taps, weights, out, portion):  # type: ignore[no-untyped-def]
     """(labels, 3, height, width) sums of the views at every label, a row at a time."""
     labels, channels, height, width = out.shape
     tiles = -(-width // _TILE)
     length = min(-(-width // (16 * tiles)) * 16, width)  # whole vectors where there is room
-    for y in prange(height):
+    for y in rounds(height, portion):
         total = np.empty((labels, channels, _TILE), np.float32)
         nodes = np.empty((3, channels, _TILE), np.float32)
         between = np.empty(_TILE + TAPS, np.float32)

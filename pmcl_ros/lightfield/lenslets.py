@@ -9,11 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.calibration.lattice import Lattice
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 DARKEST = 0.05  # of the light at a lenslet's centre: less holds more noise than picture
 # Lenslets of a row that are summed at once, with contiguous writes of samples.
@@ -81,19 +80,18 @@ def sum_lenslets(counts: NDArray[np.uint16], black: float, lenslets: Lenslets,
     pairs = np.ascontiguousarray(counts).view(np.uint32)
     factors = factors.reshape(-1)
     factors.flags.writeable = False  # as some already are: one kernel serves both
-    with LOCK:
-        _sum(pairs, np.float32(black), np.ascontiguousarray(lenslets.centres),
-             np.float32(lenslets.radius), slots, factors, np.float32(scale), out.reshape(-1))
+    _sum(pairs, np.float32(black), np.ascontiguousarray(lenslets.centres),
+         np.float32(lenslets.radius), slots, factors, np.float32(scale), out.reshape(-1))
 
 
 @compiled(parallel=True)
-def _sum(pairs, black, centres, radius, slots, factors, scale, out):  # type: ignore[no-untyped-def]
+def _sum(pairs, black, centres, radius, slots, factors, scale, out, portion):  # type: ignore[no-untyped-def]
     rows, columns = centres.shape[:2]
     blocks = -(-columns // _LANES)
     block = -(-columns // (16 * blocks)) * 16  # whole vectors
     side = slots.shape[0]
     pixels, sums = (side + 4) * (side + 5), (side + 4) * side * 2
-    for band in prange(-(-rows // _BAND)):
+    for band in rounds(-(-rows // _BAND), portion):
         words = np.zeros(pixels * _LANES, np.uint16)
         patch = np.empty(pixels * _LANES, np.float32)
         across = np.empty(sums * _LANES, np.float32)

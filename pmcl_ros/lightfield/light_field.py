@@ -3,14 +3,13 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import NEUTRAL, Colour
 from pmcl_ros.runtime.errors import LightFieldError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _TASK = 2 ** 18  # values that one task checks
 _GREATEST = np.finfo(np.float32).max
@@ -116,15 +115,14 @@ class LightField:
 def _is_finite(views: NDArray[np.floating]) -> bool:
     if views.dtype != np.float32 or not views.flags.c_contiguous:
         return bool(np.isfinite(views).all())
-    with LOCK:
-        return bool(_count_of_bad(views.reshape(-1)) == 0)
+    return sum(_count_of_bad(views.reshape(-1))) == 0
 
 
 @compiled(parallel=True)
-def _count_of_bad(values):  # type: ignore[no-untyped-def]
+def _count_of_bad(values, portion):  # type: ignore[no-untyped-def]
     """The number of values that are NaN or infinite."""
     total = 0
-    for task in prange(-(-len(values) // _TASK)):
+    for task in rounds(-(-len(values) // _TASK), portion):
         first, part = np.uint64(task * _TASK), np.int32(0)
         for k in range(min(_TASK, len(values) - task * _TASK)):
             # A sum of zero times the values may overflow: compilers may multiply the sum.
@@ -142,14 +140,13 @@ def views_of_mosaic(mosaic: NDArray[np.uint16], rows: int, columns: int) -> NDAr
     lines = np.ascontiguousarray(mosaic).reshape(-1, width * 3)
     order = np.arange(len(lines)).reshape(rows, height, columns).transpose(0, 2, 1).ravel()
     linear = np.empty(lines.shape, np.float32)
-    with LOCK:
-        _scale(lines, order, np.float32(1 / VIEW_WHITE), linear)
+    _scale(lines, order, np.float32(1 / VIEW_WHITE), linear)
     return linear.reshape(rows, columns, height, width, 3)
 
 
 @compiled(parallel=True)
-def _scale(lines, order, factor, out):  # type: ignore[no-untyped-def]
-    for number in prange(len(order)):
+def _scale(lines, order, factor, out, portion):  # type: ignore[no-untyped-def]
+    for number in rounds(len(order), portion):
         source, scaled = lines[order[number]], out[number]
         for k in range(len(source)):
             scaled[k] = np.float32(source[k]) * factor

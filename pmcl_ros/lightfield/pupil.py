@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.lightfield.lenslets import DARKEST, Lenslets
 from pmcl_ros.lightfield.light_field import nominal_positions
 from pmcl_ros.runtime.errors import LightFieldError
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _BRIGHTEST = 1.1  # times the centre's light: more shows that the lattice is another camera's
 _EVERY = 2  # only every second lenslet is measured: they cover all sub-pixel phases
@@ -46,8 +45,8 @@ class Pupil:
             raise LightFieldError(f'no lenslet lies wholly on a sensor of {width}x{height}; the '
                                   'lattice of the calibration belongs to another camera')
         centres = np.stack([x[whole], y[whole]], axis=-1)
-        with LOCK:
-            sums = _look(light, centres, offsets.reshape(-1, 2), lenslets.radius)
+        sums = np.zeros((offsets.size // 2, 4))
+        _look(light, centres, offsets.reshape(-1, 2), lenslets.radius, sums)
         covered, lit, across, along = sums.T.reshape(4, views, views)
         middle = views // 2
         centre = lit[middle, middle]
@@ -63,10 +62,9 @@ class Pupil:
 
 
 @compiled(parallel=True)
-def _look(light, centres, offsets, radius):  # type: ignore[no-untyped-def]
-    """(offsets, 4): share of a sample in its lenslet's disc, its light, and the light's centre."""
-    out = np.zeros((len(offsets), 4))
-    for n in prange(len(offsets)):
+def _look(light, centres, offsets, radius, out, portion):  # type: ignore[no-untyped-def]
+    """Fill out (offsets, 4): share of a sample in its lenslet's disc, its light, where that is."""
+    for n in rounds(len(offsets), portion):
         covered = lit = across = along = 0.0
         seen = 0
         for k in range(len(centres)):
@@ -94,4 +92,3 @@ def _look(light, centres, offsets, radius):  # type: ignore[no-untyped-def]
                     seen += 1
         out[n, 0], out[n, 1] = covered / (16 * len(centres)), lit / (3 * len(centres))
         out[n, 2], out[n, 3] = across / max(seen, 1), along / max(seen, 1)
-    return out

@@ -4,14 +4,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.lenslets import Lenslets
 from pmcl_ros.lightfield.light_field import VIEW_MOST, VIEW_WHITE
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 
 @dataclass(frozen=True)
@@ -105,18 +104,17 @@ def resample_views(samples: NDArray[np.float32], lattice: Lattice, origin: tuple
                      math.sin(lattice.rotation), cx, cy])
     lens = np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy, *pixels.scale,
                      pixels.k1, pixels.k2])
-    with LOCK:
-        _resample(samples.reshape(-1), samples.shape[1], samples.shape[3], grid, origin[0],
-                  origin[1], lens, shifts,
-                  stand_ins.lenslets, stand_ins.starts, which, out)
+    _resample(samples.reshape(-1), samples.shape[1], samples.shape[3], grid, origin[0],
+              origin[1], lens, shifts,
+              stand_ins.lenslets, stand_ins.starts, which, out)
 
 
 @compiled(parallel=True)
 def _resample(samples, views, columns, grid, j0, i0, lens,  # type: ignore[no-untyped-def]
-              shifts, stand_ins, starts, which, out):
+              shifts, stand_ins, starts, which, out, portion):
     count, height, width = out.shape[:3]
     flat = out.reshape(-1)
-    for slot in prange(count):
+    for slot in rounds(count, portion):
         first, size = np.uint64(slot * height * width * 3), height * width * 3
         view = which[slot]
         if view < 0:

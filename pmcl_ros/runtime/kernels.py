@@ -7,6 +7,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -14,19 +15,22 @@ from types import CodeType, FunctionType, ModuleType
 from typing import IO, Any
 
 import numpy as np
-from numba import njit
+from numba import config, njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, NullCache
 from numba.core.types import BaseTuple, unliteral
 
 _LOG = logging.getLogger(__name__)
 
-# numba's workqueue threading layer aborts the process when two threads enter parallel kernels.
-LOCK = threading.Lock()
+# One caller at a time has the threads, and the rooms that they draw in.
+LOCK = threading.RLock()
 
 # Sums may be reordered and fused; NaN and infinities keep their meaning.
 _FASTMATH = {'nsz', 'arcp', 'contract', 'afn', 'reassoc'}
 _PACKAGE = Path(__file__).parents[1]
 _PATIENCE = 60.0  # s: after that a kernel is compiled although another process holds its lock
+
+CORES: int = config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+_threads = CORES
 
 Report = Callable[[str], None]
 _KERNELS: 'list[Kernel]' = []
@@ -37,7 +41,7 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
              exact: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """`numba.njit` as this package uses it: no GIL, the machine code kept on disk if it may be.
 
-    parallel: for loops over `prange`. It compiles the kernel, and all it calls, three times.
+    parallel: its last argument is its portion of the work, as of `rounds`, and `Threads` calls it.
     inlined: for what other kernels call and sums up numbers: it becomes a part of each of them.
     Else there are copies of it, which sum in different orders, and which of them runs depends on
     what was compiled in this process and what came from the disk: so would the last digits.
@@ -47,7 +51,6 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
     source, at some cost in speed. All that such a kernel calls must be exact too.
     """
     options: dict[str, Any] = {'nogil': True, 'fastmath': False if exact else _FASTMATH,
-                               'parallel': parallel,
                                'forceinline': inlined, 'no_cfunc_wrapper': True,
                                'no_cpython_wrapper': inner}
 
@@ -63,8 +66,50 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
         dispatcher.get_call_template = without_literals
         if inner:
             _close(dispatcher)
-        return dispatcher
+        return Threads(dispatcher) if parallel else dispatcher
     return decorate  # type: ignore[return-value]
+
+
+class Threads:
+    """A kernel whose loop is divided among threads. It is called without the portion.
+
+    numba's own parallel loops (prange) would compile each kernel, and all it calls, three times.
+    """
+
+    def __init__(self, kernel: Callable[..., Any]) -> None:
+        self._kernel = kernel
+
+    def __call__(self, *arguments: Any) -> list[Any]:
+        """What each portion returns."""
+        with LOCK:
+            number = threads()
+            others = [_pool().submit(self._kernel, *arguments, (portion, number))
+                      for portion in range(1, number)]
+            try:
+                first = self._kernel(*arguments, (0, number))
+            finally:
+                for each in others:
+                    each.exception()  # waits: they write into the arguments
+            return [first, *(each.result() for each in others)]
+
+
+def threads() -> int:
+    """The number of threads that share the loops of parallel kernels."""
+    return _threads
+
+
+def set_threads(number: int) -> None:
+    """So many, in this process, at most `CORES`: the number of cores, or NUMBA_NUM_THREADS."""
+    global _threads
+    _threads = min(number, CORES)
+
+
+@lru_cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(CORES, 'kernel')
+
+
+os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has no threads
 
 
 def _close(dispatcher: Any) -> None:
@@ -260,6 +305,13 @@ class _Disk(FunctionCache):
     def _index_key(self, sig: Any, codegen: Any) -> tuple[Any, ...]:
         # numba compares named tuples without the names of their fields.
         return *super()._index_key(sig, codegen), tuple(_fields(sig))
+
+
+@compiled(inlined=True)
+def rounds(count, portion):  # type: ignore[no-untyped-def]
+    """Those of `count` rounds of a loop that are a portion of the work: (number, of how many)."""
+    number, of = portion
+    return range(count * number // of, count * (number + 1) // of)
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:

@@ -6,14 +6,15 @@ import sys
 
 _PROGRAM = """
 import sys
-import numba, numpy as np
+import numpy as np
 from pmcl_ros.evaluation.bench import pmcl as bench
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-numba.set_num_threads(min(int(sys.argv[1]), numba.config.NUMBA_NUM_THREADS))
+from pmcl_ros.runtime import kernels
+kernels.set_threads(int(sys.argv[1]))
 renderer, model, region = NumbaRenderer(), bench.vessel(), Region(bench.PLACE, (0.16,) * 3)
 scene = Scene(model, bench.CAMERA, region.window(bench.CAMERA, model.radius),
               *region.grown(model.radius))

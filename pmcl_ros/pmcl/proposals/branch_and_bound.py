@@ -8,11 +8,10 @@ Hess et al. 2016).
 
 import cv2
 import numpy as np
-from numba import prange
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 SQUARE = 8  # cells, the side of a square: in each the best place of a template is told
 _BLOCK = 4  # cells, the side of places that share a bound; half of a square
@@ -38,8 +37,8 @@ def blocks_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
 
 @compiled(parallel=True)
 def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
-                 row, column, rows, columns):
-    """(templates, squares) no place of the square has a greater sum of this template.
+                 row, column, rows, columns, greatest, portion):
+    """Fill greatest (templates, squares): no place of the square has a greater sum.
 
     blocks: of `blocks_of`. offsets: (templates, points, 2) whole cells, x and y; a multiple of
     four points. directions: (templates, points) which map. row, column: the first place. Squares
@@ -51,9 +50,8 @@ def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
     down, along = -(-rows // _BLOCK), -(-columns // _BLOCK)
     length = (down - 1) * width + along
     across = -(-columns // SQUARE)
-    squares = across * -(-rows // SQUARE)
-    greatest = np.zeros((count, squares), np.int16)
-    for n in prange(count):
+    squares = greatest.shape[1]
+    for n in rounds(count, portion):
         y, x = row + offsets[n, :, 1], column + offsets[n, :, 0]
         line = (directions[n] * _BLOCK + y % _BLOCK) * _BLOCK + x % _BLOCK
         starts = y // _BLOCK * width + x // _BLOCK
@@ -73,7 +71,6 @@ def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
             for r in range(top, min(top + 2, down)):
                 for c in range(left, min(left + 2, along)):
                     greatest[n, k] = max(greatest[n, k], total[r * width + c])
-    return greatest
 
 
 def strips_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -86,8 +83,8 @@ def strips_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
 
 @compiled(parallel=True)
 def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
-                row, column, rows, columns, templates, squares):
-    """Of pairs (n,) of a template and a square: the best sum there, and the place (row-major).
+                row, column, rows, columns, templates, squares, best, place, portion):
+    """Of pairs (n,) of a template and a square: best sum there, and its place (row-major).
 
     strips: of `strips_of`, of maps with `MARGIN` cells beyond the last place; the rest as of
     `upper_bounds`.
@@ -96,9 +93,7 @@ def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
     height, width = strips.shape[1:3]
     run = strips.reshape(-1)
     across = -(-columns // SQUARE)
-    best = np.zeros(count, np.int16)
-    place = np.zeros(count, np.int32)
-    for n in prange(count):
+    for n in rounds(count, portion):
         which = templates[n]
         top, left = squares[n] // across * SQUARE, squares[n] % across * SQUARE
         y, x = row + top + offsets[which, :, 1], column + left + offsets[which, :, 0]
@@ -118,4 +113,3 @@ def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
                 if total[k * SQUARE + r] > best[n]:
                     best[n] = total[k * SQUARE + r]
                     place[n] = (top + r) * columns + left + k
-    return best, place

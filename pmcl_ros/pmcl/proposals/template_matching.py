@@ -34,7 +34,6 @@ from pmcl_ros.pmcl.proposals.branch_and_bound import (
 from pmcl_ros.pmcl.proposals.templates import DIRECTIONS, POINTS, Templates
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
-from pmcl_ros.runtime.kernels import LOCK
 
 _CELL = 4  # image px: the step of places
 _BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
@@ -157,14 +156,14 @@ class Proposals:
 
         def exact(pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
             template, square = np.divmod(pairs, possible.shape[1])
-            with LOCK:
-                sums, place = best_places(strips, cells, directions, *where, template, square)
+            sums, place = np.zeros(len(pairs), np.int16), np.zeros(len(pairs), np.int32)
+            best_places(strips, cells, directions, *where, template, square, sums, place)
             return sums * weights[template], place
 
-        with LOCK:
-            bounds = upper_bounds(blocks_of(maps), cells, directions, *where)
-        bounds = np.where(possible, bounds * weights[:, None], -np.inf)
-        pairs, scores, place = _best(bounds.ravel(), exact, known, count)
+        bounds = np.zeros(possible.shape, np.int16)
+        upper_bounds(blocks_of(maps), cells, directions, *where, bounds)
+        highest = np.where(possible, bounds * weights[:, None], -np.inf)
+        pairs, scores, place = _best(highest.ravel(), exact, known, count)
         row, column = np.divmod(place, len(columns))
         pixels = _middle(np.stack([columns[column], rows[row]], axis=-1))
         return _Places(scores, pixels, np.full(len(scores), depth),

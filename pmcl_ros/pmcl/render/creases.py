@@ -15,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
@@ -26,7 +25,7 @@ from pmcl_ros.pmcl.render.contour import Edges, check_profile, evidence, reading
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 SHARP = np.deg2rad(30)  # between normals: round parts of more than twelve facets a turn have less
 _CLEAR = 3  # image px to the nearest occluding contour; no more than MARGIN
@@ -136,10 +135,10 @@ class CreasePoints:
 
 
 @compiled(parallel=True)
-def sums_of_images(poses, images, lines, edges, result):  # type: ignore[no-untyped-def]
+def sums_of_images(poses, images, lines, edges, result, portion):  # type: ignore[no-untyped-def]
     """Add to result (n,) what creases say in z-buffers of the whole window, (n, height, width)."""
     _, height, width = images.shape
-    for n in prange(len(poses)):
+    for n in rounds(len(poses), portion):
         z = np.full((height + 2 * MARGIN, width + 2 * MARGIN), np.float32(-1))
         z[MARGIN:-MARGIN, MARGIN:-MARGIN] = images[n]
         said = crease_sum(poses[n], (0, 0, width, height), z.ravel(), lines, edges)

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
@@ -27,10 +26,10 @@ from pmcl_ros.pmcl.render.contour import (
     region_at,
     region_sum,
 )
-from pmcl_ros.pmcl.render.numba_renderer import thread_id, tiny_scene
+from pmcl_ros.pmcl.render.numba_renderer import tiny_scene
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 # Of a local model, here and in `LocalModel`:
 LEAST_CURVATURE = 0.02  # nat / px^3: of the evidence, also where the contour shows no peak
@@ -104,10 +103,9 @@ class ContourExpansion:
         poses, count = np.array(poses, np.float64, order='C'), len(poses)
         made = Expansion(np.zeros(count), np.zeros(count), np.zeros((count, 6)),
                          np.zeros((count, 6, 6)), np.zeros((count, 6, 6)))
-        with LOCK:
-            _expand(self._drawing, self._room, self._edges, self._found, self._pinhole,
-                    self._step, poses, made.values, made.lengths, made.gradient,
-                    made.information, made.moments)
+        _expand(self._drawing, self._room, self._edges, self._found, self._pinhole,
+                self._step, poses, made.values, made.lengths, made.gradient,
+                made.information, made.moments)
         self.evaluations += count
         return made if self._camera is None else made.rotated(self._camera[:3, :3])
 
@@ -189,9 +187,9 @@ class GaussNewton:
 
 @compiled(parallel=True)
 def _expand(drawing, room, edges, found, camera, step, poses,  # type: ignore[no-untyped-def]
-            values, lengths, gradient, information, moments):
-    for n in prange(len(poses)):
-        k = thread_id()
+            values, lengths, gradient, information, moments, portion):
+    for n in rounds(len(poses), portion):
+        k = portion[0]
         window = draw(drawing, poses[n].astype(np.float32), room.corners[k], room.exact[k],
                       room.z[k])
         values[n], lengths[n] = _slopes(window, room.z[k], edges, found[k], camera,

@@ -15,7 +15,6 @@ from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
-from pmcl_ros.runtime.kernels import LOCK
 
 _COMPUTE = f"""
 #version 430
@@ -236,9 +235,8 @@ class GlContourScore:
         result = sums.reshape(-1, 2).astype(np.float64)
         if self._lines is not None:  # on the processor: they are few, and the z-buffers are here
             images = self.zbuffers.closeness(len(poses))
-            with LOCK:
-                sums_of_images(np.ascontiguousarray(poses, np.float32), images, *self._lines,
-                               result[:, 0])
+            sums_of_images(np.ascontiguousarray(poses, np.float32), images, *self._lines,
+                           result[:, 0])
         return result
 
     def __enter__(self) -> 'GlContourScore':

@@ -1,11 +1,8 @@
 """Renderer and scores on the processor: a thread draws a pose and scores it while it is warm."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numba import prange
-from numba.np.ufunc import parallel
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.sampling import copy_row
@@ -22,7 +19,7 @@ from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_su
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import LOCK, compiled, rounds
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,7 @@ class NumbaRenderer:
         """See `Renderer`."""
         drawing = Drawing.from_scene(scene)
         inverse = np.zeros((len(poses), drawing.height, drawing.width), np.float32)
-        with LOCK:
-            _draw_all(drawing, _float32(poses), Room.for_threads(drawing), inverse)
+        _draw_all(drawing, _float32(poses), Room.for_threads(drawing), inverse)
         return np.divide(1, inverse, out=np.zeros_like(inverse), where=inverse > 0)
 
     def contour_score(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
@@ -99,11 +95,10 @@ class NumbaContourScore:
         self.evaluations += len(poses)
         result = np.zeros((len(poses), 2))
         given = self._drawing, _float32(poses), self._room, self._edges, self._found
-        with LOCK:
-            if self._lines is None:
-                _contours(*given, result)
-            else:
-                _contours_and_creases(*given, *self._lines, result)
+        if self._lines is None:
+            _contours(*given, result)
+        else:
+            _contours_and_creases(*given, *self._lines, result)
         return result
 
     def points(self, pose: NDArray[np.floating]) -> ContourPoints:
@@ -155,9 +150,8 @@ class NumbaLikelihoodScore:
         """See `LikelihoodScore`."""
         self.evaluations += len(poses)
         result = np.zeros(len(poses))
-        with LOCK:
-            _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
-                         *self._labels, result)
+        _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
+                     *self._labels, result)
         return result
 
     def __enter__(self) -> 'NumbaLikelihoodScore':
@@ -181,13 +175,10 @@ def tiny_scene() -> tuple[Scene, EdgeVolume]:
                              depth_labels(0.5, 2.0, 2), camera)
 
 
-thread_id: Any = parallel.get_thread_id
-
-
 @compiled(parallel=True)
-def _draw_all(drawing, poses, room, inverse):  # type: ignore[no-untyped-def]
-    for n in prange(len(poses)):
-        thread = thread_id()
+def _draw_all(drawing, poses, room, inverse, portion):  # type: ignore[no-untyped-def]
+    for n in rounds(len(poses), portion):
+        thread = portion[0]
         z = room.z[thread]
         left, top, right, bottom = draw(drawing, poses[n], room.corners[thread],
                                         room.exact[thread], z)
@@ -198,9 +189,9 @@ def _draw_all(drawing, poses, room, inverse):  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True)
-def _contours(drawing, poses, room, edges, found, result):  # type: ignore[no-untyped-def]
-    for n in prange(len(poses)):
-        thread = thread_id()
+def _contours(drawing, poses, room, edges, found, result, portion):  # type: ignore[no-untyped-def]
+    for n in rounds(len(poses), portion):
+        thread = portion[0]
         z = room.z[thread]
         box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
         result[n, 0], result[n, 1] = sums(box, z, edges, found[thread])
@@ -208,9 +199,9 @@ def _contours(drawing, poses, room, edges, found, result):  # type: ignore[no-un
 
 @compiled(parallel=True)
 def _contours_and_creases(drawing, poses, room, edges, found,  # type: ignore[no-untyped-def]
-                          lines, marks, result):
-    for n in prange(len(poses)):
-        thread = thread_id()
+                          lines, marks, result, portion):
+    for n in rounds(len(poses), portion):
+        thread = portion[0]
         z = room.z[thread]
         box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
         total, result[n, 1] = sums(box, z, edges, found[thread])
@@ -219,9 +210,9 @@ def _contours_and_creases(drawing, poses, room, edges, found,  # type: ignore[no
 
 @compiled(parallel=True)
 def _likelihoods(drawing, poses, room, volume, left, top, scale,  # type: ignore[no-untyped-def]
-                 farthest, per_closeness, result):
-    for n in prange(len(poses)):
-        thread = thread_id()
+                 farthest, per_closeness, result, portion):
+    for n in rounds(len(poses), portion):
+        thread = portion[0]
         z = room.z[thread]
         box = draw(drawing, poses[n], room.corners[thread], room.exact[thread], z)
         result[n] = _mean(box, z, volume, left, top, scale, farthest, per_closeness)

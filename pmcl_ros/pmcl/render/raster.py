@@ -10,7 +10,6 @@ outside the window. It is as large as the object's box (`Box`) with `MARGIN` pix
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from pmcl_ros.pmcl.render.refraction import apparent
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime.errors import RenderError
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import CORES, compiled
 
 MARGIN = 3  # px around the box: what looks at a pixel's neighbours needs no bounds
 _HALF = 128  # half a pixel, in the units of corners
@@ -80,14 +79,13 @@ class Room(NamedTuple):
 
     @classmethod
     def for_threads(cls, drawing: Drawing) -> 'Room':
-        """For each thread of numba."""
-        threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+        """For each core."""
         width, height = drawing.width, drawing.height
         count = drawing.vertices.shape[1]
         length = (width + 2 * MARGIN) * (height + 2 * MARGIN)
-        return cls(np.zeros((threads, 2, count), np.int32),
-                   np.zeros((threads, 3, count), np.float32),
-                   np.zeros((threads, length), np.float32))
+        return cls(np.zeros((CORES, 2, count), np.int32),
+                   np.zeros((CORES, 3, count), np.float32),
+                   np.zeros((CORES, length), np.float32))
 
 
 @compiled()

@@ -5,7 +5,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
@@ -14,7 +13,7 @@ from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.light_field import ViewGrid
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 
@@ -169,9 +168,8 @@ class LytroCamera(Settings):
             math.sin(lattice.rotation), *lattice.centre_px, *self.axis_px, self.pixel, self.image,
             self.exit_pupil, self.gap, self.focus, self.lens_pitch / 2,
             self.focal / self.f_number / 2])
-        with LOCK:
-            _rays(np.ascontiguousarray(pixels, np.int64), rng.random((len(pixels), 4)), _STEPS,
-                  numbers, origins, directions, weights)
+        _rays(np.ascontiguousarray(pixels, np.int64), rng.random((len(pixels), 4)), _STEPS,
+              numbers, origins, directions, weights)
         return origins, directions, weights
 
     def text(self, is_white: bool = False) -> str:
@@ -209,11 +207,11 @@ class LytroCamera(Settings):
 
 @compiled(parallel=True, exact=True)
 def _rays(pixels, starts, steps, numbers, origins,  # type: ignore[no-untyped-def]
-          directions, weights):
+          directions, weights, portion):
     (pitch, row_step, cos, sin, cx, cy, ax, ay, size, image, pupil, gap, focus, radius,
      aperture) = numbers
     spread = pupil / (pupil + gap)  # from the sensor to the lenslets
-    for n in prange(len(pixels)):
+    for n in rounds(len(pixels), portion):
         for k in range(weights.shape[1]):
             x = pixels[n, 0] - 0.5 + (starts[n, 0] + k * steps[0]) % 1
             y = pixels[n, 1] - 0.5 + (starts[n, 1] + k * steps[1]) % 1

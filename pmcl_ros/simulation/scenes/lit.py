@@ -1,9 +1,8 @@
 """Rays in rooms whose lamps cast shadows: rough glass, glossy tables and labels too."""
 
 import numpy as np
-from numba import prange
 
-from pmcl_ros.runtime.kernels import compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lamps import irradiated
 from pmcl_ros.simulation.scenes.materials import fresnel, reflected, refracted
 from pmcl_ros.simulation.scenes.sampling import eye_ray, scattered, tilted, uniform
@@ -19,12 +18,12 @@ _HARDLY = 0.08  # a path of less weight looks for no shadows
 
 
 @compiled(parallel=True, exact=True)
-def render_lit(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-def]
+def render_lit(world, numbers, samples, seed, picture, portion):  # type: ignore[no-untyped-def]
     """Fill picture (height, width, 3) with mean radiances; numbers as `render.light_of_view`."""
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
-    for i in prange(height):
+    for i in rounds(height, portion):
         state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
         stack, light, seen = np.zeros(_DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)
@@ -40,9 +39,9 @@ def render_lit(world, numbers, samples, seed, picture):  # type: ignore[no-untyp
 
 
 @compiled(parallel=True, exact=True)
-def follow_lit(world, origins, directions, block, seed, out):  # type: ignore[no-untyped-def]
+def follow_lit(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
     """Fill out (n, 3) with the radiance along rays; block: rays of one task."""
-    for task in prange(-(-len(out) // block)):
+    for task in rounds(-(-len(out) // block), portion):
         state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit, other = np.zeros((BRANCHES, 10)), np.zeros(9), np.zeros(9)
         stack, light, seen = np.zeros(_DEPTH, np.int64), np.zeros(3), np.full(2, 0.5)

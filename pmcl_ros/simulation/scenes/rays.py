@@ -4,10 +4,9 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.lit import follow_lit
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.trace import BRANCHES, trace
@@ -29,16 +28,15 @@ def light_along(world: World, origins: NDArray[np.float64], directions: NDArray[
                 seed: int) -> NDArray[np.float32]:
     """(n, 3) radiance that comes to each origin from its direction."""
     light = np.zeros((len(origins), 3), np.float32)
-    with LOCK:
-        (_follow if len(world.lamps) == 0 else follow_lit)(
-            world, np.ascontiguousarray(origins), np.ascontiguousarray(directions), _BLOCK,
-            np.uint64(seed), light)
+    (_follow if len(world.lamps) == 0 else follow_lit)(
+        world, np.ascontiguousarray(origins), np.ascontiguousarray(directions), _BLOCK,
+        np.uint64(seed), light)
     return light
 
 
 @compiled(parallel=True, exact=True)
-def _follow(world, origins, directions, block, seed, out):  # type: ignore[no-untyped-def]
-    for task in prange(-(-len(out) // block)):
+def _follow(world, origins, directions, block, seed, out, portion):  # type: ignore[no-untyped-def]
+    for task in rounds(-(-len(out) // block), portion):
         state = np.full(1, seed + np.uint64(task) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
         stack, light = np.zeros(_DEPTH, np.int64), np.zeros(3)

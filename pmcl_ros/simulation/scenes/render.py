@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numba import prange
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.header import Header
@@ -16,7 +15,7 @@ from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positi
 from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.kernels import LOCK, compiled
+from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.lit import render_lit
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -55,9 +54,8 @@ def light_of_view(world: World, sensor: Sensor, row: int, column: int, margin: i
                         *grid.positions[row, column], column - grid.centre[1],
                         row - grid.centre[0], sensor.focus, sensor.pupil])
     picture = np.zeros((camera.height, camera.width, 3), np.float32)
-    with LOCK:
-        (_render if len(world.lamps) == 0 else render_lit)(world, numbers, samples,
-                                                           np.uint64(seed), picture)
+    (_render if len(world.lamps) == 0 else render_lit)(world, numbers, samples,
+                                                       np.uint64(seed), picture)
     return picture
 
 
@@ -75,18 +73,17 @@ def first_surfaces(world: World, pinhole: Pinhole, owners: NDArray[np.int64],
     label = np.full((pinhole.height, pinhole.width), -1, np.int64)
     depth = np.zeros((pinhole.height, pinhole.width), np.float32)
     seen = with_sheets & (world.sheets[:, 16] >= 1)
-    with LOCK:
-        _first(world._replace(sheets=world.sheets[seen]),
-               np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), where, label, depth)
+    _first(world._replace(sheets=world.sheets[seen]),
+           np.array([pinhole.fx, pinhole.fy, pinhole.cx, pinhole.cy]), where, label, depth)
     return np.append(owners, -1)[label], depth
 
 
 @compiled(parallel=True, exact=True)
-def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-def]
+def _render(world, numbers, samples, seed, picture, portion):  # type: ignore[no-untyped-def]
     height, width = picture.shape[0], picture.shape[1]
     start = np.full(1, seed, np.uint64)
     shift_x, shift_y = uniform(start), uniform(start)
-    for i in prange(height):
+    for i in rounds(height, portion):
         state = np.full(1, seed + np.uint64(i) * np.uint64(0xD1342543DE82EF95), np.uint64)
         waiting, hit = np.zeros((BRANCHES, 10)), np.zeros(9)
         stack, light = np.zeros(_DEPTH, np.int64), np.zeros(3)
@@ -101,10 +98,10 @@ def _render(world, numbers, samples, seed, picture):  # type: ignore[no-untyped-
 
 
 @compiled(parallel=True, exact=True)
-def _first(world, numbers, where, label, depth):  # type: ignore[no-untyped-def]
+def _first(world, numbers, where, label, depth, portion):  # type: ignore[no-untyped-def]
     fx, fy, cx, cy = numbers
     height, width = label.shape
-    for i in prange(height):
+    for i in rounds(height, portion):
         hit, stack = np.zeros(9), np.zeros(_DEPTH, np.int64)
         for j in range(width):
             if not where[i, j]:

@@ -31,6 +31,21 @@ def problem(request):
     return maps, (offsets, directions, row, column, rows, columns), sums
 
 
+def best_in(maps, where, square):
+    """Of each template: the best sum in a square, and its place."""
+    best, place = np.zeros(TEMPLATES, np.int16), np.zeros(TEMPLATES, np.int32)
+    best_places(strips_of(maps), *where, np.arange(TEMPLATES), np.full(TEMPLATES, square), best,
+                place)
+    return best, place
+
+
+def bounds_of(maps, where):
+    *_, rows, columns = where
+    bounds = np.zeros((TEMPLATES, -(-rows // SQUARE) * -(-columns // SQUARE)), np.int16)
+    upper_bounds(blocks_of(maps), *where, bounds)
+    return bounds
+
+
 def squares_of(sums):
     """(templates, squares) lists of the sums in each square, with their places."""
     _, rows, columns = sums.shape
@@ -43,15 +58,14 @@ def squares_of(sums):
 def test_best_places_are_those_of_every_place(problem):
     maps, where, sums = problem
     for square, (each, places) in enumerate(squares_of(sums)):
-        best, place = best_places(strips_of(maps), *where, np.arange(TEMPLATES),
-                                  np.full(TEMPLATES, square))
+        best, place = best_in(maps, where, square)
         np.testing.assert_array_equal(best, each.max(axis=1))
         np.testing.assert_array_equal(place, places[each.argmax(axis=1)])
 
 
 def test_no_place_is_better_than_its_bound(problem):
     maps, where, sums = problem
-    bounds = upper_bounds(blocks_of(maps), *where)
+    bounds = bounds_of(maps, where)
     best = np.stack([each.max(axis=1) for each, _ in squares_of(sums)], axis=1)
     assert bounds.shape == best.shape
     assert (bounds >= best).all()
@@ -60,5 +74,4 @@ def test_no_place_is_better_than_its_bound(problem):
 def test_a_bound_is_reached_where_places_are_alike(problem):
     maps, where, _ = problem
     flat = np.broadcast_to(maps[:, :1, :1], maps.shape)  # nothing differs between places
-    best, _ = best_places(strips_of(flat), *where, np.arange(TEMPLATES), np.zeros(TEMPLATES, int))
-    np.testing.assert_array_equal(upper_bounds(blocks_of(flat), *where)[:, 0], best)
+    np.testing.assert_array_equal(bounds_of(flat, where)[:, 0], best_in(flat, where, 0)[0])

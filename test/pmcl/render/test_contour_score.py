@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from numba import set_num_threads
 from pmcl_scenes import bracket, cup, model_of, random_poses
 from scipy.ndimage import gaussian_filter, map_coordinates
 
@@ -17,6 +16,7 @@ from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.kernels import set_threads
 
 NARROW = Pinhole(71, 57, 110, 95, 33.2, 30.6)
 WIDE = Pinhole(97, 61, 40, 44, 50, 28)
@@ -199,7 +199,7 @@ def test_scores_of_the_processor_do_not_depend_on_threads_or_batches(all_threads
         together = score.evaluate(poses)
         backwards = score.evaluate(poses[::-1])[::-1]
         alone = np.concatenate([score.evaluate(pose[None]) for pose in poses])
-        set_num_threads(1)
+        set_threads(1)
         one_thread = score.evaluate(poses)
     assert np.ptp(together) > 10
     for sums in (backwards, alone, one_thread):

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from numba import set_num_threads
 from pmcl_scenes import bracket, cup, model_of, random_poses
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, depth_labels
@@ -14,6 +13,7 @@ from pmcl_ros.pmcl.render.gl_renderer import GlLikelihoodScore, GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
+from pmcl_ros.runtime.kernels import set_threads
 
 NARROW = Pinhole(71, 57, 110, 95, 33.2, 30.6)
 WHOLE = Window(0, 0, (71, 57))
@@ -141,7 +141,7 @@ def test_scores_of_the_processor_do_not_depend_on_threads_or_batches(all_threads
         together = score(poses)
         backwards = score(poses[::-1])[::-1]
         alone = np.concatenate([score(pose[None]) for pose in poses])
-        set_num_threads(1)
+        set_threads(1)
         one_thread = score(poses)
     assert np.ptp(together) > 0.01
     for scores in (backwards, alone, one_thread):

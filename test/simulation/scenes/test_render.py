@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import pytest
 import trimesh
@@ -13,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import silhouette
+from pmcl_ros.runtime.kernels import set_threads
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.poses import pose_of
@@ -92,7 +92,7 @@ def test_a_pixel_is_as_noisy_as_asked():
 def test_the_same_seed_gives_the_same_picture_on_any_number_of_threads(all_threads):
     pictures = []
     for number, seed in ((all_threads, 4), (1, 4), (all_threads, 5)):
-        numba.set_num_threads(number)
+        set_threads(number)
         rng = np.random.default_rng(seed)
         pictures.append(render(random_scene(rng, _SMALL), rng, 1).light_field.views)
     assert np.array_equal(pictures[0], pictures[1])
