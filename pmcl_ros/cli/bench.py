@@ -9,7 +9,8 @@ import click
 from pmcl_ros.dlv.settings import BackEnd
 
 _MODULES = {'chain': 'chain', 'decode': 'decode', 'dlv': 'dlv', 'driver': 'driver',
-            'graph': 'ros_programs', 'pmcl': 'pmcl', 'transport': 'ros_programs'}
+            'graph': 'ros_programs', 'pmcl': 'pmcl', 'transport': 'ros_programs',
+            'views': 'views'}
 
 
 @click.command()
@@ -26,6 +27,7 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     graph: from shutter to pose through the nodes, beside the same without ROS (needs ROS).
     pmcl: poses drawn and scored, on both back ends, and a whole localisation.
     transport: sends 200 volumes to another process (needs ROS), beside the copies that this takes.
+    views: the pose in one to nine posed views, searched anew and from the last pose.
     """
     module = import_module(f'pmcl_ros.evaluation.bench.{_MODULES[name]}')
     options = {'wanted': back_end} if name == 'dlv' else {}

@@ -1,0 +1,125 @@
+"""Times the pose in posed views: a search, and from the pose by one view less."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeVar
+
+import numpy as np
+
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.pipeline import size_in
+from pmcl_ros.pmcl.estimate import PoseEstimate
+from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
+from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.simulation.camera_plan import CameraPlan
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.scenes.poses import Pose
+from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_scene
+from pmcl_ros.simulation.scenes.render import seen_from
+from pmcl_ros.simulation.scenes.scene import Scene
+
+_CAMERA = OrdinaryCamera(width=640, height=480, fx=600, cx=319.5, cy=239.5)
+_KINDS: tuple[Kind, ...] = ('glass', 'glass handle')  # with an axis of symmetry, and without
+_ARC = 60.0  # degrees, over which the views are spread
+T = TypeVar('T')
+
+
+@dataclass(frozen=True)
+class KindTimes:
+    """Of one kind of object, for 1, 2, ... views [s].
+
+    evidence: of the last of them, network included. whole: a search of the whole region. further:
+    from what was found by one view less. error_mm: of the pose by all views, both ways.
+    """
+
+    evidence: list[float]
+    whole: list[float]
+    further: list[float]
+    error_mm: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ViewsBench:
+    """geometry: of the data. kinds: times by kind of object."""
+
+    geometry: str
+    kinds: dict[str, KindTimes]
+
+    def lines(self) -> list[str]:
+        """The lines to print."""
+        lines = [self.geometry,
+                 '        object  views  evidence of one more  search  from the last pose']
+        for kind, times in self.kinds.items():
+            rows = zip(times.evidence, times.whole, times.further, strict=True)
+            lines += [f'{kind:>14}{number:7d}{evidence:20.2f} s{whole:6.2f} s{further:20.2f} s'
+                      for number, (evidence, whole, further) in enumerate(rows, 1)]
+        return lines + [f'{kind}: {times.error_mm[0]:.1f} mm from the truth by a search, '
+                        f'{times.error_mm[1]:.1f} mm from the last pose'
+                        for kind, times in self.kinds.items()]
+
+
+def bench_views(count: int = 9, camera: OrdinaryCamera = _CAMERA, seed: int = 0) -> ViewsBench:
+    """Views come one after the other, from the ends of an arc inwards."""
+    kinds: dict[str, KindTimes] = {}
+    for kind in _KINDS:
+        rng = np.random.default_rng(seed)
+        scene = random_scene(rng, SceneSettings(kinds=(kind,), empty=0.0, field=camera.field),
+                             sensor=camera.sensor(rng))
+        kinds[kind] = _timed(scene, _pictures(scene, camera, count, rng), seed)
+    return ViewsBench(f'{count} views of {camera.width}x{camera.height} px over {_ARC:.0f} '
+                      'degrees', kinds)
+
+
+def _pictures(scene: Scene, camera: OrdinaryCamera, count: int, rng: np.random.Generator
+              ) -> list[PosedView]:
+    def taken(pose: Pose) -> PosedView:
+        picture = take_picture(seen_from(scene, pose), camera, rng, 2)
+        seen = camera.lens.undistorted(encoded(picture, camera.gamma), camera.pinhole)
+        return PosedView(Header(frame_id='camera'), seen, camera.pinhole, pose)
+
+    views = [taken(each) for each in CameraPlan(arc=(count, _ARC)).cameras(scene)]
+    return [view for pair in zip(views, views[::-1], strict=True) for view in pair][:count]
+
+
+def _timed(scene: Scene, views: list[PosedView], seed: int) -> KindTimes:
+    target = scene.targets[0]
+    model = ObjectModel('target', target.vertices, target.faces, target.axis, True,
+                        target.discrete)
+    settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
+
+    def builder() -> ViewsEvidenceBuilder:
+        return ViewsEvidenceBuilder(DlvSettings(), size_in=size_in(model, settings))
+
+    def off(estimate: PoseEstimate) -> float:
+        return 1e3 * pose_error(estimate.pose, target.pose, model.symmetry).translation
+
+    times = KindTimes([], [], [], (np.nan, np.nan))
+    with MultiViewLocalizer(model, settings) as localizer:
+        localizer.localize(builder().build(PosedViews(tuple(views[:1]))),
+                           np.random.default_rng(seed))  # templates are made once
+        growing, kept = GrowingSearch(localizer), builder()
+        for number in range(1, len(views) + 1):
+            given = PosedViews(tuple(views[:number]))
+            evidence = _timed_by(times.evidence, partial(kept.build, given))
+            further = _timed_by(times.further, partial(
+                growing.localize, evidence, np.random.default_rng(seed)))
+            # What was blurred for one search is not at hand for the other.
+            whole = _timed_by(times.whole, partial(
+                localizer.localize, builder().build(given), np.random.default_rng(seed)))
+    return replace(times, error_mm=(off(whole), off(further)))
+
+
+def _timed_by(seconds: list[float], do: Callable[[], T]) -> T:
+    """What it returns; how long it took is added to the list."""
+    began = time.perf_counter()
+    result = do()
+    seconds.append(time.perf_counter() - began)
+    return result
