@@ -66,10 +66,11 @@ class ViewsBench:
                         for kind, times in self.kinds.items()]
 
 
-def bench_views(count: int = 9, camera: OrdinaryCamera = _CAMERA, seed: int = 0) -> ViewsBench:
-    """Views come one after the other, from the ends of an arc inwards."""
+def bench_views(count: int = 9, camera: OrdinaryCamera = _CAMERA, seed: int = 0,
+                of: tuple[Kind, ...] = _KINDS) -> ViewsBench:
+    """Views come one after the other, from the ends of an arc inwards. of: kinds of objects."""
     kinds: dict[str, KindTimes] = {}
-    for kind in _KINDS:
+    for kind in of:
         rng = np.random.default_rng(seed)
         scene = random_scene(rng, SceneSettings(kinds=(kind,), empty=0.0, field=camera.field),
                              sensor=camera.sensor(rng))
