@@ -55,6 +55,8 @@ def compiled(parallel: bool = False, inlined: bool = False, inner: bool = False,
                                'no_cpython_wrapper': inner}
 
     def decorate(function: FunctionType) -> Any:
+        if config.DISABLE_JIT:  # type: ignore[attr-defined]
+            return Threads(function) if parallel else function
         dispatcher: Any = njit(**options)(function)
         dispatcher._cache = Kernel(function, (parallel, inlined, inner, exact))
         call_template = dispatcher.get_call_template

@@ -261,3 +261,24 @@ def test_several_callers_and_a_fork_have_threads(all_threads):
     if child == 0:
         os._exit(count(0) != 1000)
     assert os.waitpid(child, 0)[1] == 0
+
+
+PLAIN = """
+import numpy as np
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer, tiny_scene
+scene, edges = tiny_scene()
+poses = np.tile(np.eye(4), (3, 1, 1))
+print(NumbaRenderer().depths(scene, poses).sum())
+with NumbaRenderer().contour_score(scene, edges, ContourProfile.contrast()) as score:
+    print(*score.evaluate(poses).ravel())
+"""
+
+
+def test_kernels_can_be_stepped_through_as_plain_python():
+    compiled_ones, plain = (
+        np.array(subprocess.run([sys.executable, '-c', PLAIN], check=True, capture_output=True,
+                                text=True, env=os.environ | more).stdout.split(), float)
+        for more in ({}, {'NUMBA_DISABLE_JIT': '1'}))
+    assert compiled_ones.any()
+    np.testing.assert_allclose(plain, compiled_ones, rtol=1e-5)
