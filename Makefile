@@ -32,7 +32,7 @@ endif
 # The kernels are compiled while the packages of the tests, which change no others, are installed.
 test: $(RUN)
 	@$(MAKE) --no-print-directory -j 2 kernels lint test-tensorflow
-	$(ONE_THREAD) $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(ONE_THREAD) $(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 kernels: $(RUN)
 	@$(BIN)/pmcl warm-up --all
