@@ -1,7 +1,7 @@
 """ContourMap: log odds of occluding contours by direction, and of solids, from a network."""
 
 import math
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
@@ -19,6 +19,7 @@ from pmcl_ros.runtime.errors import VolumeError
 DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
 _REACH = 4  # standard deviations of a Gaussian
 _RESOLUTION = 3.0  # px: a contour is found within half of this on either side
+_BLURS = 8  # that are kept: of the search's three stages, and of cameras that are uncertain
 _MOST = 30.0  # nat / px: no log odds of a network are larger
 
 
@@ -38,9 +39,9 @@ class ContourMap(EvidenceVolume):
     inside: NDArray[np.float32]
     numbers: LearnedMapEvidence
     reduced: 'ContourMap | None' = None
-    # Of `part` and `blurred`: a picture that is searched again with others is not blurred again.
-    _made: 'dict[Hashable, ContourMap]' = field(init=False, repr=False, compare=False,
-                                                default_factory=dict)
+    # What `part` and `blurred` made last: a view that comes again is not blurred again.
+    _parts: '_Kept' = field(init=False, repr=False, compare=False, default_factory=dict)
+    _blurred: '_Kept' = field(init=False, repr=False, compare=False, default_factory=dict)
 
     components: ClassVar[int] = 5
     kind: ClassVar[str] = 'contour map'
@@ -102,10 +103,8 @@ class ContourMap(EvidenceVolume):
 
     def part(self, lattice: PixelGrid, depths: NDArray[np.float64]) -> 'ContourMap':
         """See `EvidenceVolume`."""
-        key = lattice, depths.tobytes()
-        if key not in self._made:
-            self._made[key] = super().part(lattice, depths)
-        return self._made[key]
+        made = super().part
+        return _kept(self._parts, (lattice, depths.tobytes()), lambda: made(lattice, depths), 1)
 
     def suppressed(self, kept: NDArray[np.float32]) -> 'ContourMap':
         """See `EvidenceVolume`: log odds of zero say nothing."""
@@ -117,11 +116,9 @@ class ContourMap(EvidenceVolume):
         They are the logarithm of the mean likelihood ratio over a Gaussian neighbourhood: what is
         known of a contour whose place is uncertain by `sigma`. box: as in `EvidenceVolume`.
         """
-        if (sigma, box) not in self._made:
-            self._made[sigma, box] = self._blurred(sigma, box)
-        return self._made[sigma, box]
+        return _kept(self._blurred, (sigma, box), lambda: self._blur(sigma, box), _BLURS)
 
-    def _blurred(self, sigma: float, box: Box | None) -> 'ContourMap':
+    def _blur(self, sigma: float, box: Box | None) -> 'ContourMap':
         height, width = self.tensor.shape[:2]
         left, top, right, bottom = box or (0, 0, width, height)
         reach = math.ceil(_REACH * sigma)
@@ -140,6 +137,19 @@ class ContourMap(EvidenceVolume):
                 blurred = cv2.GaussianBlur(ratios, (0, 0), sigma)
                 tensor[rows, columns, label] = np.log(blurred) @ inverse
         return replace(self, tensor=tensor)
+
+
+_Kept = dict[Hashable, ContourMap]
+
+
+def _kept(kept: _Kept, key: Hashable, make: Callable[[], ContourMap], most: int) -> ContourMap:
+    """What was made for a key, or is made now; the oldest goes where there are `most`."""
+    if key not in kept:
+        made = make()
+        while len(kept) >= most:
+            del kept[next(iter(kept))]
+        kept[key] = made
+    return kept[key]
 
 
 def harmonics(angles: NDArray[np.floating]) -> NDArray[np.float32]:

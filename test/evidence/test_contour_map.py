@@ -1,5 +1,6 @@
 """Contour maps: readings by direction, blur, and the log odds' weight."""
 
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -85,3 +86,22 @@ def test_a_part_of_the_pixels_and_suppression():
 def test_values_that_do_not_fit_are_refused(wrong, message):
     with pytest.raises(VolumeError, match=message):
         replace(MAP, **wrong)
+
+
+def test_what_is_made_again_is_kept_and_no_more_than_that():
+    whole, depths = replace(MAP), depth_labels(0.35, 0.5, 3)
+    grids = [PixelGrid.from_crop(CAMERA, (left, 2, 20, 20), 1) for left in (3, 5)]
+    first = whole.part(grids[0], depths)
+    np.testing.assert_array_equal(first.tensor, whole.on(grids[0]).tensor)
+    np.testing.assert_array_equal(first.depths, depths)
+    assert whole.part(grids[0], depths) is first
+    assert whole.part(grids[0], depth_labels(0.3, 0.5, 3)) is not first
+    assert whole.part(grids[0], depths) is not first  # one part at a time
+    blurs = [first.blurred(sigma) for sigma in range(1, 9)]
+    assert all(first.blurred(sigma) is blurs[sigma - 1] for sigma in range(1, 9))
+    kept = weakref.ref(blurs[0])
+    del blurs
+    assert kept() is not None
+    first.blurred(9)
+    assert kept() is None  # the oldest went
+    assert replace(first).blurred(9) is not first.blurred(9)
