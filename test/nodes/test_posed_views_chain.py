@@ -145,6 +145,7 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
             robot.shoot(frame)
             user.wait(lambda number=number: len(poses) == number - 1, f'pose {number - 1}')
         user.wait(lambda: len(pictures) == len(sigmas) == len(volumes) == 3, 'pictures, volumes')
+        assert 'searched with views added (1) from the last pose' in chain.log
         answer = user.call(Trigger, '/pmcl_node/next_view', Trigger.Request())
         user.wait(lambda: nexts and candidates, 'the next view')
         assert robot.ask('start').success

@@ -1,5 +1,6 @@
 """Views that come one after the other: a search goes on from what the last one found."""
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.runtime.progress import Progress
 
+_LOG = logging.getLogger(__name__)
 _PARTICLES = 32  # of the last posterior, from which the search begins beside its modes
 
 
@@ -21,8 +23,10 @@ class _Last:
     evidence: ViewsEvidence
     estimate: PoseEstimate
 
-    def is_part_of(self, evidence: ViewsEvidence) -> bool:
-        """Whether other evidence is that of the same views and of more."""
+    def leads_to(self, evidence: ViewsEvidence) -> bool:
+        """Whether other evidence is of the same views, which all show the object, and of more."""
+        if self.estimate.lost or self.estimate.hidden:
+            return False
         theirs = {id(each.evidence): each.camera_to_reference for each in evidence.views}
         return len(evidence.views) > len(self.evidence.views) and all(
             np.array_equal(each.camera_to_reference, theirs.get(id(each.evidence), ()))
@@ -32,9 +36,10 @@ class _Last:
 class GrowingSearch:
     """`MultiViewLocalizer.localize` of a collection that grows.
 
-    Where all views of the last search came again, with others, and it found the object, the search
-    begins at its posterior. It begins at proposals, in the whole region, where that leads to no
-    pose, and with all other views. It holds the last evidence. localizer: the caller closes it.
+    Where all views of the last search came again, with others, and all showed the object, the
+    search begins at its posterior. It begins at proposals, in the whole region, where that leads
+    to no pose, and with all other views; the log says which. It holds the last evidence.
+    localizer: the caller closes it.
     """
 
     def __init__(self, localizer: MultiViewLocalizer) -> None:
@@ -50,9 +55,12 @@ class GrowingSearch:
         """As `MultiViewLocalizer.localize`."""
         last, self._last = self._last, None
         found = None
-        if last is not None and not last.estimate.lost and last.is_part_of(evidence):
+        if last is not None and last.leads_to(evidence):
             found = self._localizer.localize(evidence, rng, progress,
                                              near=_poses(last.estimate, rng))
+            added = len(evidence.views) - len(last.evidence.views)
+            _LOG.info('searched with views added (%d) from the last pose%s', added,
+                      ', where it is not: searching the region of interest' if found.lost else '')
         if found is None or found.lost:
             found = self._localizer.localize(evidence, rng, progress)
         self._last = _Last(evidence, found)

@@ -61,9 +61,14 @@ def region_volume(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSet
 
 def _about(model: ObjectModel, pose: NDArray[np.float64], view: PosedView, window: Window
            ) -> Window:
-    """The part of a window that shows a pose (4, 4), in the reference frame."""
+    """The part of a window that shows a pose (4, 4), in the reference frame.
+
+    All of it where a part of the object is behind the camera.
+    """
     seen = np.linalg.inv(view.camera_to_reference) @ pose
     pixels = view.pinhole.project(model.vertices @ seen[:3, :3].T + seen[:3, 3])
+    if not np.isfinite(pixels).all():
+        return window
     corner = np.array([window.left, window.top])
     low = np.clip(np.floor(pixels.min(axis=0)) - corner, 0, np.array(window.size) - 1)
     high = np.clip(np.ceil(pixels.max(axis=0)) + 1 - corner, low + 1, window.size)

@@ -1,5 +1,6 @@
 """Views that come one after the other: as good as a search of the whole region, for less."""
 
+import logging
 from dataclasses import replace
 from itertools import pairwise
 
@@ -30,7 +31,8 @@ def first(evidence, count):
     return replace(evidence, views=tuple(replace(each) for each in evidence.views[:count]))
 
 
-def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search):
+def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search, caplog):
+    caplog.set_level(logging.INFO)
     sigmas = []
     for count in range(1, len(ANGLES) + 1):
         estimate = search.localize(first(evidence, count), np.random.default_rng(count))
@@ -41,6 +43,8 @@ def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search)
             assert error(CUP, estimate.pose, truth_of(CUP))[0] < 1
             assert CUP.symmetry.credible_level(whole.pose, estimate.pose, whole.covariance) < 0.9
             assert estimate.evaluations < 0.5 * whole.evaluations
+            assert caplog.messages.count('searched with views added (1) from the last pose') == (
+                count - 1)
         sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
     assert all(after < 1.1 * before for before, after in pairwise(sigmas))
     assert sigmas[-1] < 0.3 * sigmas[0]
@@ -71,7 +75,8 @@ def test_after_a_reset_views_are_searched_as_the_first(evidence, search):
     np.testing.assert_array_equal(estimate.pose, found(CUP, first(evidence, 2)).pose)
 
 
-def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search):
+def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search, caplog):
+    caplog.set_level(logging.INFO)
     """What the first view showed was something else, or has moved."""
     elsewhere = truth_of(CUP)
     elsewhere[:3, 3] += [0.03, -0.03, 0.02]
@@ -83,3 +88,5 @@ def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search
     assert not estimate.lost
     assert estimate.hidden == (0,)
     assert error(CUP, estimate.pose, elsewhere)[0] < 1
+    assert ('searched with views added (3) from the last pose, where it is not: searching the '
+            'region of interest') in caplog.messages
