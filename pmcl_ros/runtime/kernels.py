@@ -29,7 +29,8 @@ _FASTMATH = {'nsz', 'arcp', 'contract', 'afn', 'reassoc'}
 _PACKAGE = Path(__file__).parents[1]
 _PATIENCE = 60.0  # s: after that a kernel is compiled although another process holds its lock
 
-CORES: int = config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+_MOST = 8  # threads: a search starts loops a thousand times, and each thread adds some 20 us
+CORES: int = min(config.NUMBA_NUM_THREADS, _MOST)  # type: ignore[attr-defined]
 _threads = CORES
 
 Report = Callable[[str], None]
@@ -101,7 +102,7 @@ def threads() -> int:
 
 
 def set_threads(number: int) -> None:
-    """So many, in this process, at most `CORES`: the number of cores, or NUMBA_NUM_THREADS."""
+    """So many, in this process; at most, and by default, `CORES`."""
     global _threads
     _threads = min(number, CORES)
 
