@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
+from pmcl_ros.lightfield.posed_view import PosedView, encoded
 from pmcl_ros.lightfield.readers.posed_views import ViewCamera
 from pmcl_ros.runtime.errors import LightFieldError
-from pmcl_ros.simulation.scenes.render import Renderer, fast
+from pmcl_ros.simulation.scenes.render import Renderer, fast, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 
@@ -115,3 +117,14 @@ def take_picture(scene: Scene, camera: OrdinaryCamera, rng: np.random.Generator,
     linear = sensed(light, exposure(light, sensor.level), sensor.blur, margin)
     linear = np.clip(noisy(linear, 1.0, sensor, rng), 0, 1)
     return np.rint(255 * linear ** np.float32(1 / camera.gamma)).astype(np.uint8)
+
+
+def take_view(scene: Scene, camera: OrdinaryCamera, pose: NDArray[np.float64],
+              rng: np.random.Generator, samples: int = 16) -> PosedView:
+    """The scene from another pose (4, 4), of the camera to the scene's own, as it is read.
+
+    The rest as of `take_picture`.
+    """
+    picture = take_picture(seen_from(scene, pose), camera, rng, samples)
+    seen = camera.lens.undistorted(encoded(picture, camera.gamma), camera.pinhole)
+    return PosedView(Header(frame_id='camera'), seen, camera.pinhole, pose)

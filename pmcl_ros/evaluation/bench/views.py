@@ -4,15 +4,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from resource import RUSAGE_SELF, getrusage
 from typing import TypeVar
 
 import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
-from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pipeline import size_in
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
@@ -20,10 +20,8 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
-from pmcl_ros.simulation.scenes.poses import Pose
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.render import seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 
 _CAMERA = OrdinaryCamera(width=640, height=480, fx=600, cx=319.5, cy=239.5)
@@ -48,10 +46,11 @@ class KindTimes:
 
 @dataclass(frozen=True)
 class ViewsBench:
-    """geometry: of the data. kinds: times by kind of object."""
+    """geometry: of the data. kinds: times by kind of object. peak: memory of the process [MiB]."""
 
     geometry: str
     kinds: dict[str, KindTimes]
+    peak: float
 
     def lines(self) -> list[str]:
         """The lines to print."""
@@ -63,30 +62,27 @@ class ViewsBench:
                       for number, (evidence, whole, further) in enumerate(rows, 1)]
         return lines + [f'{kind}: {times.error_mm[0]:.1f} mm from the truth by a search, '
                         f'{times.error_mm[1]:.1f} mm from the last pose'
-                        for kind, times in self.kinds.items()]
+                        for kind, times in self.kinds.items()] + [
+            f'the process had {self.peak:.0f} MiB at most, those of making the pictures too']
 
 
 def bench_views(count: int = 9, camera: OrdinaryCamera = _CAMERA, seed: int = 0,
-                of: tuple[Kind, ...] = _KINDS) -> ViewsBench:
-    """Views come one after the other, from the ends of an arc inwards. of: kinds of objects."""
-    kinds: dict[str, KindTimes] = {}
-    for kind in of:
+                kinds: tuple[Kind, ...] = _KINDS) -> ViewsBench:
+    """Views come one after the other, from the ends of an arc inwards. kinds: of objects."""
+    times: dict[str, KindTimes] = {}
+    for kind in kinds:
         rng = np.random.default_rng(seed)
         scene = random_scene(rng, SceneSettings(kinds=(kind,), empty=0.0, field=camera.field),
                              sensor=camera.sensor(rng))
-        kinds[kind] = _timed(scene, _pictures(scene, camera, count, rng), seed)
+        times[kind] = _timed(scene, _pictures(scene, camera, count, rng), seed)
     return ViewsBench(f'{count} views of {camera.width}x{camera.height} px over {_ARC:.0f} '
-                      'degrees', kinds)
+                      'degrees', times, getrusage(RUSAGE_SELF).ru_maxrss / 1024)
 
 
 def _pictures(scene: Scene, camera: OrdinaryCamera, count: int, rng: np.random.Generator
               ) -> list[PosedView]:
-    def taken(pose: Pose) -> PosedView:
-        picture = take_picture(seen_from(scene, pose), camera, rng, 2)
-        seen = camera.lens.undistorted(encoded(picture, camera.gamma), camera.pinhole)
-        return PosedView(Header(frame_id='camera'), seen, camera.pinhole, pose)
-
-    views = [taken(each) for each in CameraPlan(arc=(count, _ARC)).cameras(scene)]
+    views = [take_view(scene, camera, each, rng, 2)
+             for each in CameraPlan(arc=(count, _ARC)).cameras(scene)]
     return [view for pair in zip(views, views[::-1], strict=True) for view in pair][:count]
 
 

@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.evaluation.recall import interval, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.geometry.header import Header
 from pmcl_ros.grasps.revolution import Profile
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -22,10 +21,9 @@ from pmcl_ros.profiles.measured import MeasuredProfile
 from pmcl_ros.profiles.outline import Box
 from pmcl_ros.runtime.errors import ProfileError
 from pmcl_ros.simulation.camera_plan import CameraPlan
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.render import seen_from
 from pmcl_ros.simulation.scenes.scene import Scene, Target
 
 _FILLED = 0.8  # of the picture's smaller side: the diagonal of a vessel that is measured
@@ -173,9 +171,7 @@ def _round(rng: np.random.Generator, of: ProfileStudy, scene: Scene) -> NDArray[
 
 def _taken(rng: np.random.Generator, of: ProfileStudy, scene: Scene, cameras: NDArray[np.float64]
            ) -> tuple[PosedView, ...]:
-    return tuple(PosedView(Header(frame_id='camera'), encoded(
-        take_picture(seen_from(scene, pose), of.camera, rng, of.samples), of.camera.gamma),
-        of.camera.pinhole, pose) for pose in cameras)
+    return tuple(take_view(scene, of.camera, pose, rng, of.samples) for pose in cameras)
 
 
 def _drawn(rng: np.random.Generator, view: PosedView, target: Target) -> Box:

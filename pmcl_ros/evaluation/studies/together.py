@@ -1,7 +1,7 @@
 """Compares the joint localisation of several objects with single ones, on generated scenes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,7 @@ from pmcl_ros.drawing.view_overlay import outlines_in_view
 from pmcl_ros.evaluation.recall import median, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -21,11 +20,11 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
 from pmcl_ros.simulation.scenes.objects import random_opaque, random_transparent
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
-from pmcl_ros.simulation.scenes.render import render, seen_from
+from pmcl_ros.simulation.scenes.render import render
 from pmcl_ros.simulation.scenes.scene import Scene
 
 # The ordinary camera of studies in posed views.
@@ -189,11 +188,10 @@ def _posed_views(scene: Scene, camera: OrdinaryCamera, plan: CameraPlan,
                  rng: np.random.Generator, samples: int) -> PosedViews:
     """In the frame of the scene's own camera, with the errors of the plan."""
     poses = plan.cameras(scene)
+    sigma = 1e-3 * plan.sigma_mm, float(np.deg2rad(plan.sigma_deg))
     return PosedViews(tuple(
-        PosedView(Header(frame_id='camera'), encoded(
-            take_picture(seen_from(scene, pose), camera, rng, samples), camera.gamma),
-            camera.pinhole, told, (1e-3 * plan.sigma_mm, float(np.deg2rad(plan.sigma_deg))),
-            'arm', plan.common)
+        replace(take_view(scene, camera, pose, rng, samples), camera_to_reference=told,
+                sigma=sigma, group='arm', common=plan.common)
         for pose, told in zip(poses, plan.told(poses, rng), strict=True)))
 
 

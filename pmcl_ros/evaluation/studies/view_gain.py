@@ -10,8 +10,7 @@ from pmcl_ros.evaluation.recall import interval, median, share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
-from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pipeline import Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.next_view import (
@@ -25,9 +24,8 @@ from pmcl_ros.pmcl.multi_view.next_view import (
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
-from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
-from pmcl_ros.simulation.scenes.render import seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 
 _LARGE = 1.0  # m: of a table or a wall
@@ -84,9 +82,7 @@ def view_gain(seed: int, of: ViewGainSettings) -> ViewGain:
     settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
 
     def taken(pose: NDArray[np.float64]) -> PosedView:
-        picture = take_picture(seen_from(scene, pose), of.camera, rng, of.samples)
-        seen = of.camera.lens.undistorted(encoded(picture, of.camera.gamma), of.camera.pinhole)
-        return PosedView(Header(frame_id='camera'), seen, of.camera.pinhole, pose)
+        return take_view(scene, of.camera, pose, rng, of.samples)
 
     with Pipeline.for_object(model, settings, posed=True) as pipeline:
         def found(views: Sequence[PosedView]) -> Run[PoseEstimate]:
