@@ -10,7 +10,7 @@ from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
-_ROUNDING = 1e-9  # rad
+_ROUNDING = 1e-7  # rad: the arc cosine of 1 less its rounding is 2e-8
 
 
 @dataclass(frozen=True)

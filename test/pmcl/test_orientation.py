@@ -65,7 +65,7 @@ def test_what_is_not_possible_is_turned_as_little_as_makes_it_so(tilt, seed):
     possible = orientation.allows(rotations)
     angles = tilts(rotations)
     np.testing.assert_array_equal(
-        possible, (angles >= tilt[0] - 1e-9) & (angles <= tilt[1] + 1e-9))
+        possible, (angles >= tilt[0] - 1e-7) & (angles <= tilt[1] + 1e-7))
     assert orientation.allows(clipped, 1e-6).all()
     np.testing.assert_allclose(turned_by(clipped, rotations),
                                np.abs(np.clip(angles, *tilt) - angles), atol=2e-6)
@@ -90,7 +90,7 @@ def test_rotations_are_drawn_uniformly_from_those_that_are_possible(tilt):
 def test_another_frame_makes_no_difference():
     _, orientation = given_by((0.3, 1.0))
     camera = np.eye(4)
-    camera[:3, :3], camera[:3, 3] = Rotation.random(rng=5).as_matrix(), (1, 2, 3)
+    camera[:3, :3], camera[:3, 3] = Rotation.random(None, 5).as_matrix(), (1, 2, 3)
     rotations = Rotation.random(200, 6).as_matrix()
     np.testing.assert_array_equal(
         orientation.seen_from(camera).allows(camera[:3, :3].T @ rotations),

@@ -11,6 +11,7 @@ import os
 import sys
 from collections import Counter
 from collections.abc import Callable
+from collections.abc import Set as AbstractSet
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -21,10 +22,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
+from scipy.stats import linregress
 
 from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
+from pmcl_ros.nodes.bench.disturbances import ARGUMENTS, Disturbances
 from pmcl_ros.nodes.bench.running_graph import (
     Graph,
     GraphError,
@@ -42,12 +45,17 @@ _CONSOLE = Console(stderr=True)
 # On their way at once: one is searched, one is decoded or waits. A third could overtake.
 _UNDER_WAY = 2
 _STALLED = 60.0  # s: then what has not come does not come
+_STALLED_DISTURBED = 15.0  # s: what a killed process held never comes
 _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
-_PARTS = 4  # times that the graph runs empty and its processes are measured
+_PARTS = 10  # times that the graph runs empty and its processes are measured
 # MB that a process may have grown: less than three raw pictures; one that was kept at each capture
 # would be far more.
 _FLAT = 60.0
 _ENOUGH = 100  # captures: before, what is kept for the next time is still growing
+# From _MANY captures on a line through the memory of the later half must be flatter: MB in 1,000
+# captures, by two standard errors.
+_MANY, _SLOPE = 1000, 1.0
+_LINE = 3  # points: a line through fewer has no error
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
 _QUICK: dict[str, dict[str, Any]] = {
     'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
@@ -64,6 +72,8 @@ class Soak:
     latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
     each time the graph had run empty. left: files in /dev/shm that outlived the graph.
     diagnostics: by node, the values of its last message on /diagnostics.
+    disturbances: how often each happened. killed: processes of the graph, among them.
+    unanswered: captures that a driver was asked for and did not answer, as it was killed.
     """
 
     captures: int = 0
@@ -85,15 +95,23 @@ class Soak:
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
     status: int = 0
     tracebacks: int = 0
+    disturbances: dict[str, int] = field(default_factory=dict)
+    killed: int = 0
+    unanswered: int = 0
 
     def violations(self, flood: bool) -> list[str]:
         """What is not as it must be, in words. flood: captures came faster than can be used."""
+        # What a process held when it was killed is reported by the log of pmcl_bringup alone, and
+        # Fast DDS leaves its files of shared memory.
+        untold = (max(self.unreported - _UNDER_WAY * self.killed, 0)
+                  or min(self.unreported + self.unanswered, 0))
         found = [(self.twice, 'poses of a capture that had one already'),
-                 (self.strange, 'poses of no capture'),
-                 (abs(self.unreported), 'captures too few, or too many, are reported as lost'),
+                 (max(self.strange - self.unanswered, 0), 'poses of no capture'),
+                 (abs(untold), 'captures too few, or too many, are reported as lost'),
                  (sum(self.errors.values()), 'errors'), (self.refused, 'captures refused'),
-                 (0 if flood else sum(self.dropped.values()), 'captures dropped'),
-                 (len(self.left), f'files left in /dev/shm: {", ".join(self.left)}'),
+                 (0 if flood or self.killed else sum(self.dropped.values()), 'captures dropped'),
+                 (0 if self.killed else len(self.left),
+                  f'files left in /dev/shm: {", ".join(self.left)}'),
                  (self.tracebacks, 'tracebacks'),
                  (abs(self.status), 'is the exit status of the graph, not 0')]
         words = [f'{count} {what}' for count, what in found if count]
@@ -104,7 +122,25 @@ class Soak:
             for name, each in values.items():
                 if each[-1] - each[0] > most:
                     words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
+        words += [f'{name} grows by {slope:.1f} +- {error:.1f} MB in 1,000 captures'
+                  for name, (slope, error) in self.slopes.items() if slope - 2 * error > _SLOPE]
         return words
+
+    @property
+    def slopes(self) -> dict[str, tuple[float, float]]:
+        """Of a line through the memory of each process: MB in 1,000 captures, standard error.
+
+        Of the later half of a long run: in the first, what is kept for the next time still grows.
+        Of processes that were measured three times there.
+        """
+        found = {}
+        for name, memory in self.memory.items() if self.captures >= _MANY else ():
+            later = np.array(self.after[-len(memory):]) >= self.captures / 2
+            captures, values = np.array(self.after[-len(memory):])[later], np.array(memory)[later]
+            if len(values) >= _LINE:
+                line = linregress(captures / 1000, values)
+                found[name] = (float(line.slope), float(line.stderr))
+        return found
 
     def markdown(self) -> list[str]:
         """A table."""
@@ -117,19 +153,27 @@ class Soak:
                                               for name, each in self.latency.items()))]
         for values, unit in ((self.memory, 'MB'), (self.descriptors, 'descriptors'),
                              (self.threads, 'threads')):
-            rows += [(f'{name}: {unit} after {", ".join(map(str, self.after))} captures',
-                      ', '.join(f'{one:.0f}' for one in each)) for name, each in values.items()]
+            for name, each in values.items():
+                after = ', '.join(map(str, self.after[-len(each):]))
+                rows.append((f'{name}: {unit} after {after} captures',
+                             ', '.join(f'{one:.0f}' for one in each)))
+        rows += [(f'{name}: growth of the later half', f'{slope:+.1f} +- {error:.1f} MB in 1,000 '
+                  'captures') for name, (slope, error) in self.slopes.items()]
+        rows += [(f'disturbance: {what}', f'{count} times')
+                 for what, count in self.disturbances.items()]
         rows.append(('left in /dev/shm', str(len(self.left))))
         return ['| what | result |', '|---|---|', *(f'| {name} | {each} |' for name, each in rows)]
 
 
 def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
-         log: Path) -> Soak:
+         log: Path, disturbances: int = 0) -> Soak:
     """Take `captures` pictures of what is in a bag.
 
     log: where what the graph prints is written. quick: small volumes and a search that finds
     little: for the graph, not for the poses.
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
+    disturbances: so often, while captures are under way, a process is killed, time jumps, or
+    another graph comes and goes.
     """
     result: Soak | None = None
     with ExitStack() as stack:
@@ -150,11 +194,16 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
                 'roi_center': list(truth.roi_center), 'roi_size': list(truth.roi_size)}}
         for name, values in (_QUICK if quick else {}).items():
             parameters[name] |= values
-        graph = Graph({name: each for name, each in parameters.items() if each}, folder, arguments)
+        graph = Graph(parameters, folder / 'graph', [*arguments, *(
+            ARGUMENTS if disturbances else ())])
+        second = {**parameters, 'lytro_driver': {
+            'source': 'files', 'path': str(folder / 'pictures')}}
         with graph, Progress(console=_CONSOLE, transient=True) as bar:
             task = bar.add_task('captures', total=captures)
-            run = _Run(graph, flood, lambda done: bar.update(task, completed=done))
-            for last in _stops(captures):
+            run = _Run(graph, flood, lambda done: bar.update(task, completed=done),
+                       Disturbances(graph, second),
+                       set(_evenly(captures // 20, captures, disturbances)))
+            for last in _evenly(min(max(captures // 10, 4), captures), captures, _PARTS):
                 run.take(last)
                 run.measure()
             shared = set().union(*map(shared_files, graph.processes.values()))
@@ -172,15 +221,18 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
     return result
 
 
-def _stops(captures: int) -> list[int]:
-    """After how many captures the processes are measured: after a tenth, then in equal parts."""
-    first = min(max(captures // 10, 4), captures)
-    return [int(each) for each in np.linspace(first, captures, _PARTS)]
+def _evenly(first: int, last: int, count: int) -> list[int]:
+    """Some `count` numbers of captures from the first to the last one, each once."""
+    return sorted({int(each) for each in np.linspace(first, last, count)})
 
 
 class _Run:
-    def __init__(self, graph: Graph, flood: bool, show: Callable[[int], None]) -> None:
+    def __init__(self, graph: Graph, flood: bool, show: Callable[[int], None],
+                 disturbances: Disturbances, disturbed: AbstractSet[int]) -> None:
         self._graph, self._flood, self._show = graph, flood, show
+        self._disturbances, self._disturbed = disturbances, disturbed  # when
+        self._stalled = _STALLED_DISTURBED if disturbed else _STALLED
+        self._pids: dict[str, int] = {}
         self._began = monotonic()
         self._answers: list[Any] = []  # futures of what the driver answers
         self._gone = 0  # captures that were given up waiting for
@@ -194,6 +246,8 @@ class _Run:
                 self._await(lambda: len(self._answers) - self._finished() < _UNDER_WAY)
             self._answers.append(self._graph.capture())
             self._show(len(self._answers))
+            if len(self._answers) in self._disturbed:
+                self._disturbances.next()
         self._await(lambda: self._finished() >= last)
 
     def measure(self) -> None:
@@ -201,6 +255,10 @@ class _Run:
         self._soak.after.append(len(self._answers))
         for name, pid in self._graph.processes.items():
             usage = Usage.from_pid(pid)
+            if self._pids.setdefault(name, pid) != pid:  # it was killed since
+                self._pids[name] = pid
+                for series in (self._soak.memory, self._soak.descriptors, self._soak.threads):
+                    series[name].clear()
             self._soak.memory.setdefault(name, []).append(usage.memory)
             self._soak.descriptors.setdefault(name, []).append(usage.descriptors)
             self._soak.threads.setdefault(name, []).append(usage.threads)
@@ -213,6 +271,7 @@ class _Run:
         self._graph.wait(lambda: monotonic() > until or self._balance(made) == 0, 'its last words')
         made.unreported = self._balance(made)
         made.diagnostics = self._graph.diagnostics
+        made.disturbances, made.killed = self._disturbances.done, self._disturbances.killed
         times = [1e-9 * (arrived - stamp) for stamp, arrived, _ in self._graph.poses]
         if times:
             made.latency = {f'{each} %': float(np.percentile(times, each))
@@ -224,22 +283,21 @@ class _Run:
                   if each.done() and each.result().success}
         came = Counter(stamp for stamp, _, _ in self._graph.poses)
         made.captures, made.poses = len(stamps), len(came)
-        made.refused = len(self._answers) - len(stamps)
+        made.unanswered = sum(not each.done() for each in self._answers)
+        made.refused = len(self._answers) - len(stamps) - made.unanswered
         made.twice, made.strange = sum(came.values()) - len(came), len(came.keys() - stamps)
-        made.dropped, made.errors = ({name: count for name in _NAMES if (count := self._count(
-            name, what))} for what in ('dropped', 'errors'))
-        made.lost = self._count('pmcl_node', 'lost')
+        made.dropped, made.errors = (
+            {name: count for name in _NAMES if (count := self._graph.count(name, what))}
+            for what in ('dropped', 'errors'))
+        made.lost = self._graph.count('pmcl_node', 'lost')
         return (made.captures - made.poses - made.lost - sum(made.dropped.values())
                 - sum(made.errors.values()))
 
     def _finished(self) -> int:
         refused = sum(each.done() and not each.result().success for each in self._answers)
-        return (len(self._graph.poses) + self._count('pmcl_node', 'lost') + refused + self._gone
-                + sum(self._count(name, what) for name in _NAMES
-                      for what in ('dropped', 'errors')))
-
-    def _count(self, name: str, what: str) -> int:
-        return int(self._graph.diagnostics.get(name, {}).get(what, 0))
+        return (len(self._graph.poses) + self._graph.count('pmcl_node', 'lost') + refused
+                + self._gone + sum(self._graph.count(name, what) for name in _NAMES
+                                   for what in ('dropped', 'errors')))
 
     def _await(self, condition: Callable[[], bool]) -> None:
         """Until it is so, or nothing more comes."""
@@ -249,7 +307,7 @@ class _Run:
             nonlocal seen, since
             if self._finished() != seen:
                 seen, since = self._finished(), monotonic()
-            return condition() or monotonic() - since > _STALLED
+            return condition() or monotonic() - since > self._stalled
 
         self._graph.wait(over, 'a capture', timeout=math.inf)
         if not condition():
@@ -266,18 +324,24 @@ def main() -> int:
     parser.add_argument('--processes', action='store_true', help='a process for each node')
     parser.add_argument('--flood', action='store_true', help='captures come faster than they can '
                         'be used: some are dropped, and all that are must be reported')
+    parser.add_argument('--disturbances', type=int, default=0, metavar='N', help='with '
+                        '--processes: N times a node is killed, time jumps, or a second graph '
+                        'comes and goes')
     parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='what the camera sees, with its truth.json and models/NAME.obj')
     parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
                         help='folder for soak.json, soak.md and graph.log')
     options = parser.parse_args()
+    if options.disturbances and not options.processes:
+        parser.error('--disturbances needs --processes: a node is killed by its process')
     own_domain()
     began = time_ns()
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
-                      options.quick, options.flood, options.out / 'graph.log')
+                      options.quick, options.flood, options.out / 'graph.log',
+                      options.disturbances)
     except PmclError as error:
         _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
         return 1

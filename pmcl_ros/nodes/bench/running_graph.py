@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -29,7 +30,8 @@ from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first
 _SHARED = '/dev/shm/'
-_SHOWN = 2000  # characters of a log
+SHOWN = 2000  # characters of a log
+COUNTERS = frozenset({'lost', 'dropped', 'errors'})  # on /diagnostics, of captures
 _MANY = QoSProfile(depth=1000, reliability=SMALL.reliability)
 
 
@@ -43,29 +45,35 @@ class GraphError(PmclError):
 class Graph:
     """`pmcl_bringup` with `parameters` of its nodes, and all that it says while it lasts.
 
-    arguments: more for pmcl_bringup. folder: where its log and parameters are written.
+    arguments: more for pmcl_bringup. namespace: of its nodes, as '/second'.
     poses: (stamp [ns], time of arrival [ns since the epoch], (4, 4) pose) as they came.
     diagnostics: by node name, the values of its last message on /diagnostics.
+    folder: where its log and parameters are written. node: which listens for all that.
     Times of arrival are of this process, which must be spun: `wait`.
     """
 
     def __init__(self, parameters: Mapping[str, Mapping[str, Any]], folder: Path,
-                 arguments: Sequence[str] = ()) -> None:
+                 arguments: Sequence[str] = (), namespace: str = '') -> None:
+        folder.mkdir(parents=True, exist_ok=True)
         file, self._log = folder / 'parameters.yaml', folder / 'log.txt'
         file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': dict(values)}
                                         for name, values in parameters.items()}))
         self.poses: list[tuple[int, int, NDArray[np.float64]]] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
-        self._node = Node('pmcl_observer')
+        self.folder = folder
+        self.node = Node('pmcl_observer', namespace=namespace or None)
+        self._prefix = namespace.lstrip('/') + '/' if namespace else ''
+        self._ended = Counter[tuple[str, str]]()  # counts of processes that have ended since
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._node.create_subscription(PoseStamped, 'pose', self._on_pose, _MANY)
-        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, _MANY)
-        self._shutter = self._node.create_client(Trigger, 'lytro_driver/capture')
+        self._executor.add_node(self.node)
+        self.node.create_subscription(PoseStamped, 'pose', self._on_pose, _MANY)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_state, _MANY)
+        self._shutter = self.node.create_client(Trigger, 'lytro_driver/capture')
         with self._log.open('w') as log:
             self._process = subprocess.Popen(
                 [sys.executable, '-m', 'pmcl_ros.nodes.bringup', '--params-file', str(file),
-                 *arguments], stdout=log, stderr=subprocess.STDOUT)
+                 *arguments, *(['--ros-args', '-r', f'__ns:={namespace}'] if namespace else [])],
+                stdout=log, stderr=subprocess.STDOUT)
 
     def __enter__(self) -> 'Graph':
         try:
@@ -81,7 +89,7 @@ class Graph:
     def __exit__(self, *_: object) -> None:
         self.status = self._end()
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
 
     @property
     def log(self) -> str:
@@ -100,9 +108,20 @@ class Graph:
         """The processor's time that its processes have used."""
         return sum(map(cpu_seconds, self.processes.values()))
 
+    def count(self, node: str, key: str) -> int:
+        """A counter of `node` on /diagnostics, with those of its processes that were killed."""
+        return self._ended[node, key] + int(self.diagnostics.get(node, {}).get(key, 0))
+
     def capture(self) -> Any:
         """Press the shutter; the future of what the driver answers."""
         return self._shutter.call_async(Trigger.Request())
+
+    def kill(self, name: str) -> None:
+        """Kill the process of a node, and return when another one is active in its place."""
+        done = f'{name} is active again'
+        before = self.log.count(done)
+        os.kill(self.processes[name], signal.SIGKILL)
+        self.wait(lambda: self.log.count(done) > before, f'{name} to be active again')
 
     def wait(self, condition: Callable[[], object], what: str,
              timeout: float = _PATIENCE) -> None:
@@ -116,7 +135,7 @@ class Graph:
             if ended is not None or time.monotonic() > deadline:
                 what = (f'waited {timeout:g} s for {what}' if ended is None
                         else f'pmcl_bringup ended with {ended}')
-                raise GraphError(f'{what}; its last lines are\n{self.log[-_SHOWN:]}')
+                raise GraphError(f'{what}; its last lines are\n{self.log[-SHOWN:]}')
             pause(0)
             self._executor.spin_once(timeout_sec=0.05)
 
@@ -127,7 +146,15 @@ class Graph:
 
     def _on_state(self, message: DiagnosticArray) -> None:
         for each in message.status:
-            self.diagnostics[each.name] = {pair.key: pair.value for pair in each.values}
+            if not each.name.startswith(self._prefix):
+                continue  # of another graph
+            name = each.name.removeprefix(self._prefix)
+            before = self.diagnostics.get(name, {})
+            values = {pair.key: pair.value for pair in each.values}
+            for key in COUNTERS & before.keys():
+                if int(values.get(key, 0)) < int(before[key]):  # it was started again
+                    self._ended[name, key] += int(before[key])
+            self.diagnostics[name] = values
 
     def _end(self) -> int:
         self._process.send_signal(signal.SIGINT)
