@@ -74,7 +74,7 @@ bench: $(RUN)
 	$(BIN)/pmcl bench $(NAME)
 
 # Captures through the whole graph; fails when one is lost unnoticed, or something grows
-CAPTURES_SOAKED ?= 500
+CAPTURES_SOAKED ?= 2000
 soak: $(RUN)
 	$(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED)
 

@@ -1,6 +1,7 @@
 """Bags: MCAP files of recorded messages, written and read without ROS."""
 
 import logging
+import os
 import shutil
 import sqlite3
 from collections.abc import Container, Iterable, Iterator
@@ -23,6 +24,7 @@ from pmcl_ros.messages.unpacking import unpack_file, unpacked
 from pmcl_ros.runtime.errors import BagError, MessageError
 
 _LOG = logging.getLogger(__name__)
+_SUMMARY = 2 ** 20  # bytes kept free for what makes a bag of the messages, should the disk be full
 VOLATILE, LATCHED = offered(QosDurability.VOLATILE), offered(QosDurability.TRANSIENT_LOCAL)
 
 
@@ -39,8 +41,9 @@ class Recorded(NamedTuple):
 class BagWriter:
     """A new bag, a folder that `ros2 bag play` and `read` take; chunks compressed with zstd.
 
-    A context manager; whatever ends it, what was written until then can be read. A bag without a
-    message is taken away again. Raises BagError when it is already there or cannot be written.
+    A context manager; whatever ends it, a full disk too, what was written until then can be read.
+    A bag without a message is taken away again. Raises BagError when it is already there or cannot
+    be written.
     """
 
     def __init__(self, bag: Path | str, compress: bool = True) -> None:
@@ -48,26 +51,40 @@ class BagWriter:
         if self._bag.exists():
             raise BagError(f'{bag} is already there; remove it or choose another name')
         self._file = f'{self._bag.absolute().name}.mcap'
+        self._reserve = self._bag / '.room_for_the_summary'
         self._channels: dict[str, tuple[int, Channel, Qos]] = {}
 
     def __enter__(self) -> 'BagWriter':
         with self._explained():
             self._bag.mkdir(parents=True)
-            self._writer = McapWriter(self._bag / self._file, self._compress)
+            try:
+                self._writer = McapWriter(self._bag / self._file, self._compress)
+                with self._reserve.open('xb') as file:
+                    os.posix_fallocate(file.fileno(), 0, _SUMMARY)
+            except OSError:
+                shutil.rmtree(self._bag)
+                raise
         return self
 
     def __exit__(self, *_: object) -> None:
         with self._explained():
-            start, end = self._writer.times or (0, 0)
-            metadata = bag_metadata.metadata_of(Written(
-                self._file, [(channel, qos, self._writer.counts[number - 1])
-                             for number, channel, qos in self._channels.values()],
-                start, end - start))
-            self._writer.close(bag_metadata.as_yaml(metadata))
-            if self._channels:
-                bag_metadata.write(self._bag / bag_metadata.NAME, metadata)
-            else:
-                shutil.rmtree(self._bag)
+            try:
+                self._writer.flush()
+            finally:  # where there is no room for it, what was written before is made a bag
+                self._close()
+
+    def _close(self) -> None:
+        self._reserve.unlink()
+        start, end = self._writer.times or (0, 0)
+        metadata = bag_metadata.metadata_of(Written(
+            self._file, [(channel, qos, self._writer.counts[number - 1])
+                         for number, channel, qos in self._channels.values()],
+            start, end - start))
+        self._writer.close(bag_metadata.as_yaml(metadata))
+        if sum(self._writer.counts):
+            bag_metadata.write(self._bag / bag_metadata.NAME, metadata)
+        else:
+            shutil.rmtree(self._bag)
 
     def write(self, message: Recorded) -> None:
         """Append a message."""
@@ -87,7 +104,9 @@ class BagWriter:
         try:
             yield
         except (BagError, OSError) as error:
-            raise BagError(f'cannot write {self._bag}: {error}') from None
+            kept = sum(self._writer.counts) if self._channels and isinstance(error, OSError) else 0
+            raise BagError(f'cannot write {self._bag}: {error}' + (
+                f'; the {kept} messages that came before can be read' if kept else '')) from None
 
 
 def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True) -> None:

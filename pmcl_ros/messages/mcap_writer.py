@@ -24,10 +24,14 @@ _ENOUGH = 2 ** 20  # bytes of a chunk that another message may still be added to
 
 
 class McapWriter:
-    """A new file, profile `ros2`. compress: its chunks, by zstd. Raises OSError."""
+    """A new file, profile `ros2`. compress: its chunks, by zstd. Raises OSError.
+
+    counts: messages of each channel that are in the file or wait for their chunk to end. A chunk
+    that does not fit on the disk is taken away again, and its messages count no more.
+    """
 
     def __init__(self, path: Path, compress: bool = True) -> None:
-        self._file: BinaryIO = path.open('xb')
+        self._file: BinaryIO = path.open('xb', buffering=0)
         self._compress = compress
         self._place = self._crc = 0
         self._records = bytearray()  # of the chunk that is being filled
@@ -61,20 +65,17 @@ class McapWriter:
             raise BagError(f'a message of {len(data)} bytes is larger than the '
                            f'{(MOST_CHUNK - _ENOUGH) // 2 ** 20} MiB that a bag takes')
         if len(self._records) + len(data) > MOST_CHUNK - 2 ** 10:
-            self._end_chunk()
+            self.flush()
         self._index.setdefault(number, []).append((time_ns, len(self._records)))
         self._records += HEAD.pack(Op.MESSAGE, MESSAGE.size + len(data))
         self._records += MESSAGE.pack(number, 0, time_ns, time_ns)
         self._records += data
         self.counts[number - 1] += 1
-        low, high = self.times or (time_ns, time_ns)
-        self.times = [min(low, time_ns), max(high, time_ns)]
         if len(self._records) > _ENOUGH:
-            self._end_chunk()
+            self.flush()
 
     def close(self, metadata: str) -> None:
-        """Write what is left, and the summary. metadata: of the bag, YAML."""
-        self._end_chunk()
+        """After `flush`: write the summary. metadata: of the bag, YAML."""
         start = self._place
         self._put(record(Op.METADATA, text('rosbag2'),
                          sized(text('serialized_metadata') + text(metadata))))
@@ -105,9 +106,24 @@ class McapWriter:
         self._put(HEAD.pack(Op.FOOTER, 20) + struct.pack('<QQ', start, place))
         self._put(struct.pack('<I', self._crc) + MAGIC)
 
-    def _end_chunk(self) -> None:
-        if not self._records:
-            return
+    def flush(self) -> None:
+        """End the chunk that is being filled."""
+        start, crc = self._place, self._crc
+        try:
+            if self._records:
+                self._put_chunk()
+        except OSError:
+            self._file.seek(start)
+            self._file.truncate()
+            self._place, self._crc = start, crc
+            for number, places in self._index.items():
+                self.counts[number - 1] -= len(places)
+            raise
+        finally:
+            self._records.clear()
+            self._index.clear()
+
+    def _put_chunk(self) -> None:
         records = bytes(self._records)
         packed = zstandard.ZstdCompressor().compress(records) if self._compress else records
         times = [time for places in self._index.values() for time, _ in places] or [0]
@@ -125,10 +141,12 @@ class McapWriter:
             Op.CHUNK_INDEX, span, struct.pack('<QQ', start, end - start), sized(places),
             struct.pack('<Q', self._place - end), compression,
             struct.pack('<QQ', len(packed), len(records))))
-        self._records.clear()
-        self._index.clear()
+        if self._index:
+            self.times = [min([*times, *self.times]), max([*times, *self.times])]
 
     def _put(self, data: bytes) -> None:
-        self._file.write(data)
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest):]
         self._place += len(data)
         self._crc = crc32(data, self._crc)

@@ -98,10 +98,8 @@ def with_shared_memory(size, *arguments):
     return ['unshare', '-m', 'sh', '-c', script, sys.executable, *arguments]
 
 
-@pytest.mark.parametrize(('size', 'arguments'), [
-    ('1g', []), ('1g', ['--flood', '--processes']), ('1m', ['--flood', '--processes'])],
-    ids=['in turn', 'flood', 'flood, little shared memory'])
-def test_soak(tmp_path, size, arguments):
+def soaked(tmp_path, size, *arguments):
+    """The report of a soak of eight captures, whose exit status is 0."""
     # In shared memory of its own: some of what others open there is shared across domains.
     program = ['pmcl_ros.evaluation.bench.soak', '--captures', '8', '--quick', '--out', tmp_path,
                *arguments]
@@ -112,12 +110,29 @@ def test_soak(tmp_path, size, arguments):
     log = tmp_path / 'graph.log'
     assert done.returncode == 0, (done.stdout + done.stderr
                                   + (log.read_text() if log.exists() else ''))
-    found = json.loads((tmp_path / 'soak.json').read_text())
+    return json.loads((tmp_path / 'soak.json').read_text()), done.stdout
+
+
+@pytest.mark.parametrize(('size', 'arguments'), [
+    ('1g', []), ('1m', ['--flood', '--processes'])],
+    ids=['in turn', 'flood, little shared memory'])
+def test_soak(tmp_path, size, arguments):
+    found, printed = soaked(tmp_path, size, *arguments)
     dropped = sum(found['dropped'].values())
     assert found['captures'] == 8 == found['poses'] + found['lost'] + dropped
     assert (found['twice'], found['strange'], found['unreported'], found['left']) == (0, 0, 0, [])
     assert dropped == 0 or arguments
-    assert '| captures, poses, lost | 8, ' in done.stdout
+    assert '| captures, poses, lost | 8, ' in printed
+
+
+def test_soak_with_disturbances(tmp_path):
+    """The driver is killed and time jumps, with captures under way: what comes again is told."""
+    found, printed = soaked(tmp_path, '1g', '--processes', '--disturbances', '2')
+    assert found['disturbances'] == {'a node is killed': 1, 'time jumps': 1}
+    assert (found['killed'], found['twice'], found['tracebacks']) == (1, 0, 0)
+    assert found['captures'] + found['unanswered'] == 8
+    assert found['poses'] + found['lost'] >= 8 - 2  # two were under way
+    assert '| disturbance: a node is killed | 1 times |' in printed
 
 
 @pytest.fixture(scope='module')

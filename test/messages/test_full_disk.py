@@ -1,0 +1,48 @@
+"""A bag on a disk that becomes full, in a file system of a few megabytes."""
+
+import subprocess
+import sys
+
+import pytest
+
+SCRIPT = 'mount -t tmpfs -o size=4m none "$1" && exec "$2" -c "$3" "$1" "$4"'
+PROGRAM = """
+import sys
+from pathlib import Path
+import numpy as np
+from pmcl_ros.messages.bags import BagWriter, Recorded, read, topics
+from pmcl_ros.runtime.errors import BagError
+
+disk, size = Path(sys.argv[1]), int(sys.argv[2])
+random, written = np.random.default_rng(0), []
+try:
+    with BagWriter(disk / 'bag') as writer:
+        for number in range(4_000_000 // size):
+            content = b'\\0\\1\\0\\0' + random.bytes(size)
+            written.append(Recorded('/topic', 'std_msgs/msg/String', number, content))
+            writer.write(written[-1])
+except BagError as error:
+    print(error)
+found = list(read(disk / 'bag')) if (disk / 'bag').exists() else []
+assert found == written[:len(found)]
+assert not found or topics(disk / 'bag')[0].messages == len(found)
+assert sorted(each.name for each in disk.rglob('*') if each.is_file()) == (
+    ['bag.mcap', 'metadata.yaml'] if found else [])
+print(len(found) * size)
+"""
+PLACE = ['unshare', '-Urm', 'mount', '-t', 'tmpfs', 'none', '/mnt']
+
+
+@pytest.mark.skipif(subprocess.run(PLACE, capture_output=True, check=False).returncode != 0,
+                    reason='no file system of its own may be mounted')
+@pytest.mark.parametrize('size', [3_000, 70_000, 400_000, 1_100_000, 3_900_000])
+def test_what_came_before_the_disk_was_full_can_be_read(tmp_path, size):
+    done = subprocess.run(
+        ['unshare', '-Urm', 'sh', '-c', SCRIPT, 'sh', tmp_path, sys.executable, PROGRAM,
+         str(size)], capture_output=True, text=True, check=True)
+    error, kept = done.stdout.splitlines()
+    assert 'No space left on device' in error
+    # A megabyte is kept free for the end, and at most a chunk is lost.
+    assert int(kept) >= 4_000_000 - 2 ** 20 - 2 ** 20 - 2 * size
+    assert (f'the {int(kept) // size} messages that came before can be read' in error) == (
+        int(kept) > 0)
