@@ -84,8 +84,11 @@ def pytest_ignore_collect(collection_path, config):
 
 
 def pytest_collection_modifyitems(items):
-    """The nodes' tests first: they wait much, and no worker shall be left alone with them."""
-    items.sort(key=lambda item: 'nodes' not in item.path.parts)
+    """The nodes' tests first: they wait much, and no worker shall be left alone with them.
+
+    The quick ones last: no worker shall be left alone with a long one either.
+    """
+    items.sort(key=lambda item: ('nodes' not in item.path.parts, not _is_slow(item.path)))
     for item in items:
         if _is_slow(item.path):
             item.add_marker(pytest.mark.slow)

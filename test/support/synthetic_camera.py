@@ -52,7 +52,7 @@ class SyntheticCamera:
         focal = np.array([calibration.fx, calibration.fy])
         distorted = (place - centre) / focal
         found = distorted
-        for _ in range(50):
+        for _ in range(50 if calibration.k1 or calibration.k2 else 0):
             square = (found ** 2).sum(axis=-1, keepdims=True)
             found = distorted / (1 + calibration.k1 * square + calibration.k2 * square ** 2)
         return centre + found * focal
