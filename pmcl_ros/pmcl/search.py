@@ -93,7 +93,7 @@ class ContourSearch:
         others = ambiguous_poses(self.posterior.model, judged.poses[0])
         if len(others):
             judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
-        return judged.poses[:_MODES]
+        return judged.contenders[:_MODES]
 
     def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
                 ) -> NDArray[np.float64]:
@@ -165,6 +165,11 @@ class _Judged:
 
     poses: NDArray[np.float64]
     values: NDArray[np.float64]
+
+    @property
+    def contenders(self) -> NDArray[np.float64]:
+        """(n, 4, 4) those with at least half of the best one's evidence; others have no weight."""
+        return self.poses[self.values >= self.values[0] / 2] if self.values[0] > 0 else self.poses
 
 
 _NONE = _Judged(np.zeros((0, 4, 4)), np.zeros(0))

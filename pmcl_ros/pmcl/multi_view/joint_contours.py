@@ -132,17 +132,34 @@ class JointContours:
                                         [float((np.linalg.inv(camera) @ pose)[2, 3])
                                          for camera in joint.cameras])
         made = []
-        for number, view, contour, wide in zip(joint.numbers, joint.views,
-                                               self.contours(pose, motions), uncertain,
-                                               strict=True):
-            alone = LocalModel.from_views(pose, joint.model.symmetry, [contour], view.error)
-            step = np.linalg.solve(alone.information, alone.gradient)
-            expected = np.trace(alone.moments @ alone.model_error)
+        for number, contour, alone, wide in zip(joint.numbers, *self._alone(pose, motions),
+                                                uncertain, strict=True):
+            off, expected = _off(alone)
             made.append(ViewFit(
-                number, float(np.sqrt(step @ alone.moments @ step)),
-                _apart(contour, pose, alone.basis), float(np.sqrt(expected)),
-                float(wide), alone.evidence / max(alone.length, 1e-9), alone.evidence))
+                number, off, _apart(contour, pose, alone.basis), expected, float(wide),
+                alone.evidence / max(alone.length, 1e-9), alone.evidence))
         return made
+
+    def disagreement(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+        """Mean square by which views are off, in units of the model error of one view."""
+        _, alone = self._alone(pose, motions)
+        off, expected = np.square([_off(each) for each in alone]).sum(axis=0)
+        return float(off / max(expected, 1e-12))
+
+    def _alone(self, pose: NDArray[np.float64], motions: NDArray[np.float64]
+               ) -> tuple[list[ViewContour], list[LocalModel]]:
+        """The contour of a pose (4, 4) in each view, and the local model by it alone."""
+        contours = self.contours(pose, motions)
+        return contours, [
+            LocalModel.from_views(pose, self.joint.model.symmetry, [contour], view.error)
+            for contour, view in zip(contours, self.joint.views, strict=True)]
+
+
+def _off(alone: LocalModel) -> tuple[float, float]:
+    """`off` and `expected` of a `ViewFit`, by the local model of a view alone."""
+    step = np.linalg.solve(alone.information, alone.gradient)
+    expected = np.trace(alone.moments @ alone.model_error)
+    return float(np.sqrt(step @ alone.moments @ step)), float(np.sqrt(expected))
 
 
 def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]) -> float:
@@ -167,9 +184,3 @@ def _apart(view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float
     step = np.linalg.solve(weighted.T @ motion + least, weighted.T @ off)
     return float(np.sqrt((points.lengths @ (motion @ step) ** 2)
                          / max(float(points.lengths.sum()), 1.0)))
-
-
-def disagreement(fits: Sequence[ViewFit]) -> float:
-    """Mean square by which views are off, in units of the model error of one view."""
-    return float(sum(each.off ** 2 for each in fits)
-                 / max(sum(each.expected ** 2 for each in fits), 1e-12))

@@ -16,7 +16,7 @@ from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import SAME_MODE
-from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit, disagreement
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.posterior import Mode, Posterior
@@ -75,7 +75,7 @@ class JointPosterior:
 
     def disagreement_near(self, pose: NDArray[np.float64]) -> float:
         """Of the views about a pose (4, 4), their cameras as at the mode nearby."""
-        return disagreement(self.contours.fits(pose, self._known_at(pose).motions))
+        return self.contours.disagreement(pose, self._known_at(pose).motions)
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is told to be."""
@@ -110,7 +110,7 @@ class JointPosterior:
         """Factor of the model error's variance: large where views disagree."""
         if self.numbers is None:
             return 1.0
-        apart = disagreement(self.contours.fits(pose, motions))
+        apart = self.contours.disagreement(pose, motions)
         return self.numbers.share(self.contours.joint.independent, apart)
 
     def _refined(self, pose: NDArray[np.float64], still: bool

@@ -129,7 +129,8 @@ class MultiViewLocalizer:
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
             modes = np.stack([each.pose for each in sample.modes])
-            shown = shown_in([posterior.fits_at(each) for each in modes])
+            shown = (shown_in([posterior.fits_at(each) for each in modes]) if estimate.lost
+                     else ())
         evaluations += sum(each.evaluations for each in optimizers)
         return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
                       first @ modes, shown)

@@ -24,7 +24,7 @@ class Found:
     """What a search found.
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show the object, if most do and some do not; else none.
+    reference frame. shown: views that show a lost object, if most do and some do not; else none.
     """
 
     estimate: PoseEstimate
