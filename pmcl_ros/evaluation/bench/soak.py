@@ -122,8 +122,10 @@ class Soak:
             for name, each in values.items():
                 if each[-1] - each[0] > most:
                     words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
-        words += [f'{name} grows by {slope:.1f} +- {error:.1f} MB in 1,000 captures'
-                  for name, (slope, error) in self.slopes.items() if slope - 2 * error > _SLOPE]
+        if not self.killed:  # else what is kept of participants that came and went grows, too
+            words += [f'{name} grows by {slope:.1f} +- {error:.1f} MB in 1,000 captures'
+                      for name, (slope, error) in self.slopes.items()
+                      if slope - 2 * error > _SLOPE]
         return words
 
     @property
