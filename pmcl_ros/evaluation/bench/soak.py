@@ -204,7 +204,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
             task = bar.add_task('captures', total=captures)
             run = _Run(graph, flood, lambda done: bar.update(task, completed=done),
                        Disturbances(graph, second),
-                       set(_evenly(captures // 20, captures, disturbances)))
+                       set(_evenly(max(captures // 20, 1), captures, disturbances)))
             for last in _evenly(min(max(captures // 10, 4), captures), captures, _PARTS):
                 run.take(last)
                 run.measure()
