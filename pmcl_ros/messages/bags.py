@@ -1,11 +1,12 @@
 """Bags: MCAP files of recorded messages, written and read without ROS."""
 
+import errno
 import logging
 import os
 import shutil
 import sqlite3
 from collections.abc import Container, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,7 +25,9 @@ from pmcl_ros.messages.unpacking import unpack_file, unpacked
 from pmcl_ros.runtime.errors import BagError, MessageError
 
 _LOG = logging.getLogger(__name__)
-_SUMMARY = 2 ** 20  # bytes kept free for what makes a bag of the messages, should the disk be full
+# Bytes kept free for what makes a bag of the messages, should the disk be full: beside the index
+# of the chunks; in steps of so many.
+_END, _STEP = 2 ** 18, 2 ** 20
 VOLATILE, LATCHED = offered(QosDurability.VOLATILE), offered(QosDurability.TRANSIENT_LOCAL)
 
 
@@ -39,48 +42,57 @@ class Recorded(NamedTuple):
 
 
 class BagWriter:
-    """A new bag, a folder that `ros2 bag play` and `read` take; chunks compressed with zstd.
+    """A new bag, a folder that `ros2 bag play` and `read` take; compressed with zstd.
 
-    A context manager; whatever ends it, a full disk too, what was written until then can be read.
-    A bag without a message is taken away again. Raises BagError when it is already there or cannot
-    be written.
+    A context manager; whatever ends it, what was written until then can be read; on a full disk
+    all but the last chunk, at most `chunk` bytes and a message. A bag without a message is taken
+    away again. Raises BagError when it is already there or cannot be written.
     """
 
-    def __init__(self, bag: Path | str, compress: bool = True) -> None:
-        self._bag, self._compress = Path(bag), compress
+    def __init__(self, bag: Path | str, compress: bool = True, chunk: int = 2 ** 20) -> None:
+        self._bag, self._compress, self._chunk = Path(bag), compress, chunk
         if self._bag.exists():
             raise BagError(f'{bag} is already there; remove it or choose another name')
         self._file = f'{self._bag.absolute().name}.mcap'
-        self._reserve = self._bag / '.room_for_the_summary'
+        self._reserve = _Reserve(self._bag / '.room_for_the_summary')
         self._channels: dict[str, tuple[int, Channel, Qos]] = {}
+        self._error: BaseException | None = None  # of its own
 
     def __enter__(self) -> 'BagWriter':
         with self._explained():
             self._bag.mkdir(parents=True)
             try:
-                self._writer = McapWriter(self._bag / self._file, self._compress)
-                with self._reserve.open('xb') as file:
-                    os.posix_fallocate(file.fileno(), 0, _SUMMARY)
+                self._writer = McapWriter(self._bag / self._file, self._compress, self._chunk)
+                self._reserve.grow(_END)
             except OSError:
                 shutil.rmtree(self._bag)
                 raise
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         with self._explained():
             try:
                 self._writer.flush()
-            finally:  # where there is no room for it, what was written before is made a bag
+            except OSError as full:
+                error = self._error = BagError(f'cannot write {self._bag}: {full}')
+            finally:  # what was written before is made a bag
                 self._close()
+        kept = sum(self._writer.counts)
+        if error is not None and error is self._error:
+            raise BagError(f'{error}; ' + (f'the {kept} messages that came before can be read'
+                                           if kept else 'nothing is kept')) from None
 
     def _close(self) -> None:
-        self._reserve.unlink()
+        self._reserve.free()
         start, end = self._writer.times or (0, 0)
         metadata = bag_metadata.metadata_of(Written(
             self._file, [(channel, qos, self._writer.counts[number - 1])
                          for number, channel, qos in self._channels.values()],
             start, end - start))
-        self._writer.close(bag_metadata.as_yaml(metadata))
+        try:
+            self._writer.close(bag_metadata.as_yaml(metadata))
+        finally:
+            self._writer.release()
         if sum(self._writer.counts):
             bag_metadata.write(self._bag / bag_metadata.NAME, metadata)
         else:
@@ -98,15 +110,40 @@ class BagWriter:
                 self._channels[topic] = (self._writer.add(channel, definition), channel,
                                          message.qos)
             self._writer.write(self._channels[topic][0], message.time_ns, message.cdr)
+            self._reserve.grow(_END + self._writer.summary)
 
     @contextmanager
     def _explained(self) -> Iterator[None]:
         try:
             yield
         except (BagError, OSError) as error:
-            kept = sum(self._writer.counts) if self._channels and isinstance(error, OSError) else 0
-            raise BagError(f'cannot write {self._bag}: {error}' + (
-                f'; the {kept} messages that came before can be read' if kept else '')) from None
+            self._error = BagError(f'cannot write {self._bag}: {error}')
+            raise self._error from None
+
+
+class _Reserve:
+    """A file that keeps room on the disk."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._size = path, 0
+
+    def grow(self, size: int) -> None:
+        """At least to a size [bytes], in steps. Raises OSError on a full disk."""
+        if size <= self._size:
+            return
+        self._size = -(-size // _STEP) * _STEP
+        with self._path.open('ab') as file:
+            try:
+                os.posix_fallocate(file.fileno(), 0, self._size)
+            except OSError as error:
+                if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                    raise
+                _LOG.info('no room is kept for the end of %s: %s', self._path.parent, error)
+
+    def free(self) -> None:
+        """Give the room back."""
+        with suppress(OSError):
+            self._path.unlink(missing_ok=True)
 
 
 def record(bag: Path | str, messages: Iterable[Recorded], compress: bool = True) -> None:

@@ -20,19 +20,20 @@ from pmcl_ros.messages.mcap_records import (
 )
 from pmcl_ros.runtime.errors import BagError
 
-_ENOUGH = 2 ** 20  # bytes of a chunk that another message may still be added to
+_ROOM = 2 ** 20  # bytes of a chunk beside its largest message
 
 
 class McapWriter:
-    """A new file, profile `ros2`. compress: its chunks, by zstd. Raises OSError.
+    """A new file, profile `ros2`. compress: its chunks, by zstd, of more than `chunk` bytes each.
 
     counts: messages of each channel that are in the file or wait for their chunk to end. A chunk
-    that does not fit on the disk is taken away again, and its messages count no more.
+    that does not fit on the disk is taken away again, and its messages count no more. summary:
+    bytes of the index of chunks that `close` writes. Raises OSError.
     """
 
-    def __init__(self, path: Path, compress: bool = True) -> None:
+    def __init__(self, path: Path, compress: bool = True, chunk: int = 2 ** 20) -> None:
         self._file: BinaryIO = path.open('xb', buffering=0)
-        self._compress = compress
+        self._compress, self._enough = compress, chunk
         self._place = self._crc = 0
         self._records = bytearray()  # of the chunk that is being filled
         self._index: dict[int, list[tuple[int, int]]] = {}  # of it: channel -> times and places
@@ -40,6 +41,7 @@ class McapWriter:
         self._channels: list[bytes] = []
         self._chunks: list[bytes] = []
         self.counts: list[int] = []
+        self.summary = 0
         self.times: list[int] = []  # of the first message and the last
         self._put(MAGIC + record(Op.HEADER, text('ros2'), text('pmcl_ros')))
 
@@ -61,9 +63,9 @@ class McapWriter:
 
     def write(self, number: int, time_ns: int, data: bytes) -> None:
         """Append a message of a channel. BagError when it is too large to be read again."""
-        if len(data) > MOST_CHUNK - _ENOUGH:
+        if len(data) > MOST_CHUNK - _ROOM:
             raise BagError(f'a message of {len(data)} bytes is larger than the '
-                           f'{(MOST_CHUNK - _ENOUGH) // 2 ** 20} MiB that a bag takes')
+                           f'{(MOST_CHUNK - _ROOM) // 2 ** 20} MiB that a bag takes')
         if len(self._records) + len(data) > MOST_CHUNK - 2 ** 10:
             self.flush()
         self._index.setdefault(number, []).append((time_ns, len(self._records)))
@@ -71,7 +73,7 @@ class McapWriter:
         self._records += MESSAGE.pack(number, 0, time_ns, time_ns)
         self._records += data
         self.counts[number - 1] += 1
-        if len(self._records) > _ENOUGH:
+        if len(self._records) > self._enough:
             self.flush()
 
     def close(self, metadata: str) -> None:
@@ -89,6 +91,10 @@ class McapWriter:
             len(self._chunks), *(self.times or (0, 0))), sized(counts))
         self._put_summary((*self._schemas.values(),), self._channels, self._chunks, [index],
                           [statistics])
+        self.release()
+
+    def release(self) -> None:
+        """Close the file as it is."""
         self._file.close()
 
     def _put_summary(self, *groups: 'tuple[bytes, ...] | list[bytes]') -> None:
@@ -108,16 +114,17 @@ class McapWriter:
 
     def flush(self) -> None:
         """End the chunk that is being filled."""
-        start, crc = self._place, self._crc
+        start, crc, chunks = self._place, self._crc, len(self._chunks)
         try:
             if self._records:
                 self._put_chunk()
-        except OSError:
-            self._file.seek(start)
-            self._file.truncate()
-            self._place, self._crc = start, crc
+        except BaseException:
             for number, places in self._index.items():
                 self.counts[number - 1] -= len(places)
+            del self._chunks[chunks:]
+            self._place, self._crc = start, crc
+            self._file.seek(start)
+            self._file.truncate()
             raise
         finally:
             self._records.clear()
@@ -137,12 +144,13 @@ class McapWriter:
             places += struct.pack('<HQ', number, self._place)
             entries = b''.join(struct.pack('<QQ', *one) for one in each)
             self._put(record(Op.MESSAGE_INDEX, struct.pack('<H', number), sized(entries)))
+        if self._index:
+            self.times = [min([*times, *self.times]), max([*times, *self.times])]
         self._chunks.append(record(
             Op.CHUNK_INDEX, span, struct.pack('<QQ', start, end - start), sized(places),
             struct.pack('<Q', self._place - end), compression,
             struct.pack('<QQ', len(packed), len(records))))
-        if self._index:
-            self.times = [min([*times, *self.times]), max([*times, *self.times])]
+        self.summary += len(self._chunks[-1])
 
     def _put(self, data: bytes) -> None:
         rest = memoryview(data)
