@@ -246,6 +246,8 @@ class _Run:
             self._await(lambda: all(each.done() for each in self._answers[-1:]))
             if not self._flood:
                 self._await(lambda: len(self._answers) - self._finished() < _UNDER_WAY)
+            # What was given up may have come, or been reported, since.
+            self._gone -= min(self._gone, max(self._finished() - len(self._answers), 0))
             self._answers.append(self._graph.capture())
             self._show(len(self._answers))
             if len(self._answers) in self._disturbed:
@@ -335,8 +337,9 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
                         help='folder for soak.json, soak.md and graph.log')
     options = parser.parse_args()
-    if options.disturbances and not options.processes:
-        parser.error('--disturbances needs --processes: a node is killed by its process')
+    if options.disturbances < 0 or (options.disturbances and not options.processes):
+        parser.error('--disturbances is a number of times and needs --processes: a node is killed '
+                     'by its process')
     own_domain()
     began = time_ns()
     try:

@@ -46,7 +46,7 @@ class Disturbances:
 
     def _run_second(self, number: int) -> None:
         graph = Graph(self._second, self._graph.folder / f'second{number}',
-                      namespace='/second')
+                      namespace='/second', beside=self._graph)
         with graph:
             graph.capture()
             graph.wait(lambda: graph.poses or graph.count('pmcl_node', 'lost'),

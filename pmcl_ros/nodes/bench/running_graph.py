@@ -45,7 +45,8 @@ class GraphError(PmclError):
 class Graph:
     """`pmcl_bringup` with `parameters` of its nodes, and all that it says while it lasts.
 
-    arguments: more for pmcl_bringup. namespace: of its nodes, as '/second'.
+    arguments: more for pmcl_bringup. namespace: of its nodes, as '/second'. beside: another graph,
+    which is listened to while this one is waited for.
     poses: (stamp [ns], time of arrival [ns since the epoch], (4, 4) pose) as they came.
     diagnostics: by node name, the values of its last message on /diagnostics.
     folder: where its log and parameters are written. node: which listens for all that.
@@ -53,14 +54,15 @@ class Graph:
     """
 
     def __init__(self, parameters: Mapping[str, Mapping[str, Any]], folder: Path,
-                 arguments: Sequence[str] = (), namespace: str = '') -> None:
+                 arguments: Sequence[str] = (), namespace: str = '',
+                 beside: 'Graph | None' = None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         file, self._log = folder / 'parameters.yaml', folder / 'log.txt'
         file.write_text(yaml.safe_dump({f'/**/{name}': {'ros__parameters': dict(values)}
                                         for name, values in parameters.items()}))
         self.poses: list[tuple[int, int, NDArray[np.float64]]] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
-        self.folder = folder
+        self.folder, self._beside = folder, beside
         self.node = Node('pmcl_observer', namespace=namespace or None)
         self._prefix = namespace.lstrip('/') + '/' if namespace else ''
         self._ended = Counter[tuple[str, str]]()  # counts of processes that have ended since
@@ -79,7 +81,7 @@ class Graph:
         try:
             self.wait(lambda: 'pmcl_bringup]: active: ' in self.log, 'the nodes to be active')
             self.wait(lambda: (self._shutter.service_is_ready()
-                               and len(self.diagnostics) >= len(NODES)),
+                               and all(each.name in self.diagnostics for each in NODES)),
                       'the diagnostics of all nodes')
         except BaseException:
             self.__exit__()
@@ -121,7 +123,14 @@ class Graph:
         done = f'{name} is active again'
         before = self.log.count(done)
         os.kill(self.processes[name], signal.SIGKILL)
+        for key, value in self.diagnostics.pop(name, {}).items():
+            if key in COUNTERS:
+                self._ended[name, key] += int(value)
         self.wait(lambda: self.log.count(done) > before, f'{name} to be active again')
+
+    def listen(self) -> None:
+        """Take one message, if one has come."""
+        self._executor.spin_once(timeout_sec=0)
 
     def wait(self, condition: Callable[[], object], what: str,
              timeout: float = _PATIENCE) -> None:
@@ -138,6 +147,8 @@ class Graph:
                 raise GraphError(f'{what}; its last lines are\n{self.log[-SHOWN:]}')
             pause(0)
             self._executor.spin_once(timeout_sec=0.05)
+            if self._beside is not None:
+                self._beside.listen()
 
     def _on_pose(self, message: PoseStamped) -> None:
         now = time.time_ns()
@@ -146,15 +157,9 @@ class Graph:
 
     def _on_state(self, message: DiagnosticArray) -> None:
         for each in message.status:
-            if not each.name.startswith(self._prefix):
-                continue  # of another graph
             name = each.name.removeprefix(self._prefix)
-            before = self.diagnostics.get(name, {})
-            values = {pair.key: pair.value for pair in each.values}
-            for key in COUNTERS & before.keys():
-                if int(values.get(key, 0)) < int(before[key]):  # it was started again
-                    self._ended[name, key] += int(before[key])
-            self.diagnostics[name] = values
+            if each.name.startswith(self._prefix) and '/' not in name:  # else of another graph
+                self.diagnostics[name] = {pair.key: pair.value for pair in each.values}
 
     def _end(self) -> int:
         self._process.send_signal(signal.SIGINT)
