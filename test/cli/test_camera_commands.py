@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 
 import pytest
-from click.testing import CliRunner
+from command_line import Runner
 from simulated_cameras import QUICK, SIDE, serving, write_captures
 from waiting import eventually
 
@@ -25,7 +25,7 @@ from pmcl_ros.cli import main
 
 
 def pmcl_camera(*arguments):
-    return CliRunner().invoke(main, ['camera', *map(str, arguments)])
+    return Runner().invoke(main, ['camera', *map(str, arguments)])
 
 
 @pytest.fixture(scope='module')

@@ -1,7 +1,7 @@
 """`pmcl learn` writes the data file that is read at start."""
 
 import numpy as np
-from click.testing import CliRunner
+from command_line import Runner
 
 from pmcl_ros.cli import main
 from pmcl_ros.evidence.learned import LearnedProfile
@@ -9,11 +9,11 @@ from pmcl_ros.evidence.learned import LearnedProfile
 
 def test_the_file_holds_what_is_printed(tmp_path):
     scenes, out = tmp_path / 'scenes', tmp_path / 'creases.yaml'
-    made = CliRunner().invoke(main, ['scenes', 'render', '--count', '2', '--views', '3', '--size',
+    made = Runner().invoke(main, ['scenes', 'render', '--count', '2', '--views', '3', '--size',
                                      '96', '--samples', '1', '--kind', 'opaque block', '-o',
                                      str(scenes)])
     assert made.exit_code == 0, made.output
-    done = CliRunner().invoke(main, ['learn', str(scenes), '--views', '3', '--creases', '--out',
+    done = Runner().invoke(main, ['learn', str(scenes), '--views', '3', '--creases', '--out',
                                      str(out)])
     assert done.exit_code == 0, done.output
     numbers = LearnedProfile.load(out)

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import trimesh
-from click.testing import CliRunner
+from command_line import Runner
 from scipy.spatial.transform import Rotation
 from tiny_capture import QUICK, write_capture
 
@@ -24,7 +24,7 @@ def capture(tmp_path_factory):
 def run(capture, *more):
     truth = Truth.load(capture / 'truth.json')
     numbers = map(str, [*truth.roi_center, *truth.roi_size])
-    return CliRunner().invoke(localize, [
+    return Runner().invoke(localize, [
         str(capture / 'views.npz'), '--object', str(capture / 'model.obj'), '--roi', *numbers,
         '--json', *map(str, more)], catch_exceptions=False)
 
@@ -87,7 +87,7 @@ def test_the_region_is_all_that_is_in_view_or_what_stands_on_a_table(capture, tm
     known = [capture / 'views.npz', '--object', capture / 'model.obj', '--json', '--set', QUICK]
 
     def found(*region, status=0):
-        done = CliRunner().invoke(localize, [str(each) for each in (*known, *region)],
+        done = Runner().invoke(localize, [str(each) for each in (*known, *region)],
                                   catch_exceptions=False)
         assert done.exit_code == status, done.output
         return done

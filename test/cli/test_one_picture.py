@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import Runner
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
@@ -19,7 +19,7 @@ CAMERA = {'width': 640, 'height': 480, 'fx': 600.0, 'cx': 322.0, 'cy': 238.0,
 
 
 def pmcl(*arguments):
-    return CliRunner().invoke(main, [str(each) for each in arguments])
+    return Runner().invoke(main, [str(each) for each in arguments])
 
 
 @pytest.fixture(scope='module')

@@ -11,7 +11,7 @@ import pytest
 import rclpy
 import trimesh
 import yaml
-from click.testing import CliRunner
+from command_line import Runner
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, ROOT, Process
@@ -64,7 +64,7 @@ def scene(tmp_path_factory):
     """A folder with four views of an opaque object, over 45 degrees."""
     folder = tmp_path_factory.mktemp('scene')
     (folder / 'camera.yaml').write_text(CAMERA)
-    result = CliRunner().invoke(main, [
+    result = Runner().invoke(main, [
         'scenes', 'render', '--camera', str(folder / 'camera.yaml'), '--cameras', 'arc:4:45',
         '--samples', '1', '--kind', 'opaque', '--seed', '4', '--count', '1', '-o',
         str(folder / 'out')])

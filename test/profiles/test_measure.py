@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import Runner
 from conftest import PINHOLE, PLACE, UP, radius
 
 from pmcl_ros.cli import main
@@ -32,7 +32,7 @@ def folder(views, tmp_path_factory):
 
 
 def _run(*arguments):
-    return CliRunner().invoke(main, ['profile', *(str(each) for each in arguments)])
+    return Runner().invoke(main, ['profile', *(str(each) for each in arguments)])
 
 
 def _box_options(boxes):

@@ -3,7 +3,7 @@
 import re
 
 import numpy as np
-from click.testing import CliRunner
+from command_line import Runner
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -69,7 +69,7 @@ def test_the_table_counts():
 
 
 def test_the_command_prints_a_row_for_each_scene(tmp_path):
-    done = CliRunner().invoke(main, [
+    done = Runner().invoke(main, [
         'together', '--count', '1', '--seed', '1011', '--objects', '2', '--views', '3', '--size',
         '96', '--out', str(tmp_path)], catch_exceptions=False)
     assert done.exit_code == 0

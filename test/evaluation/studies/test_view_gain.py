@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import yaml
-from click.testing import CliRunner
+from command_line import Runner
 
 from pmcl_ros.cli import main
 from pmcl_ros.evaluation.studies.view_gain import ViewGain, reachable, summary
@@ -52,7 +52,7 @@ def test_cameras_beyond_the_table_or_the_wall_are_left_out():
 def test_the_command_prints_a_row_for_each_scene(tmp_path):
     (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(
         {'width': 200, 'height': 150, 'fx': 190.0, 'cx': 99.5, 'cy': 74.5}))
-    done = CliRunner().invoke(main, [
+    done = Runner().invoke(main, [
         'view-gain', '--count', '1', '--seed', '5', '--kind', 'opaque', '--camera',
         str(tmp_path / 'camera.yaml'), '--samples', '1', '--apart', '20', '--candidates', '6',
         '--out', str(tmp_path)], catch_exceptions=False)

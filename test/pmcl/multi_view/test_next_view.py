@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from command_line import Runner
 from pmcl_scenes import CAMERA
 from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
 
@@ -76,7 +76,7 @@ def test_the_command_prints_what_was_found(tmp_path):
     camera = {'width': 320, 'height': 240, 'fx': 300.0, 'cx': 160.0, 'cy': 120.0}
     OrdinaryCamera.make(camera)
     (tmp_path / 'camera.yaml').write_text(str(camera))
-    runner = CliRunner()
+    runner = Runner()
     made = runner.invoke(main, [
         'scenes', 'render', '--camera', str(tmp_path / 'camera.yaml'), '--cameras', 'arc:2:30',
         '--count', '1', '--seed', '5', '--kind', 'opaque', '--samples', '4', '-o',
