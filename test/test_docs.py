@@ -7,8 +7,11 @@ import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
+
+from pmcl_ros.lightfield.posed_view import check_pose
 
 ROOT = Path(__file__).parents[1]
 LINK = re.compile(r'\]\(([^)\s]+)\)')
@@ -23,6 +26,13 @@ def site(tmp_path_factory):
                             '--site-dir', folder], cwd=ROOT, capture_output=True, text=True)
     assert built.returncode == 0, built.stdout + built.stderr
     return folder
+
+
+@pytest.mark.parametrize('page', sorted((ROOT / 'docs').rglob('*.md')), ids=lambda each: each.name)
+def test_poses_can_be_copied(page):
+    """Matrices of the documents are ones that the program takes."""
+    for text in re.findall(r'\[(?:-?[\d.]+, ){15}-?[\d.]+\]', page.read_text()):
+        check_pose(np.array(yaml.safe_load(text), float).reshape(4, 4), page.name)
 
 
 class Loaded(HTMLParser):

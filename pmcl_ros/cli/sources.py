@@ -29,6 +29,8 @@ from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
 
+_ORDINARY = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp')
+_OF_BAGS = ('.mcap', '.db3')
 _CONFIG = 'package://pmcl_ros/config/pmcl.yaml'
 _OF_RAW = (
     click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
@@ -92,6 +94,14 @@ class GivenSource:
             return Opened(partial(read_source, self.source, self.every, self.shrink,
                                   Metric(self.scale, self.distance)),
                           has_posed_views(self.source))
+        suffix = self.source.suffix.lower()
+        if suffix in _OF_BAGS:
+            raise click.UsageError(f'{self.source} is a file of a bag: give its folder, with '
+                                   'metadata.yaml in it')
+        if suffix in _ORDINARY and self.calibration is None:
+            raise click.UsageError(f'{self.source} is a picture of an ordinary camera: write '
+                                   'views.yaml beside it, and give that '
+                                   '(docs/howto/one_picture.md)')
         if self.calibration is None or self.white is None:
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
                                    f'--white. {OF_CAMERA}')

@@ -1,5 +1,6 @@
 """LightField or PosedView -> ContourMap."""
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, exposed
 from pmcl_ros.lightfield.readers.pictures import Reduction
 
+_LOG = logging.getLogger(__name__)
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
@@ -42,6 +44,10 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         depths = depth_labels(settings.near, settings.far, REFOCUSED)
         pictures = exposed(np.moveaxis(refocused(source, depths, settings.views), 1, -1))
     else:
+        left, top, width, height = settings.crop
+        if source.is_of_one_colour(left, top, width or pinhole.width - left,
+                                   height or pinhole.height - top):
+            _LOG.warning('a picture is of one colour: is the lens covered, or is it dark?')
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
     net = net or contour_net()

@@ -104,6 +104,10 @@ class PmclSettings(Settings):
         if counts[0] != counts[1] or counts[0] % 3 or not counts[0]:
             raise ValueError('interface_point and interface_normal have three numbers of each '
                              f'plane: not {counts[0]} and {counts[1]}')
+        if self.interface_index > 1 and not {
+                'interface_point', 'interface_normal'} & self.model_fields_set:
+            raise ValueError(f'interface_index {self.interface_index} is of a liquid: say where '
+                             'it ends by interface_point and interface_normal')
         if not np.any(np.reshape(self.interface_normal, (-1, 3)), axis=1).all():
             raise ValueError('interface_normal has no direction')
         return self

@@ -36,15 +36,24 @@ _SHORT.maxstring = _SHORT.maxother = 200
 
 def explain(error: ValidationError) -> str:
     """What is wrong with which fields, with their values, in one line."""
-    lines = [_line(each) for each in error.errors(include_url=False)[:_NAMED]]
-    more = error.error_count() - len(lines)
+    alike: dict[tuple[object, ...], list[ErrorDetails]] = {}  # of several items of a list
+    for each in error.errors(include_url=False):
+        place = tuple('*' if isinstance(part, int) else part for part in each['loc'])
+        alike.setdefault((place, each['type'], each['msg']), []).append(each)
+    groups = list(alike.values())
+    lines = [_line(each[0]) + (f' and {len(each) - 1} more like it' if len(each) > 1 else '')
+             for each in groups[:_NAMED]]
+    more = sum(map(len, groups[_NAMED:]))
     return '; '.join([*lines, f'and {more} more'] if more else lines)
 
 
 def _line(error: ErrorDetails) -> str:
-    line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), error['msg']])
-    if error['type'] == 'missing':  # the value would be all the others
-        return line
+    message = {'extra_forbidden': 'there is no such key'}.get(
+        error['type'], error['msg'].removeprefix('Value error, '))
+    line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), message])
+    if error['type'] in ('missing', 'extra_forbidden') or (
+            error['type'] == 'value_error' and isinstance(error['input'], dict)):
+        return line.removeprefix(': ')  # the value tells nothing, or would be all the others
     return f'{line.removeprefix(": ")} (got {_SHORT.repr(error["input"])})'
 
 

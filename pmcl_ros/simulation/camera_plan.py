@@ -71,6 +71,8 @@ class CameraPlan(Settings):
             return cls.make({'arc': (int(arc[1]), float(arc[2]))}, text)
         if grid and grid[3].strip('.'):
             return cls.make({'grid': (int(grid[1]), int(grid[2]), float(grid[3]))}, text)
+        if not Path(text).is_file() and Path(text).suffix in ('.yaml', '.yml'):
+            raise SettingsError(f'there is no {text}')
         if not Path(text).is_file():
             raise SettingsError(f'{text} is no plan of cameras: expected arc:COUNT:DEGREES, '
                                 'grid:ROWSxCOLUMNS:METRES or a YAML file')

@@ -145,10 +145,14 @@ def test_a_light_field_is_localised_in_without_a_calibration(decoded, tmp_path):
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
     (['{raw}'], 2, 'is a raw picture: it needs --calibration and --white'),
     (['{folder}'], 1, 'no light_field.yaml, parameters.cfg or views.npz'),
+    (['{picture}'], 2, 'write views.yaml beside it'),
+    (['{part}'], 2, 'is a file of a bag: give its folder'),
 ])
 def test_a_source_that_cannot_be_read_is_told(captures, arguments, status, reason):
     capture = captures / 'wine_glass'
-    names = {'raw': capture / 'IMG.RAW', 'folder': capture}
+    names = {'raw': capture / 'IMG.RAW', 'folder': capture, 'picture': capture / 'IMG.png',
+             'part': ROOT / 'bags' / 'wine_glass' / 'wine_glass.mcap'}
+    (capture / 'IMG.png').write_bytes(b'')
     done = pmcl('localize', *(each.format(**names) for each in arguments), '--object',
                 capture / 'model.obj', '--roi', 0, 0, 0.5, 0.1, 0.1, 0.1, status=status)
     assert reason in ' '.join(done.stderr.split())

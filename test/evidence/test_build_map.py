@@ -1,5 +1,7 @@
 """Contour maps of pictures and light fields by the shipped network, where the truth is known."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -103,3 +105,12 @@ def test_of_a_large_object_there_is_a_map_with_larger_pixels_too(light_field):
     np.testing.assert_allclose(fine.coarser.tensor, expected.tensor, atol=1e-3)
     part = build_map(view, SETTINGS.model_copy(update={'crop': (48, 64, 132, 128)}), size=330.0)
     assert part.coarser.pinhole == halved.pinhole.crop(24, 32, 66, 64)
+
+
+@pytest.mark.parametrize('level', [0.0, 0.5])
+def test_a_picture_of_one_colour_is_told(light_field, caplog, level):
+    view = centre_view(light_field)
+    build_map(view, SETTINGS)
+    assert 'one colour' not in caplog.text
+    build_map(replace(view, picture=np.full_like(view.picture, level)), SETTINGS)
+    assert 'a picture is of one colour: is the lens covered, or is it dark?' in caplog.text

@@ -58,7 +58,7 @@ def test_what_is_saved_is_read_to_the_last_digit(tmp_path):
     ({'tables': [[0, 1], [2, 3], [4, float('inf')]]}, 'tables.2.1: Input should be a finite'),
     ({'offsets': list(range(9))}, 'offsets: Tuple should have at most 8 items'),
     ({'knots': list(range(10))}, 'knots: Tuple should have at most 9 items'),
-    ({'bia': 1}, 'bia: Extra inputs'),
+    ({'bia': 1}, 'bia: there is no such key'),
 ])
 def test_the_file_and_the_field_are_named(tmp_path, change, reason):
     file = tmp_path / 'creases.yaml'

@@ -49,7 +49,7 @@ def test_a_hand_written_file_needs_no_gripper(file):
     ({'opening': 0.3}, "larger than the gripper's 0.1 m"),
     ({'name': 'rim_top'}, 'several grasps are called rim_top'),
     ({'kind': 'sideways'}, "kind: Input should be 'rim', 'side'"),
-    ({'tilt': 1}, 'tilt: Extra inputs'),
+    ({'tilt': 1}, 'tilt: there is no such key'),
 ])
 def test_what_is_wrong_is_told(file, change, reason):
     values = yaml.safe_load(file.read_text())

@@ -114,6 +114,11 @@ def test_the_command_writes_posed_views_that_are_read_again(tmp_path):
     np.testing.assert_allclose(truth.roi_center, truth.pose[:3, 3], atol=0.06)
 
 
+def test_a_plan_that_is_not_there_is_told():
+    with pytest.raises(SettingsError, match=r'^there is no some\.yaml$'):
+        CameraPlan.parse('some.yaml')
+
+
 def test_cameras_need_a_camera():
     result = CliRunner().invoke(main, ['scenes', 'render', '--cameras', 'arc:3:40', '-o', 'x'])
     assert result.exit_code == 2

@@ -80,6 +80,7 @@ class MultiViewLocalizer:
         """
         stages, asked = Stages(progress or (lambda _: True)), _Asked(start, watch, beside, near)
         found = self._localized(evidence, rng, stages, asked)
+        _tell_unused(len(evidence.views), len(found.fits))
         if self._numbers is not None or not second:
             return found.estimate
         if near is None and found.estimate.lost and stages.go_on(1.0):
@@ -307,6 +308,14 @@ class _Asked:
     beside: Beside | None
     near: NDArray[np.float64] | None = None
     also: NDArray[np.float64] | None = None
+
+
+def _tell_unused(given: int, used: int) -> None:
+    """Warn where so few of the views see the region that it is likely a mistake."""
+    if used < given / 2:
+        _LOG.warning('%d of %d views see the region of interest: are their poses in metres, from '
+                     'the camera to the frame of the region? (pmcl --verbose tells why of each)',
+                     used, given)
 
 
 def _tell(fits: Sequence[ViewFit], least: float) -> None:

@@ -413,7 +413,7 @@ BASE = {'fx': 150, 'files': ROW_COLUMN, 'baseline': 0.03}
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'fx': None}, 'fx: Field required'),
     ({'fx': 0.1}, 'fx.*greater than 1'),
-    ({'colour': 1}, 'colour: Extra'),
+    ({'colour': 1}, 'colour: there is no such key'),
     ({'unit': 1}, 'not baseline and unit'),
     ({'baseline': None}, 'not none'),
     ({'baseline': None, 'unit': 1}, r'have no \{x\} and \{y\}'),

@@ -125,6 +125,10 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
     with caplog.at_level(logging.INFO):
         with_blind, without = found(CUP, blind), found(CUP, evidence)
     assert 'view 0 says nothing' in caplog.text
+    assert 'views see the region' not in caplog.text
+    mostly_blind = replace(blind, views=(blind.views[0], blind.views[0], blind.views[1]))
+    assert found(CUP, mostly_blind) is not None
+    assert '1 of 3 views see the region of interest: are their poses in metres' in caplog.text
     np.testing.assert_array_equal(with_blind.pose, without.pose)
     with pytest.raises(LocalizationError, match='none of the 1 views sees the region'):
         found(CUP, replace(blind, views=blind.views[:1]))
