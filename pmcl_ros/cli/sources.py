@@ -18,6 +18,7 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import (
     Source,
+    check_folder,
     has_posed_views,
     is_light_field,
     read_source,
@@ -91,6 +92,8 @@ class GivenSource:
             raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
                                    '--collect are for bags')
         if is_light_field(self.source):
+            if self.source.is_dir():
+                check_folder(self.source)
             return Opened(partial(read_source, self.source, self.every, self.shrink,
                                   Metric(self.scale, self.distance)),
                           has_posed_views(self.source))

@@ -154,7 +154,7 @@ def test_a_source_that_cannot_be_read_is_told(captures, arguments, status, reaso
              'part': ROOT / 'bags' / 'wine_glass' / 'wine_glass.mcap'}
     (capture / 'IMG.png').write_bytes(b'')
     done = pmcl('localize', *(each.format(**names) for each in arguments), '--object',
-                capture / 'model.obj', '--roi', 0, 0, 0.5, 0.1, 0.1, 0.1, status=status)
+                capture / 'model.obj', '--roi', 0, 0, -0.5, 0.1, 0.1, 0.1, status=status)
     assert reason in ' '.join(done.stderr.split())
 
 

@@ -3,10 +3,10 @@
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -20,6 +20,7 @@ from pmcl_ros.runtime.settings import Settings
 
 NAME = 'views.yaml'
 _NPZ = '.npz'
+_ROWS = 4
 
 
 class ViewCamera(CameraEntry):
@@ -64,6 +65,15 @@ class ViewEntry(Settings):
                        'those of one hand-eye transform')
     common: float = Field(1.0, ge=0, le=1, description='share of the variance of these errors '
                           'that the group shares; the rest is of each view')
+
+    @field_validator('camera_to_reference', 'mount_to_base', mode='before')
+    @classmethod
+    def _one_row(cls, value: Any) -> Any:
+        """The 16 numbers of four rows of four."""
+        if isinstance(value, list) and [len(row) for row in value if isinstance(row, list)] == [
+                4, 4, 4, 4] and len(value) == _ROWS:
+            return [each for row in value for each in row]
+        return value
 
     @property
     def is_light_field(self) -> bool:

@@ -62,8 +62,7 @@ def _has_pictures(path: Path) -> bool:
     """Whether a path is of pictures of ordinary cameras."""
     if _views_yaml(path) is not None or bop.scene_of(path) is not None:
         return True
-    if not path.is_dir() or any((path / each).is_file() for each in (
-            folder.NAME, sweep_folder.NAME, hci.NAME, 'views.npz')):
+    if not path.is_dir() or _has_grid(path):
         return False  # a light field, whatever else lies there
     return colmap.model_folder(path) is not None or (path / bop.NAME).is_file()
 
@@ -124,14 +123,26 @@ def read_light_field(path: Path | str, every: int = 1, shrink: int = 1,
 
 
 def _read_folder(path: Path, header: Header, reduction: Reduction) -> LightField:
+    check_folder(path)
     if (path / folder.NAME).is_file():
         return folder.read_folder(path / folder.NAME, header, reduction)
     if (path / sweep_folder.NAME).is_file():
         return sweep_folder.read_sweep(path / sweep_folder.NAME, header, reduction)
     if (path / hci.NAME).is_file():
         return hci.read_hci(path, header, reduction)
-    if (path / 'views.npz').is_file():
-        return read_npz(path / 'views.npz', header, reduction)
+    return read_npz(path / 'views.npz', header, reduction)
+
+
+def _has_grid(path: Path) -> bool:
+    """Whether a folder is a light field."""
+    return any((path / each).is_file() for each in (folder.NAME, sweep_folder.NAME, hci.NAME,
+                                                    'views.npz'))
+
+
+def check_folder(path: Path) -> None:
+    """Raise LightFieldError where a folder has nothing that `read_source` reads."""
+    if _has_grid(path) or _has_pictures(path):
+        return
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
     raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz with the '

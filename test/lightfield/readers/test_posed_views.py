@@ -142,6 +142,15 @@ def test_a_picture_without_a_pose_is_a_view_one_with_a_pose_is_posed(tmp_path):
     assert read_source(folder).views[0].common == 0.25
 
 
+def test_a_pose_may_be_four_rows(tmp_path):
+    folder = write(tmp_path, np.full((44, 60, 3), 99, np.uint8))
+    pose = np.eye(4)
+    pose[:3, 3] = 1, 2, 3
+    changed(folder, **view(camera_to_reference=pose.tolist()))
+    one, = read_source(folder).views
+    np.testing.assert_array_equal(one.camera_to_reference, pose)
+
+
 def test_views_of_two_frames_are_refused(tmp_path):
     folder = write(tmp_path, whole(VALUES, 255, np.uint8))
     one = read_source(folder)
