@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, time_ns
@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
-from scipy.stats import linregress
 
 from pmcl_ros.camera.simulated.server import served
+from pmcl_ros.evaluation.bench.soak_report import UNDER_WAY, Soak
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.bench.disturbances import ARGUMENTS, Disturbances
@@ -42,129 +42,13 @@ from pmcl_ros.runtime.ros_domain import own_domain
 
 _ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)
-# On their way at once: one is searched, one is decoded or waits. A third could overtake.
-_UNDER_WAY = 2
 _STALLED = 60.0  # s: then what has not come does not come
 _STALLED_DISTURBED = 15.0  # s: what a killed process held never comes
 _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
 _PARTS = 10  # times that the graph runs empty and its processes are measured
-# MB that a process may have grown: less than three raw pictures; one that was kept at each capture
-# would be far more.
-_FLAT = 60.0
-_ENOUGH = 100  # captures: before, what is kept for the next time is still growing
-# From _MANY captures on a line through the memory of the later half must be flatter: MB in 1,000
-# captures, by two standard errors.
-_MANY, _SLOPE = 1000, 1.0
-_LINE = 3  # points: a line through fewer has no error
-_DESCRIPTORS, _THREADS = 4, 2  # which may come and go
 _QUICK: dict[str, dict[str, Any]] = {
     'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
     'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}
-
-
-@dataclass
-class Soak:
-    """The result of a soak test.
-
-    captures: published, by their stamps. poses: that came. twice: stamps that came again. strange:
-    of no capture. lost: captures in which the object was not found. dropped, errors: as the nodes
-    report on /diagnostics, by node. unreported: captures without a pose and without a report.
-    latency: from shutter to pose, seconds: percentiles. memory, descriptors, threads: by process,
-    each time the graph had run empty. left: files in /dev/shm that outlived the graph.
-    diagnostics: by node, the values of its last message on /diagnostics.
-    disturbances: how often each happened. killed: processes of the graph, among them.
-    unanswered: captures that a driver was asked for and did not answer, as it was killed.
-    """
-
-    captures: int = 0
-    poses: int = 0
-    twice: int = 0
-    strange: int = 0
-    lost: int = 0
-    refused: int = 0
-    dropped: dict[str, int] = field(default_factory=dict)
-    errors: dict[str, int] = field(default_factory=dict)
-    unreported: int = 0
-    seconds: float = 0
-    latency: dict[str, float] = field(default_factory=dict)
-    after: list[int] = field(default_factory=list)
-    memory: dict[str, list[float]] = field(default_factory=dict)
-    descriptors: dict[str, list[int]] = field(default_factory=dict)
-    threads: dict[str, list[int]] = field(default_factory=dict)
-    left: list[str] = field(default_factory=list)
-    diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
-    status: int = 0
-    tracebacks: int = 0
-    disturbances: dict[str, int] = field(default_factory=dict)
-    killed: int = 0
-    unanswered: int = 0
-
-    def violations(self, flood: bool) -> list[str]:
-        """What is not as it must be, in words. flood: captures came faster than can be used."""
-        # What a process held when it was killed is reported by the log of pmcl_bringup alone, and
-        # Fast DDS leaves its files of shared memory.
-        untold = (max(self.unreported - _UNDER_WAY * self.killed, 0)
-                  or min(self.unreported + self.unanswered, 0))
-        found = [(self.twice, 'poses of a capture that had one already'),
-                 (max(self.strange - self.unanswered, 0), 'poses of no capture'),
-                 (abs(untold), 'captures too few, or too many, are reported as lost'),
-                 (sum(self.errors.values()), 'errors'), (self.refused, 'captures refused'),
-                 (0 if flood or self.killed else sum(self.dropped.values()), 'captures dropped'),
-                 (0 if self.killed else len(self.left),
-                  f'files left in /dev/shm: {", ".join(self.left)}'),
-                 (self.tracebacks, 'tracebacks'),
-                 (abs(self.status), 'is the exit status of the graph, not 0')]
-        words = [f'{count} {what}' for count, what in found if count]
-        memory = self.memory if self.captures >= _ENOUGH else {}
-        for values, most, what in ((memory, _FLAT, 'MB'),
-                                   (self.descriptors, _DESCRIPTORS, 'descriptors'),
-                                   (self.threads, _THREADS, 'threads')):
-            for name, each in values.items():
-                if each[-1] - each[0] > most:
-                    words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
-        if not self.killed:  # else what is kept of participants that came and went grows, too
-            words += [f'{name} grows by {slope:.1f} +- {error:.1f} MB in 1,000 captures'
-                      for name, (slope, error) in self.slopes.items()
-                      if slope - 2 * error > _SLOPE]
-        return words
-
-    @property
-    def slopes(self) -> dict[str, tuple[float, float]]:
-        """Of a line through the memory of each process: MB in 1,000 captures, standard error.
-
-        Of the later half of a long run: in the first, what is kept for the next time still grows.
-        Of processes that were measured three times there.
-        """
-        found = {}
-        for name, memory in self.memory.items() if self.captures >= _MANY else ():
-            later = np.array(self.after[-len(memory):]) >= self.captures / 2
-            captures, values = np.array(self.after[-len(memory):])[later], np.array(memory)[later]
-            if len(values) >= _LINE:
-                line = linregress(captures / 1000, values)
-                found[name] = (float(line.slope), float(line.stderr))
-        return found
-
-    def markdown(self) -> list[str]:
-        """A table."""
-        missing = self.captures - self.poses
-        rows = [('captures, poses, lost', f'{self.captures}, {self.poses}, {self.lost}'),
-                ('without a pose, and reported as lost, dropped or failed',
-                 f'{missing}, {missing - self.unreported}'),
-                ('rate', f'{self.captures / self.seconds:.2f} captures/s'),
-                ('shutter to pose', ', '.join(f'{name} {1e3 * each:.0f} ms'
-                                              for name, each in self.latency.items()))]
-        for values, unit in ((self.memory, 'MB'), (self.descriptors, 'descriptors'),
-                             (self.threads, 'threads')):
-            for name, each in values.items():
-                after = ', '.join(map(str, self.after[-len(each):]))
-                rows.append((f'{name}: {unit} after {after} captures',
-                             ', '.join(f'{one:.0f}' for one in each)))
-        rows += [(f'{name}: growth of the later half', f'{slope:+.1f} +- {error:.1f} MB in 1,000 '
-                  'captures') for name, (slope, error) in self.slopes.items()]
-        rows += [(f'disturbance: {what}', f'{count} times')
-                 for what, count in self.disturbances.items()]
-        rows.append(('left in /dev/shm', str(len(self.left))))
-        return ['| what | result |', '|---|---|', *(f'| {name} | {each} |' for name, each in rows)]
 
 
 def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
@@ -245,7 +129,7 @@ class _Run:
         while len(self._answers) < last:
             self._await(lambda: all(each.done() for each in self._answers[-1:]))
             if not self._flood:
-                self._await(lambda: len(self._answers) - self._finished() < _UNDER_WAY)
+                self._await(lambda: len(self._answers) - self._finished() < UNDER_WAY)
             # What was given up may have come, or been reported, since.
             self._gone -= min(self._gone, max(self._finished() - len(self._answers), 0))
             self._answers.append(self._graph.capture())

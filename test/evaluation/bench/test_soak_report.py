@@ -1,0 +1,30 @@
+"""What a soak test judges, where it is known what happened."""
+
+import pytest
+
+from pmcl_ros.evaluation.bench.soak_report import Soak
+
+
+def soaked(**values):
+    after = list(range(200, 2001, 200))
+    return Soak(**{'captures': 2000, 'poses': 2000, 'after': after,
+                   'memory': {'node': [900.0] * len(after)}} | values)
+
+
+@pytest.mark.parametrize(('values', 'words'), [
+    ({}, []),
+    ({'memory': {'node': [900 + 0.0005 * each for each in range(200, 2001, 200)]}}, []),
+    ({'memory': {'node': [900 + 0.002 * each for each in range(200, 2001, 200)]}},
+     ['node grows by 2.0 +- 0.0 MB in 1,000 captures']),
+    ({'killed': 1, 'memory': {'node': [900 + 0.002 * each for each in range(200, 2001, 200)]}},
+     ['node grows by 2.0 +- 0.0 MB in 1,000 captures']),
+    ({'memory': {'node': [900.0, *[961.0] * 9]}}, ['node grew by 61 MB']),
+    ({'unreported': 1}, ['1 captures too few, or too many, are reported as lost']),
+    ({'unreported': 2, 'killed': 1}, []),
+    ({'unreported': 3, 'killed': 1},
+     ['1 captures too few, or too many, are reported as lost']),
+    ({'strange': 1}, ['1 poses of no capture']), ({'strange': 1, 'unanswered': 1}, []),
+    ({'dropped': {'dlv_node': 2}}, ['2 captures dropped']),
+])
+def test_violations(values, words):
+    assert soaked(**values).violations(flood=False) == words
