@@ -168,7 +168,7 @@ class _Judged:
 
     @property
     def contenders(self) -> NDArray[np.float64]:
-        """(n, 4, 4) those with at least half of the best one's evidence; others have no weight."""
+        """(n, 4, 4) those with at least half of the best one's evidence."""
         return self.poses[self.values >= self.values[0] / 2] if self.values[0] > 0 else self.poses
 
 
