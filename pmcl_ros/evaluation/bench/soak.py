@@ -45,7 +45,7 @@ _CONSOLE = Console(stderr=True)
 _STALLED = 60.0  # s: then what has not come does not come
 _STALLED_DISTURBED = 15.0  # s: what a killed process held never comes
 _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
-_PARTS = 10  # times that the graph runs empty and its processes are measured
+_PARTS = 40  # times that the graph runs empty and its processes are measured
 _QUICK: dict[str, dict[str, Any]] = {
     'dlv_node': {'labels': 16, 'edge_labels': 8, 'views': 3},
     'pmcl_node': {'mode': 'faithful', 'faithful_iterations': 1, 'faithful_particles': 4}}

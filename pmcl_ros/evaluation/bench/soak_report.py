@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import linregress
+from scipy.stats import theilslopes
 
 # On their way at once: one is searched, one is decoded or waits. A third could overtake.
 UNDER_WAY = 2
@@ -11,11 +11,26 @@ UNDER_WAY = 2
 # would be far more.
 _FLAT = 60.0
 _ENOUGH = 100  # captures: before, what is kept for the next time is still growing
-# From _MANY captures on a line through the memory of the later half must be flatter: MB in 1,000
-# captures, by two standard errors.
+# From _MANY captures on the memory of the later half must be flatter: MB in 1,000 captures.
 _MANY, _SLOPE = 1000, 1.0
 _LINE = 3  # points: a line through fewer has no error
+_SURE = 0.95  # of the interval of its slope
+_SHOWN = 10  # measurements, in the table
 _DESCRIPTORS, _THREADS = 4, 2  # which may come and go
+
+
+@dataclass(frozen=True)
+class Slope:
+    """MB in 1,000 captures, and its 95 % interval."""
+
+    slope: float
+    low: float
+    high: float
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        return f'{self.slope:.1f} ({self.low:.1f} to {self.high:.1f}) MB in 1,000 captures'
 
 
 @dataclass
@@ -78,24 +93,25 @@ class Soak:
             for name, each in values.items():
                 if each[-1] - each[0] > most:
                     words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
-        words += [f'{name} grows by {slope:.1f} +- {error:.1f} MB in 1,000 captures'
-                  for name, (slope, error) in self.slopes.items() if slope - 2 * error > _SLOPE]
+        words += [f'{name} grows by {slope.told}' for name, slope in self.slopes.items()
+                  if slope.low > _SLOPE]
         return words
 
     @property
-    def slopes(self) -> dict[str, tuple[float, float]]:
-        """Of a line through the memory of each process: MB in 1,000 captures, standard error.
+    def slopes(self) -> dict[str, 'Slope']:
+        """How the memory of each process grows in the later half of a long run.
 
-        Of the later half of a long run: in the first, what is kept for the next time still grows.
-        Of processes that were measured three times there.
+        In the first half what is kept for the next time still grows. The slope is the median of
+        those of all pairs (Theil-Sen): a measurement that meets a passing peak does not count
+        much. Of processes that were measured three times there.
         """
         found = {}
         for name, memory in self.memory.items() if self.captures >= _MANY else ():
             later = np.array(self.after[-len(memory):]) >= self.captures / 2
             captures, values = np.array(self.after[-len(memory):])[later], np.array(memory)[later]
             if len(values) >= _LINE:
-                line = linregress(captures / 1000, values)
-                found[name] = (float(line.slope), float(line.stderr))
+                slope, _, low, high = theilslopes(values, captures / 1000, _SURE)
+                found[name] = Slope(float(slope), float(low), float(high))
         return found
 
     def markdown(self) -> list[str]:
@@ -110,11 +126,14 @@ class Soak:
         for values, unit in ((self.memory, 'MB'), (self.descriptors, 'descriptors'),
                              (self.threads, 'threads')):
             for name, each in values.items():
-                after = ', '.join(map(str, self.after[-len(each):]))
+                shown = np.unique(np.linspace(0, len(each) - 1, _SHOWN).astype(int))
+                after = ', '.join(str(self.after[-len(each):][one]) for one in shown)
                 rows.append((f'{name}: {unit} after {after} captures',
-                             ', '.join(f'{one:.0f}' for one in each)))
-        rows += [(f'{name}: growth of the later half', f'{slope:+.1f} +- {error:.1f} MB in 1,000 '
-                  'captures') for name, (slope, error) in self.slopes.items()]
+                             ', '.join(f'{each[one]:.0f}' for one in shown)))
+                rows.append((f'{name}: {unit}, least and most', f'{min(each):.0f}, '
+                             f'{max(each):.0f}'))
+        rows += [(f'{name}: growth of the later half', slope.told)
+                 for name, slope in self.slopes.items()]
         rows += [(f'disturbance: {what}', f'{count} times')
                  for what, count in self.disturbances.items()]
         rows.append(('left in /dev/shm', str(len(self.left))))
