@@ -1,14 +1,17 @@
 """The rows of a comparison: each a way to make the evidence and to search in it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evaluation.ablations import ablated
 from pmcl_ros.evaluation.captures import Capture
+from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import edge_volume
+from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews, centre_view
 from pmcl_ros.lightfield.readers.read import Source
@@ -25,7 +28,8 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.text_file import parse_yaml
 
-Base = Literal['default', 'faithful', 'centre', 'edges', 'map', 'map-centre']
+Base = Literal['default', 'faithful', 'centre', 'edges', 'map', 'map-centre', 'map-no-sides',
+               'map-no-directions', 'map-one-depth', 'map-inside']
 
 _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
 
@@ -35,7 +39,8 @@ class Variant:
     """One row of a comparison.
 
     name: as shown. base: the row that this one changes; 'centre' and 'map-centre' use the
-        centre view alone, 'edges' and 'map' ones that evidence.
+        centre view alone, 'edges' and 'map' ones that evidence, other 'map-' ones a part of it
+        (`ABLATIONS`).
     dlv, pmcl: changed parameters, (name, value) pairs. group: the parameter that a sweep varies,
     for its chart of accuracy over time; empty outside sweeps.
     """
@@ -108,12 +113,22 @@ class Variant:
         if self.base == 'map-centre' and isinstance(source, LightField):
             source = centre_view(source)
         if self.base != 'centre' or not isinstance(source, LightField):
-            return build_evidence(source, settings, self.mode,
+            made = build_evidence(source, settings, self.mode,
                                   evidence_kind(PmclSettings(**self.chosen), source),
                                   size_in(model, self.search(capture)))
+            return _ablated(made, self.base)
         depths = depth_labels(settings.near, settings.far, settings.edge_labels)
         return edge_volume(source, depths, views=1).on(
             PixelGrid.from_crop(source.grid.pinhole, settings.crop, settings.stride))
+
+
+def _ablated(made: Evidence, base: Base) -> Evidence:
+    """Evidence as a row wants it; of several views, that of each."""
+    if isinstance(made, ViewsEvidence):
+        return replace(made, views=tuple(
+            replace(each, evidence=ablated(each.evidence, base))
+            if isinstance(each.evidence, ContourMap) else each for each in made.views))
+    return ablated(made, base) if isinstance(made, ContourMap) else made
 
 
 def _of(settings: type[DlvSettings] | type[PmclSettings], values: Mapping[str, Any]
