@@ -1,8 +1,10 @@
 """What a soak test found, what of it is not as it must be, and its table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import theilslopes
 
 # On their way at once: one is searched, one is decoded or waits. A third could overtake.
@@ -11,7 +13,8 @@ UNDER_WAY = 2
 # would be far more.
 _FLAT = 60.0
 _ENOUGH = 100  # captures: before, what is kept for the next time is still growing
-# From _MANY captures on the memory of the later half must be flatter: MB in 1,000 captures.
+# Memory of a process that has run for _MANY captures must be flatter in their later half: MB in
+# 1,000 captures.
 _MANY, _SLOPE = 1000, 1.0
 _LINE = 3  # points: a line through fewer has no error
 _SURE = 0.95  # of the interval of its slope
@@ -86,31 +89,42 @@ class Soak:
                  (self.tracebacks, 'tracebacks'),
                  (abs(self.status), 'is the exit status of the graph, not 0')]
         words = [f'{count} {what}' for count, what in found if count]
-        memory = self.memory if self.captures >= _ENOUGH else {}
-        for values, most, what in ((memory, _FLAT, 'MB'),
+        for values, most, what in ((self.memory, _FLAT, 'MB'),
                                    (self.descriptors, _DESCRIPTORS, 'descriptors'),
                                    (self.threads, _THREADS, 'threads')):
             for name, each in values.items():
-                if each[-1] - each[0] > most:
-                    words.append(f'{name} grew by {each[-1] - each[0]:.0f} {what}')
+                least = _ENOUGH if values is self.memory else 0
+                first = next((one for one, age in zip(each, self._ages(each), strict=True)
+                              if age >= least), each[-1])
+                if each[-1] - first > most:
+                    words.append(f'{name} grew by {each[-1] - first:.0f} {what}')
         words += [f'{name} grows by {slope.told}' for name, slope in self.slopes.items()
                   if slope.low > _SLOPE]
         return words
 
+    def _ages(self, measured: Sequence[float]) -> NDArray[np.int64]:
+        """Captures that a process had run for at its measurements.
+
+        One that was killed counts anew, from the measurement before its first one.
+        """
+        started = 0 if len(measured) == len(self.after) else self.after[-len(measured) - 1]
+        return np.array(self.after[-len(measured):], np.int64) - started
+
     @property
     def slopes(self) -> dict[str, 'Slope']:
-        """How the memory of each process grows in the later half of a long run.
+        """How the memory of a process grows in the later half of a long run.
 
         In the first half what is kept for the next time still grows. The slope is the median of
         those of all pairs (Theil-Sen): a measurement that meets a passing peak does not count
         much. Of processes that were measured three times there.
         """
         found = {}
-        for name, memory in self.memory.items() if self.captures >= _MANY else ():
-            later = np.array(self.after[-len(memory):]) >= self.captures / 2
-            captures, values = np.array(self.after[-len(memory):])[later], np.array(memory)[later]
-            if len(values) >= _LINE:
-                slope, _, low, high = theilslopes(values, captures / 1000, _SURE)
+        for name, memory in self.memory.items():
+            ages = self._ages(memory)
+            later = ages >= ages[-1] / 2
+            if ages[-1] >= _MANY and later.sum() >= _LINE:
+                slope, _, low, high = theilslopes(np.array(memory)[later], ages[later] / 1000,
+                                                  _SURE)
                 found[name] = Slope(float(slope), float(low), float(high))
         return found
 

@@ -4,6 +4,8 @@ import pytest
 
 from pmcl_ros.evaluation.bench.soak_report import Soak
 
+SHORT = list(range(50, 2001, 50))
+
 
 def soaked(**values):
     after = list(range(200, 2001, 200))
@@ -19,6 +21,10 @@ def soaked(**values):
     ({'killed': 1, 'memory': {'node': [900 + 0.002 * each for each in range(200, 2001, 200)]}},
      ['node grows by 2.0 (2.0 to 2.0) MB in 1,000 captures']),
     ({'memory': {'node': [900.0, *[961.0] * 9]}}, ['node grew by 61 MB']),
+    # A process that was killed grows for a while, and is judged by its own captures.
+    ({'killed': 1, 'after': SHORT, 'memory': {'node': [420.0, 490.0]}}, []),
+    ({'killed': 1, 'after': SHORT, 'memory': {'node': [420.0, 490.0, 551.0]}},
+     ['node grew by 61 MB']),
     # A passing peak is no growth.
     ({'memory': {'node': [*[900.0] * 8, 943.0, 900.0]}}, []),
     ({'unreported': 1}, ['1 captures too few, or too many, are reported as lost']),
@@ -43,7 +49,7 @@ def test_the_slope_does_not_depend_on_a_peak():
 
 
 def test_the_table_has_ten_measurements_and_the_most():
-    table = '\n'.join(soaked(seconds=1, after=list(range(50, 2001, 50)),
+    table = '\n'.join(soaked(seconds=1, after=SHORT,
                              memory={'node': [900.0] * 39 + [950.0]}).markdown())
     row, = (each for each in table.splitlines() if 'node: MB after' in each)
     assert row.endswith(f'| {"900, " * 9}950 |')
