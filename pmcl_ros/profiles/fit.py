@@ -1,7 +1,7 @@
 """Moves axis, profile and ends to the place of most evidence, by the contour's offsets."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,19 +43,23 @@ class Normal:
 
 
 def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: int,
-            height: float | None = None) -> Revolution:
+            height: float | None = None, with_edge: bool = True) -> Revolution:
     """The surface after some steps.
 
     reach: standard deviation of the contour's offset [px]. height: of the object, where it is
-    known [m].
+    known [m]. with_edge: whether the radius of the bottom's edge may change.
     """
+    free = np.ones(len(surface.radii) + ENDS + AXIS, bool)
+    free[len(surface.radii) + 2] = with_edge
     at = normal_equations(surface, maps, reach)
     prior = _prior(surface, height)
     damping = 0.0
     for _ in range(steps):
         information = at.information + prior.information
         damped = information + damping * np.diag(np.diag(information))
-        step = np.asarray(np.linalg.solve(damped, at.gradient + prior.gradient), float)
+        step = np.zeros(len(free))
+        step[free] = np.linalg.solve(damped[np.ix_(free, free)],
+                                     (at.gradient + prior.gradient)[free])
         tried = surface.moved(step, _LEAST)
         there, known = normal_equations(tried, maps, reach), _prior(tried, height)
         if there.scaled + known.evidence > at.scaled + prior.evidence:
@@ -63,6 +67,17 @@ def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: 
         else:
             damping = max(10 * damping, 0.01)
     return surface
+
+
+def with_usual_edge(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: int
+                    ) -> Revolution:
+    """The surface with a bottom edge of the usual radius, refined.
+
+    From above, a round edge looks like a sharp one that is higher, so evidence tells the radius
+    and the height of the bottom only together. The rest as in `refined`.
+    """
+    usual = replace(surface, edges=(float(_EDGES[0]), surface.edges[1]))
+    return refined(usual, maps, reach, steps, with_edge=False)
 
 
 def normal_equations(surface: Revolution, maps: Sequence[PosedMap], reach: float) -> Normal:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.profiles.fit import deviations, normal_equations, refined
+from pmcl_ros.profiles.fit import deviations, normal_equations, refined, with_usual_edge
 from pmcl_ros.profiles.measured import MeasuredProfile
 from pmcl_ros.profiles.outline import Box, BoxedView, Cylinder, cylinder_in
 from pmcl_ros.profiles.search import PosedMap, searched
@@ -46,6 +46,8 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
         frame = surface.frame.copy()
         frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
         about = Cylinder(frame, about.radius, about.height)
+    if height is None:
+        surface = with_usual_edge(surface, finest, reach, steps)
     found = normal_equations(surface, finest, reach)
     least = maps[0].evidence.profile.least
     mean = found.evidence / max(found.length, 1.0)
