@@ -90,10 +90,11 @@ def figures(folder: Path, only: str | None, tables: bool) -> None:
 @click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
               help='Rays per pixel.')
 @click.option('--cad', is_flag=True, help='Find them with their true meshes too.')
+@click.option('--height', is_flag=True, help='Tell their heights, with errors of 0.5 mm.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
 def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad: bool,
-                   processes: int, out: Path | None) -> None:
+                   height: bool, processes: int, out: Path | None) -> None:
     """Measure generated vessels as `pmcl profile`, and find them by that in other scenes.
 
     Prints a row for each vessel: largest and mean deviation of the profile and its standard
@@ -103,7 +104,8 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
-    run = partial(profile_trial, of=ProfileStudy(ordinary, samples, with_cad=cad))
+    run = partial(profile_trial, of=ProfileStudy(
+        ordinary, samples, with_cad=cad, with_height=height))
     done: list[ProfileTrial] = []
     for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
                                console=STDERR, transient=True, description='vessels'):

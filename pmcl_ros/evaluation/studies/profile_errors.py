@@ -29,6 +29,7 @@ from pmcl_ros.simulation.scenes.scene import Scene, Target
 _FILLED = 0.8  # of the picture's smaller side: the diagonal of a vessel that is measured
 _STEEP = np.deg2rad([10.0, 30.0])  # limits of the angle at which cameras look down on it
 _BOX = 2.0  # px: standard deviation of the sides of a box that is drawn
+_RULER = 0.0005  # m: standard deviation of a height that is measured
 _STEP = 0.0002  # m between points of a profile
 _UNDER = 0.9  # of the foot's radius: nearer to the axis is the underside
 _NEAR = 0.005, np.deg2rad(5.0)  # m, rad: of a pose that counts
@@ -59,7 +60,8 @@ class ProfileTrial:
 class ProfileStudy:
     """Of `profile_trial`: three views over `apart` degrees, by a camera, samples a pixel.
 
-    with_cad: whether the vessel is looked for with its true mesh too.
+    with_cad: whether the vessel is looked for with its true mesh too. with_height: whether its
+    height is told, as measured by a ruler.
     """
 
     camera: OrdinaryCamera
@@ -67,6 +69,7 @@ class ProfileStudy:
     views: int = 3
     apart: float = 60.0
     with_cad: bool = False
+    with_height: bool = False
 
 
 def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
@@ -87,7 +90,8 @@ def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
     found: MeasuredProfile | None = None
     try:
         boxes = {k: _drawn(rng, views[k], alone.targets[0]) for k in (0, len(views) - 1)}
-        found = measured(views, boxes, alone.world_from_camera[2])
+        found = measured(views, boxes, alone.world_from_camera[2],
+                         _by_ruler(rng, model) if of.with_height else None)
     except ProfileError:
         pass
     by_cad = _localised(seed, others, other, model) if of.with_cad else None
@@ -181,6 +185,11 @@ def _drawn(rng: np.random.Generator, view: PosedView, target: Target) -> Box:
     left, top, right, bottom = np.concatenate([pixels.min(axis=0), pixels.max(axis=0)]) + (
         rng.normal(0, _BOX, 4))
     return float(left), float(top), float(right - left), float(bottom - top)
+
+
+def _by_ruler(rng: np.random.Generator, model: ObjectModel) -> float:
+    """The height of a vessel, as somebody measures it [m]."""
+    return float(np.ptp(_true(model)[:, 1]) + rng.normal(0, _RULER))
 
 
 def _model(target: Target) -> ObjectModel:
