@@ -14,6 +14,7 @@ from pmcl_ros.pipeline import cameras_of
 from pmcl_ros.pmcl.region import with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 
+_WIDEST = 10.0  # m: as of roi_size
 _OPTIONS = (
     click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
                  help="Box that holds the object's origin: centre and size, camera's optical "
@@ -57,6 +58,9 @@ class GivenRegion:
             if self.depths is not None or self.table is not None:
                 raise click.UsageError('--roi is a box, --depths and --table say it otherwise: '
                                        'give one')
+            if max(self.roi[3:]) > _WIDEST:
+                raise click.UsageError(f'--roi is {max(self.roi[3:]):g} m wide: it is in metres, '
+                                       '0.2 for 200 mm')
             return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]} | self.orientation
         given = {'roi_depths': self.depths, 'roi_table': self.table}
         return ({name: value for name, value in given.items() if value is not None}

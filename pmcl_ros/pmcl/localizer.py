@@ -1,6 +1,7 @@
 """EvidenceVolume -> PoseEstimate: the default mode, by the object's contour."""
 
 import contextlib
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -37,6 +38,7 @@ from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
+_LOG = logging.getLogger(__name__)
 # image px: tolerance of the simplified mesh of a followed object; it biases the depth as much
 FINEST_DETAIL = 0.05
 
@@ -64,6 +66,7 @@ class Localizer:
         self._error = error
         self._creases = creases or (Creases.from_model(model) if profile is None else None)
         self._region = Region(settings.roi_center, settings.roi_size)
+        self._told = False  # that its middle is out of view
         self._orientation = Orientation.from_settings(settings, model)
         self._estimator = Estimator(model, self._region, settings, self._orientation)
         self._renderer = make_renderer(settings.renderer, likelihoods=False)
@@ -149,6 +152,9 @@ class Localizer:
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
                 ) -> PoseEstimate:
         self._region.check_depths(edges.depths)
+        if not self._told and (problem := self._region.partly_out_of_view(edges.pinhole)):
+            self._told = True
+            _LOG.warning('%s', problem)
         evidence = replace(self._evidence(edges), constraint=feasible)
         if start is not None and not len(start):
             raise LocalizationError('no pose to start from was given; leave `start` out to have '

@@ -121,6 +121,15 @@ class Region(Box):
             raise self.out_of_view(pinhole)
         return Window(int(left), int(top), (int(right - left), int(bottom - top)))
 
+    def partly_out_of_view(self, pinhole: Pinhole) -> str:
+        """In words, that the box's middle is outside of the image; empty where it is inside."""
+        (x, y), = pinhole.project(np.array([self.center]))
+        if 0 <= x < pinhole.width and 0 <= y < pinhole.height:
+            return ''
+        return (f'the middle of the region of interest, {self.center} m, is outside of the '
+                f'image: at ({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '
+                'the optical frame of the camera: x right, y down, z forward')
+
     def check_depths(self, depths: NDArray[np.float64]) -> None:
         """Raise LocalizationError unless labels (far to near) reach into the region [m]."""
         far, near = depths[0], depths[-1]

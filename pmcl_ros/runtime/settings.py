@@ -5,8 +5,10 @@ declarations, the YAML check, the command line's help and docs/reference.md.
 """
 
 import reprlib
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -34,22 +36,41 @@ _SHORT.maxlevel = 3
 _SHORT.maxstring = _SHORT.maxother = 200
 
 
-def explain(error: ValidationError) -> str:
-    """What is wrong with which fields, with their values, in one line."""
+def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str:
+    """What is wrong with which fields, with their values, in one line.
+
+    model: whose fields they are, to suggest one in place of a name that is misspelt.
+    """
+    names = set() if model is None else _names(model)
     alike: dict[tuple[object, ...], list[ErrorDetails]] = {}  # of several items of a list
     for each in error.errors(include_url=False):
         place = tuple('*' if isinstance(part, int) else part for part in each['loc'])
         alike.setdefault((place, each['type'], each['msg']), []).append(each)
     groups = list(alike.values())
-    lines = [_line(each[0]) + (f' and {len(each) - 1} more like it' if len(each) > 1 else '')
-             for each in groups[:_NAMED]]
+    lines = [_line(first, names) + (f' and {len(others)} more like it' if others else '')
+             for first, *others in groups[:_NAMED]]
     more = sum(map(len, groups[_NAMED:]))
     return '; '.join([*lines, f'and {more} more'] if more else lines)
 
 
-def _line(error: ErrorDetails) -> str:
-    message = {'extra_forbidden': 'there is no such key'}.get(
-        error['type'], error['msg'].removeprefix('Value error, '))
+def _names(model: type[BaseModel]) -> set[str]:
+    """Of its fields, and of those of the models in them."""
+    found: set[str] = set()
+    left: list[Any] = [model]
+    while left:
+        each = left.pop()
+        if isinstance(each, type) and issubclass(each, BaseModel):
+            found |= set(each.model_fields)
+            left += [field.annotation for field in each.model_fields.values()]
+        left += get_args(each)
+    return found
+
+
+def _line(error: ErrorDetails, names: Iterable[str]) -> str:
+    message = error['msg'].removeprefix('Value error, ')
+    if error['type'] == 'extra_forbidden':
+        alike = get_close_matches(str(error['loc'][-1])[:80], names, 1)
+        message = 'there is no such key' + ''.join(f'; did you mean {each}?' for each in alike)
     line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), message])
     if error['type'] in ('missing', 'extra_forbidden') or (
             error['type'] == 'value_error' and isinstance(error['input'], dict)):
@@ -76,7 +97,7 @@ class Settings(BaseModel):
         try:
             return cls.model_validate(values)
         except ValidationError as error:
-            raise SettingsError(f'{source}: {explain(error)}') from None
+            raise SettingsError(f'{source}: {explain(error, cls)}') from None
 
     @classmethod
     def load(cls: type[T], path: Path | str) -> T:

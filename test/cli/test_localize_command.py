@@ -118,3 +118,5 @@ def test_the_region_is_all_that_is_in_view_or_what_stands_on_a_table(capture, tm
     assert 'give --tilt 0 30 for what stands' in done.output
     done = found('--roi', *'001111', '--depths', 0.3, 0.6, status=2)
     assert 'give one' in done.output
+    done = found('--roi', 0, 0, 400, 150, 150, 200, status=2)
+    assert '--roi is 200 m wide: it is in metres, 0.2 for 200 mm' in done.output

@@ -162,6 +162,16 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
     assert_valid(estimate, CUP)
 
 
+def test_a_region_that_is_hardly_in_view_is_told_once(cup_volume, caplog):
+    left, _, depth = SMALL.roi_center
+    aside = (left - (CAMERA.cx + 5) * depth / CAMERA.fx, 0.0, depth)  # its middle: 5 px beside
+    with Localizer(CUP, SMALL.model_copy(update={'roi_center': aside})) as localizer:
+        for _ in range(2):
+            localizer.localize(cup_volume, np.random.default_rng(0))
+    told, = (each.message for each in caplog.records if 'outside of the image' in each.message)
+    assert 'x right, y down, z forward' in told
+
+
 @pytest.mark.parametrize('seed', range(2))
 def test_texture_everywhere_is_no_object(context, cup_volume, seed):
     """It supports each part of some outline a little, which least_support may let pass."""

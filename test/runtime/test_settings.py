@@ -67,7 +67,10 @@ def test_settings_are_frozen():
 @pytest.mark.parametrize(('values', 'lines'), [
     ({'count': 0}, ['count: Input should be greater than or equal to 1 (got 0)']),
     ({'mode': 'c'}, ["mode: Input should be 'a' or 'b' (got 'c')"]),
-    ({'counts': 4}, ['counts: there is no such key']),
+    ({'counts': 4}, ['counts: there is no such key; did you mean count?']),
+    ({'inner': {'size': 1, 'seize': 1}},
+     ['inner.seize: there is no such key; did you mean size?']),
+    ({'nonsense': 4}, ['nonsense: there is no such key']),
     ({'limit': float('inf')}, ['limit: Input should be a finite number (got inf)']),
     ({'point': [1.0]}, ['point.1: Field required']),
     ({'inner': {'size': -1}}, ['inner.size: Input should be greater than 0 (got -1)']),
