@@ -35,7 +35,8 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     boxed = [BoxedView(views[k].pinhole, views[k].camera_to_reference, box, f'view {k}')
              for k, box in boxes.items()]
     about = cylinder_in(boxed, up, height)
-    maps = [_map(view, boxes.get(k) or about.box_in(view.pinhole, view.camera_to_reference))
+    maps = [_map(view, boxes[k], drawn=True) if k in boxes else
+            _map(view, about.box_in(view.pinhole, view.camera_to_reference), drawn=False)
             for k, view in enumerate(views)]
     count = int(np.clip(about.height / _KNOT, _FEWEST, _MOST))
     for blur, stages in _ROUNDS:
@@ -59,11 +60,12 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     return MeasuredProfile(surface, deviations(surface, finest, reach, height), mean, least)
 
 
-def _map(view: PosedView, box: Box) -> PosedMap:
+def _map(view: PosedView, box: Box, drawn: bool) -> PosedMap:
     left, top = (max(int(each - _AROUND), 0) for each in box[:2])
     right = min(int(box[0] + box[2] + _AROUND) + 1, view.pinhole.width)
     bottom = min(int(box[1] + box[3] + _AROUND) + 1, view.pinhole.height)
     crop = left, top, right - left, bottom - top
     evidence = build_map(view, DlvSettings(crop=crop))
     return PosedMap(evidence, view.camera_to_reference,
-                    (box[0] - left, box[1] - top, box[0] + box[2] - left, box[1] + box[3] - top))
+                    (box[0] - left, box[1] - top, box[0] + box[2] - left, box[1] + box[3] - top),
+                    drawn)

@@ -12,7 +12,9 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.profiles.outline import Cylinder
 from pmcl_ros.profiles.revolution import Revolution
 
-_HEIGHTS, _RADII = 64, 64  # of the grid
+_RADII = 64  # of the grid
+_ROWS = 64  # of it over the height of the cylinder with its margin
+_MOST_ROWS = 112
 _MARGIN = 1.2  # the grid's sides, in those of the cylinder
 _STEEP = 9  # radii that a profile may change by in a step
 _BEND = 1.6  # nat / px in each view: of how much more the radius changes than a step before
@@ -23,18 +25,23 @@ _FOOT = 0.25  # of the largest radius: what stands has a wider foot
 _ASIDE = 0.85  # cosine: contours nearer to the middle are hardly ever part of the outline
 _CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there are few waists
 _ARC = 24  # points of half a circle
+_DRAWN = 0.01  # of the larger side of a box that is drawn: standard deviation of its sides
+_PER_NAT = 2.3  # evidence is a sum over pixels that are not independent; a nat is so much of it
+_ALONG = 0.8  # cosine: a box has an end where the axis leads to one of its sides
 
 
 @dataclass(frozen=True)
 class PosedMap:
     """The evidence of one view, and its camera's pose (4, 4) in the reference frame.
 
-    box: that holds the object: left, top, right, bottom [px].
+    box: that holds the object: left, top, right, bottom [px]. drawn: whether somebody has drawn
+    it, so that the object ends where it does.
     """
 
     evidence: EvidenceVolume
     camera: NDArray[np.float64]
     box: tuple[float, float, float, float] | None = None
+    drawn: bool = False
 
     def blurred(self, sigma: float) -> 'PosedMap':
         """For contours whose place is uncertain by `sigma` [px]."""
@@ -82,7 +89,7 @@ def searched(maps: Sequence[PosedMap], about: Cylinder, count: int) -> tuple[Rev
     count: of its coefficients. Each step of the wall, bottom and top counts where its normals are
     at a right angle to the lines of sight; what the surface itself hides counts too.
     """
-    z = np.linspace(-0.5, 0.5, _HEIGHTS) * _MARGIN * about.height
+    z = _heights(maps, about)
     r = np.linspace(0, _MARGIN * about.radius, _RADII + 1)[1:]
     slopes = np.arange(-_STEEP, _STEEP + 1)
     wall = np.sum([_wall(each, about.frame, z, r, slopes) for each in maps], axis=0)
@@ -95,6 +102,21 @@ def searched(maps: Sequence[PosedMap], about: Cylinder, count: int) -> tuple[Rev
     rows = np.array([row for row, _ in path])
     columns = np.array([column for _, column in path])
     return Revolution.from_curve(about.frame, z[rows], r[columns], count), value
+
+
+def _heights(maps: Sequence[PosedMap], about: Cylinder) -> NDArray[np.float64]:
+    """Of the grid's rows, about the cylinder's middle [m].
+
+    What is narrower at an end than the cylinder reaches farther there in the same box, as it shows
+    less of the circle: by the radius times the tangent of the rise, at most.
+    """
+    rises = []
+    for each in maps:
+        x, y, up, _ = np.linalg.inv(about.frame) @ each.camera[:, 3]
+        rises.append(abs(up) / max(np.hypot(x, y), 1e-9))
+    plain = _MARGIN * about.height
+    tallest = max(plain, about.height + 2 * about.radius * min(max(rises), 1.0))
+    return np.linspace(-0.5, 0.5, min(round(_ROWS * tallest / plain), _MOST_ROWS)) * tallest
 
 
 def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
@@ -133,8 +155,33 @@ def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     tilt = abs(off) / np.hypot(aside, off)
     length = scale * radii * np.pi / _ARC * np.hypot(cosine, tilt * np.sqrt(1 - cosine ** 2))
     evidence = (one + other) * length
-    return (np.where(lean < 0, evidence, 0).sum(axis=-1),
-            np.where(lean > 0, evidence, 0).sum(axis=-1))
+    bottom, top = _ends(of, frame, z, r)
+    return (np.where(lean < 0, evidence, 0).sum(axis=-1) + bottom,
+            np.where(lean > 0, evidence, 0).sum(axis=-1) + top)
+
+
+def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
+          r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(heights, radii) evidence of the box that a bottom is there, and of a top: it ends there."""
+    nothing = np.zeros((len(z), len(r)))
+    if of.box is None or not of.drawn:
+        return nothing, nothing
+    turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
+    heights, radii, angles = np.broadcast_arrays(z[:, None, None], r[None, :, None], turn)
+    into = inverse(of.camera) @ frame
+    places = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=-1)
+    pixels = of.evidence.pinhole.project(places @ into[:3, :3].T + into[:3, 3])
+    low, high = of.evidence.pinhole.project(
+        np.array([[0, 0, z[0]], [0, 0, z[-1]]]) @ into[:3, :3].T + into[:3, 3])
+    up = (high - low) / np.linalg.norm(high - low)
+    side = int(abs(up).argmax())
+    if abs(up[side]) < _ALONG:
+        return nothing, nothing
+    first = pixels[..., side].min(axis=-1) - of.box[side]
+    last = pixels[..., side].max(axis=-1) - of.box[side + 2]
+    sigma = _DRAWN * max(of.box[2] - of.box[0], of.box[3] - of.box[1])
+    bottom, top = (first, last) if up[side] > 0 else (last, first)
+    return -_PER_NAT * (bottom / sigma) ** 2 / 2, -_PER_NAT * (top / sigma) ** 2 / 2
 
 
 def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDArray[np.float64],

@@ -42,40 +42,58 @@ def true_surface():
     return Revolution.from_curve(frame, heights, radius(heights), 40)
 
 
-@pytest.fixture(scope='session')
-def vessel(true_surface):
-    wall = true_surface.wall
+def solid(wall):
+    """The model of a closed solid with a wall (n, 2) of radii and heights [m]."""
     profile = np.concatenate([[[0, wall[0, 1]]], wall, [[0, wall[-1, 1]]]])
     mesh = trimesh.creation.revolve(profile, sections=128)
     return ObjectModel('vessel', np.asarray(mesh.vertices), np.asarray(mesh.faces), UP, True)
 
 
-@pytest.fixture(scope='session')
-def masks(vessel):
-    """Of three views over 60 degrees: (zoomed height, zoomed width) what the vessel covers."""
+def masks_of(model, cameras):
+    """(zoomed height, zoomed width) each, of what a model at PLACE covers."""
     pose = np.eye(4)
     pose[:3, 3] = PLACE
-    return [silhouette(PINHOLE, vessel, np.linalg.inv(camera(azimuth)) @ pose, _ZOOM)
-            for azimuth in (-0.5, 0.0, 0.5)]
+    return [silhouette(PINHOLE, model, np.linalg.inv(each) @ pose, _ZOOM) for each in cameras]
 
 
-@pytest.fixture(scope='session')
-def views(masks):
+def pictured(masks, cameras, shade=(0.25, 0.3, 0.2), before=None):
+    """Views of what masks cover, before a plain background or on pictures `before`."""
     shown = []
-    for mask, azimuth in zip(masks, (-0.5, 0.0, 0.5), strict=True):
-        picture = np.where(mask[..., None], np.float32([0.25, 0.3, 0.2]),
-                           np.float32([0.7, 0.7, 0.75]))
+    for number, (mask, each) in enumerate(zip(masks, cameras, strict=True)):
+        behind = np.float32([0.7, 0.7, 0.75]) if before is None else cv2.resize(
+            before[number].picture, mask.shape[::-1])
+        picture = np.where(mask[..., None], np.float32(shade), behind)
         picture = cv2.resize(picture, (PINHOLE.width, PINHOLE.height),
                              interpolation=cv2.INTER_AREA)
-        shown.append(PosedView(Header(frame_id='base'), picture, PINHOLE, camera(azimuth)))
+        shown.append(PosedView(Header(frame_id='base'), picture, PINHOLE, each))
     return shown
 
 
-@pytest.fixture(scope='session')
-def boxes(masks):
-    """About the vessel in the first and the last view, some pixels off."""
+def boxes_about(masks):
+    """About what masks cover in the first and the last view, some pixels off."""
     found = {}
     for number in (0, 2):
         rows, columns = (np.flatnonzero(masks[number].any(axis=axis)) / _ZOOM for axis in (1, 0))
         found[number] = (columns[0] - 3.0, rows[0] - 2.0, np.ptp(columns) + 4, np.ptp(rows) + 5)
     return found
+
+
+@pytest.fixture(scope='session')
+def vessel(true_surface):
+    return solid(true_surface.wall)
+
+
+@pytest.fixture(scope='session')
+def masks(vessel):
+    """Of three views over 60 degrees."""
+    return masks_of(vessel, [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)])
+
+
+@pytest.fixture(scope='session')
+def views(masks):
+    return pictured(masks, [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)])
+
+
+@pytest.fixture(scope='session')
+def boxes(masks):
+    return boxes_about(masks)

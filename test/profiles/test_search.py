@@ -1,0 +1,49 @@
+"""The search by dynamic programming, in exactly drawn pictures."""
+
+import numpy as np
+import pytest
+from conftest import PLACE, boxes_about, camera, masks_of, pictured, solid
+
+from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.profiles.outline import Cylinder
+from pmcl_ros.profiles.search import PosedMap, searched
+
+FRAME = np.eye(4)
+FRAME[:3, 3] = PLACE
+
+
+def maps_of(views, boxes, drawn=True):
+    found = []
+    for number, view in enumerate(views):
+        left, top, width, height = boxes.get(number, (0, 0, 400, 360))
+        found.append(PosedMap(build_map(view, DlvSettings()), view.camera_to_reference,
+                              (left, top, left + width, top + height),
+                              drawn and number in boxes))
+    return found
+
+
+def test_a_bowl_reaches_below_the_cylinder_of_its_boxes():
+    """It shows less of its foot's circle than a cylinder would, which is 37 mm high, not 60."""
+    heights = np.linspace(-0.03, 0.03, 40)
+    wall = np.stack([0.045 - 0.033 * (0.5 - heights / 0.06) ** 2, heights], axis=1)
+    cameras = [camera(azimuth, steep=0.5) for azimuth in (-0.5, 0.0, 0.5)]
+    masks = masks_of(solid(wall), cameras)
+    found, _ = searched(maps_of(pictured(masks, cameras), boxes_about(masks)),
+                        Cylinder(FRAME, 0.049, 0.037), 24)
+    assert found.high == pytest.approx(0.03, abs=2e-3)
+    assert found.low < -0.022  # its foot is hidden, its lowest outline is higher
+
+
+def test_the_object_ends_where_its_box_does(true_surface):
+    """A strong line across it is no top where the box goes on."""
+    cameras = [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)]
+    wall, line = true_surface.wall, 0.03
+    whole = masks_of(solid(wall), cameras)
+    lower = masks_of(solid(wall[wall[:, 1] < line]), cameras)
+    views = pictured(lower, cameras, before=pictured(whole, cameras, shade=(0.685, 0.685, 0.735)))
+    about = Cylinder(FRAME, 0.034, 0.1)
+    found, _ = searched(maps_of(views, boxes_about(whole)), about, 40)
+    assert found.high == pytest.approx(0.05, abs=3e-3)
+    found, _ = searched(maps_of(views, boxes_about(whole), drawn=False), about, 40)
+    assert found.high == pytest.approx(line, abs=3e-3)
