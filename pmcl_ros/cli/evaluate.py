@@ -42,8 +42,10 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
 @click.option('--square', default=0.011, show_default=True, type=float,
               help='Without --calibration: side of its squares [m].')
 @click.option('--modes', default='default', show_default=True, help='Rows of the tables, '
-              'separated by commas: default; faithful, the filter of the paper; centre, the '
-              'default on the centre view alone.')
+              'separated by commas: default; faithful, the filter of the paper; edges, map, by '
+              'that evidence; centre, map-centre, by that of the centre view alone; '
+              'map-no-sides, map-no-directions, map-one-depth, map-inside: contour maps without '
+              'a part of what they tell, or with the inside.')
 @click.option('--set', 'changes', multiple=True, metavar='KEY=VALUE,...', help='One more row, the '
               "default with other values of the search's or the volume's parameters; row=faithful "
               'among them: that with other values.')
