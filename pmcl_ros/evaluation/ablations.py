@@ -22,7 +22,7 @@ def without_directions(of: ContourMap) -> ContourMap:
 
 
 def at_one_depth(of: ContourMap) -> ContourMap:
-    """Nothing is refocused: all labels are the middle one."""
+    """A light field is refocused at one depth only, the middle one: all labels are that."""
     middle = of.tensor.shape[2] // 2
     tensor, inside = (np.repeat(each[:, :, middle:middle + 1], len(of.depths), axis=2)
                       for each in (of.tensor, of.inside))

@@ -152,7 +152,7 @@ class Localizer:
                 start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
                 ) -> PoseEstimate:
         self._region.check_depths(edges.depths)
-        if not self._told and (problem := self._region.partly_out_of_view(edges.pinhole)):
+        if not self._told and (problem := self._region.middle_out_of_view(edges.pinhole)):
             self._told = True
             _LOG.warning('%s', problem)
         evidence = replace(self._evidence(edges), constraint=feasible)

@@ -121,10 +121,10 @@ class Region(Box):
             raise self.out_of_view(pinhole)
         return Window(int(left), int(top), (int(right - left), int(bottom - top)))
 
-    def partly_out_of_view(self, pinhole: Pinhole) -> str:
-        """In words, that the box's middle is outside of the image; empty where it is inside."""
+    def middle_out_of_view(self, pinhole: Pinhole) -> str:
+        """In words, that the box's middle is outside of the image; empty where it is not."""
         (x, y), = pinhole.project(np.array([self.center]))
-        if 0 <= x < pinhole.width and 0 <= y < pinhole.height:
+        if -0.5 <= x < pinhole.width - 0.5 and -0.5 <= y < pinhole.height - 0.5:
             return ''
         return (f'the middle of the region of interest, {self.center} m, is outside of the '
                 f'image: at ({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '

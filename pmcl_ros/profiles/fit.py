@@ -1,7 +1,7 @@
 """Moves axis, profile and ends to the place of most evidence, by the contour's offsets."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,8 @@ def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: 
     """The surface after some steps.
 
     reach: standard deviation of the contour's offset [px]. height: of the object, where it is
-    known [m]. with_edge: whether the radius of the bottom's edge may change.
+    known [m]. with_edge: whether the radius of the bottom's edge may change, but
+    where it becomes impossible.
     """
     free = np.ones(len(surface.radii) + ENDS + AXIS, bool)
     free[len(surface.radii) + 2] = with_edge
@@ -76,7 +77,7 @@ def with_usual_edge(surface: Revolution, maps: Sequence[PosedMap], reach: float,
     From above, a round edge looks like a sharp one that is higher, so evidence tells the radius
     and the height of the bottom only together. The rest as in `refined`.
     """
-    usual = replace(surface, edges=(float(_EDGES[0]), surface.edges[1]))
+    usual = surface.with_edges(np.array([_EDGES[0], surface.edges[1]]), _LEAST)
     return refined(usual, maps, reach, steps, with_edge=False)
 
 

@@ -11,7 +11,7 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.profiles.fit import deviations, normal_equations, refined, with_usual_edge
 from pmcl_ros.profiles.measured import MeasuredProfile
-from pmcl_ros.profiles.outline import Box, BoxedView, Cylinder, cylinder_in
+from pmcl_ros.profiles.outline import LEAST_SIDE, Box, BoxedView, Cylinder, cylinder_in
 from pmcl_ros.profiles.search import PosedMap, searched
 from pmcl_ros.runtime.errors import ProfileError
 
@@ -35,9 +35,8 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     boxed = [BoxedView(views[k].pinhole, views[k].camera_to_reference, box, f'view {k}')
              for k, box in boxes.items()]
     about = cylinder_in(boxed, up, height)
-    maps = [_map(view, boxes[k], drawn=True) if k in boxes else
-            _map(view, about.box_in(view.pinhole, view.camera_to_reference), drawn=False)
-            for k, view in enumerate(views)]
+    maps = [each for k, view in enumerate(views)
+            if (each := _map_of(view, boxes.get(k), about, k)) is not None]
     count = int(np.clip(about.height / _KNOT, _FEWEST, _MOST))
     for blur, stages in _ROUNDS:
         surface, _ = searched([each.blurred(blur) for each in maps], about, count)
@@ -58,6 +57,23 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
                            'least are expected; take the pictures from nearer, from other sides, '
                            'before a plain background, and check boxes and camera poses')
     return MeasuredProfile(surface, deviations(surface, finest, reach, height), mean, least)
+
+
+def _map_of(view: PosedView, drawn: Box | None, about: Cylinder, number: int) -> PosedMap | None:
+    """The evidence of a view in the box that is drawn there, or that follows from the others.
+
+    None where that is out of view.
+    """
+    if drawn is not None:
+        return _map(view, drawn, True)
+    box = about.box_in(view.pinhole, view.camera_to_reference)
+    seen = np.minimum([box[0] + box[2], box[1] + box[3]], [view.pinhole.width, view.pinhole.height]
+                      ) - np.maximum(box[:2], 0)
+    if not (np.isfinite(box).all() and (seen >= LEAST_SIDE).all()):
+        _LOG.warning('view %d does not see the object in the boxes of the others: it is left out',
+                     number)
+        return None
+    return _map(view, box, False)
 
 
 def _map(view: PosedView, box: Box, drawn: bool) -> PosedMap:

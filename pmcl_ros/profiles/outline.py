@@ -11,7 +11,7 @@ from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.runtime.errors import ProfileError
 
 Box = tuple[float, float, float, float]  # left, top, width, height [px]
-_LEAST_SIDE = 8.0  # px: a smaller box tells nothing
+LEAST_SIDE = 8.0  # px: a smaller box tells nothing
 _APART = np.deg2rad(5.0)  # between lines of sight: nearer ones do not tell the depth
 _AROUND = 48  # points of a circle
 _STEEPEST = np.deg2rad(75.0)  # of a line of sight to the level: from above there is no wall
@@ -32,9 +32,9 @@ class BoxedView:
 
     def __post_init__(self) -> None:
         left, top, width, height = self.box
-        if not (np.isfinite(self.box).all() and min(width, height) >= _LEAST_SIDE):
+        if not (np.isfinite(self.box).all() and min(width, height) >= LEAST_SIDE):
             raise ProfileError(f'{self.name}: the box {_text(self.box)} must have sides of at '
-                               f'least {_LEAST_SIDE:g} px')
+                               f'least {LEAST_SIDE:g} px')
         if not (left + width > 0 and top + height > 0 and left < self.pinhole.width
                 and top < self.pinhole.height):
             raise ProfileError(f'{self.name}: the box {_text(self.box)} is outside its picture of '

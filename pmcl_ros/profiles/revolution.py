@@ -1,6 +1,6 @@
 """A surface of revolution in the reference frame, and its contour in a camera, in closed form."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -135,9 +135,18 @@ class Revolution:
         if high - low < 2 * least:
             low, high = self.low, self.high
         radii = np.maximum(self.radii + step[:n], least)
-        largest = np.minimum(min(_WIDEST_EDGE, (high - low) / 4), radii[[0, -1]] - least / 2)
-        edges = np.clip(np.array(self.edges) + step[n + 2:n + ENDS], least / 2, largest)
-        return Revolution(frame, low, high, radii, (float(edges[0]), float(edges[1])))
+        edges = np.array(self.edges) + step[n + 2:n + ENDS]
+        return Revolution(frame, low, high, radii).with_edges(edges, least)
+
+    def with_edges(self, edges: NDArray[np.float64], least: float) -> 'Revolution':
+        """With other radii (2,) of the edges, or the nearest possible ones [m].
+
+        least: of the radii of the wall [m].
+        """
+        largest = np.minimum(min(_WIDEST_EDGE, (self.high - self.low) / 4),
+                             self.radii[[0, -1]] - least / 2)
+        bottom, top = np.clip(edges, least / 2, largest).tolist()
+        return replace(self, edges=(bottom, top))
 
     def contour(self, pinhole: Pinhole, camera: NDArray[np.float64]) -> RevolutionContour:
         """The contour in a camera at a pose (4, 4) in the reference frame.

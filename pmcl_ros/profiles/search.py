@@ -12,6 +12,7 @@ from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.profiles.outline import Cylinder
 from pmcl_ros.profiles.revolution import Revolution
 
+_NEAREST = 0.02  # m: nothing is nearer to a camera
 _RADII = 64  # of the grid
 _ROWS = 64  # of it over the height of the cylinder with its margin
 _MOST_ROWS = 112
@@ -27,6 +28,7 @@ _CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there
 _ARC = 24  # points of half a circle
 _DRAWN = 0.01  # of the larger side of a box that is drawn: standard deviation of its sides
 _PER_NAT = 2.3  # evidence is a sum over pixels that are not independent; a nat is so much of it
+_MOST_OFF = 50.0  # nat: a box that is drawn too large does not decide
 _ALONG = 0.8  # cosine: a box has an end where the axis leads to one of its sides
 
 
@@ -49,7 +51,16 @@ class PosedMap:
 
     def scale_at(self, place: NDArray[np.float64]) -> float:
         """Pixels a metre at a place (3,) in the reference frame."""
-        return self.evidence.pinhole.fx / max(float(inverse(self.camera)[2] @ [*place, 1]), 0.02)
+        depth = float(inverse(self.camera)[2] @ [*place, 1])
+        return self.evidence.pinhole.fx / max(depth, _NEAREST)
+
+    def pixels(self, frame: NDArray[np.float64], places: NDArray[np.float64]
+               ) -> NDArray[np.float64]:
+        """(..., 2) pixels of places (..., 3) in a frame (4, 4); nothing is nearer than 2 cm."""
+        into = np.linalg.inv(self.camera) @ frame
+        places = places @ into[:3, :3].T + into[:3, 3]
+        places[..., 2] = np.maximum(places[..., 2], _NEAREST)
+        return self.evidence.pinhole.project(places)
 
     def density(self, frame: NDArray[np.float64], radii: NDArray[np.float64],
                 heights: NDArray[np.float64], cosine: NDArray[np.float64],
@@ -72,7 +83,7 @@ class PosedMap:
         pinhole = self.evidence.pinhole
         across = normals[..., :2] / [pinhole.fx, pinhole.fy]
         across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
-        depths = np.maximum(places[..., 2], 0.02)
+        depths = np.maximum(places[..., 2], _NEAREST)
         pixels = pinhole.project(np.concatenate([places[..., :2], depths[..., None]], axis=-1))
         found = evidence_across(self.evidence, pixels.reshape(-1, 2), across.reshape(-1, 2),
                                 depths.ravel(), self.evidence.profile, np.zeros(1))
@@ -105,7 +116,7 @@ def searched(maps: Sequence[PosedMap], about: Cylinder, count: int) -> tuple[Rev
 
 
 def _heights(maps: Sequence[PosedMap], about: Cylinder) -> NDArray[np.float64]:
-    """Of the grid's rows, about the cylinder's middle [m].
+    """(rows,) heights of the grid, about the cylinder's middle [m].
 
     What is narrower at an end than the cylinder reaches farther there in the same box, as it shows
     less of the circle: by the radius times the tangent of the rise, at most.
@@ -141,7 +152,7 @@ def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
 
 def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
            r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(heights, radii) evidence of the edge of a bottom there, and of a top."""
+    """(heights, radii) evidence of the edge of a bottom there, and of a top [nat]."""
     eye = np.linalg.inv(frame) @ of.camera[:, 3]
     aside = float(np.hypot(*eye[:2]))
     turn = (np.arange(_ARC) + 0.5) * np.pi / _ARC
@@ -162,26 +173,27 @@ def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
 
 def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
           r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(heights, radii) evidence of the box that a bottom is there, and of a top: it ends there."""
+    """(heights, radii) evidence of the box that a bottom is there, and of a top [nat].
+
+    A box that is drawn ends where the object does.
+    """
     nothing = np.zeros((len(z), len(r)))
     if of.box is None or not of.drawn:
         return nothing, nothing
     turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
     heights, radii, angles = np.broadcast_arrays(z[:, None, None], r[None, :, None], turn)
-    into = inverse(of.camera) @ frame
-    places = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=-1)
-    pixels = of.evidence.pinhole.project(places @ into[:3, :3].T + into[:3, 3])
-    low, high = of.evidence.pinhole.project(
-        np.array([[0, 0, z[0]], [0, 0, z[-1]]]) @ into[:3, :3].T + into[:3, 3])
-    up = (high - low) / np.linalg.norm(high - low)
+    circles = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=-1)
+    low, high = of.pixels(frame, np.array([[0, 0, z[0]], [0, 0, z[-1]]]))
+    up = (high - low) / max(float(np.linalg.norm(high - low)), 1e-9)
     side = int(abs(up).argmax())
     if abs(up[side]) < _ALONG:
         return nothing, nothing
-    first = pixels[..., side].min(axis=-1) - of.box[side]
-    last = pixels[..., side].max(axis=-1) - of.box[side + 2]
+    pixels = of.pixels(frame, circles)[..., side]
+    first, last = pixels.min(axis=-1) - of.box[side], pixels.max(axis=-1) - of.box[side + 2]
     sigma = _DRAWN * max(of.box[2] - of.box[0], of.box[3] - of.box[1])
-    bottom, top = (first, last) if up[side] > 0 else (last, first)
-    return -_PER_NAT * (bottom / sigma) ** 2 / 2, -_PER_NAT * (top / sigma) ** 2 / 2
+    bottom, top = (-_PER_NAT * np.minimum((off / sigma) ** 2 / 2, _MOST_OFF)
+                   for off in ((first, last) if up[side] > 0 else (last, first)))
+    return bottom, top
 
 
 def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDArray[np.float64],

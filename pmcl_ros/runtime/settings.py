@@ -5,10 +5,10 @@ declarations, the YAML check, the command line's help and docs/reference.md.
 """
 
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, TypeVar, get_args, get_origin
 
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -41,35 +41,36 @@ def explain(error: ValidationError, model: type[BaseModel] | None = None) -> str
 
     model: whose fields they are, to suggest one in place of a name that is misspelt.
     """
-    names = set() if model is None else _names(model)
     alike: dict[tuple[object, ...], list[ErrorDetails]] = {}  # of several items of a list
     for each in error.errors(include_url=False):
         place = tuple('*' if isinstance(part, int) else part for part in each['loc'])
         alike.setdefault((place, each['type'], each['msg']), []).append(each)
     groups = list(alike.values())
-    lines = [_line(first, names) + (f' and {len(others)} more like it' if others else '')
+    lines = [_line(first, model) + (f' and {len(others)} more like it' if others else '')
              for first, *others in groups[:_NAMED]]
     more = sum(map(len, groups[_NAMED:]))
     return '; '.join([*lines, f'and {more} more'] if more else lines)
 
 
-def _names(model: type[BaseModel]) -> set[str]:
-    """Of its fields, and of those of the models in them."""
-    found: set[str] = set()
-    left: list[Any] = [model]
-    while left:
-        each = left.pop()
-        if isinstance(each, type) and issubclass(each, BaseModel):
-            found |= set(each.model_fields)
-            left += [field.annotation for field in each.model_fields.values()]
-        left += get_args(each)
-    return found
+def _model_at(model: Any, place: Sequence[object]) -> type[BaseModel] | None:
+    """The model that a place in another one is of; None where that is not certain."""
+    kinds = [each for each in (model, *get_args(model))
+             if get_origin(each) is None and isinstance(each, type)
+             and issubclass(each, BaseModel)]
+    if not place:
+        return kinds[0] if len(kinds) == 1 else None
+    if len(kinds) == 1 and place[0] in kinds[0].model_fields:
+        return _model_at(kinds[0].model_fields[str(place[0])].annotation, place[1:])
+    inner = get_args(model)
+    return _model_at(inner[-1 if get_origin(model) is dict else 0], place[1:]) if inner else None
 
 
-def _line(error: ErrorDetails, names: Iterable[str]) -> str:
+def _line(error: ErrorDetails, model: type[BaseModel] | None) -> str:
     message = error['msg'].removeprefix('Value error, ')
     if error['type'] == 'extra_forbidden':
-        alike = get_close_matches(str(error['loc'][-1])[:80], names, 1)
+        owner = model and _model_at(model, error['loc'][:-1])
+        alike = get_close_matches(str(error['loc'][-1])[:80],
+                                  owner.model_fields if owner else (), 1)
         message = 'there is no such key' + ''.join(f'; did you mean {each}?' for each in alike)
     line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), message])
     if error['type'] in ('missing', 'extra_forbidden') or (

@@ -10,6 +10,7 @@ from tiny_capture import light_field, pose, write_capture
 from pmcl_ros.evaluation.captures import Capture, find_captures, select
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.evidence.edges import build_edges
+from pmcl_ros.lightfield.posed_view import PosedViews, centre_view
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -107,3 +108,16 @@ def test_captures_are_found_by_name(tmp_path):
         select(find_captures(tmp_path), ['c'], tmp_path)
     with pytest.raises(SettingsError, match='no subfolder'):
         find_captures(tmp_path / 'white')
+
+
+def test_a_row_of_the_map_without_sides_changes_each_view(capture):
+    variant, whole = Variant.named('map-no-sides'), Variant.named('map')
+    model = ObjectModel.load(capture.model)
+    field = light_field(pose(0), cup())
+    view = centre_view(field)
+    views = PosedViews((view, view))
+    settings = variant.volume(capture, model, view)
+    of_one, of_views = (variant.build(each, settings, capture, model) for each in (view, views))
+    assert (of_one.tensor != whole.build(view, settings, capture, model).tensor).any()
+    for each in of_views.views:
+        np.testing.assert_array_equal(each.evidence.tensor, of_one.tensor)

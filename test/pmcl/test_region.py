@@ -100,8 +100,8 @@ def test_a_region_outside_the_image_is_refused(center):
 
 def test_a_region_whose_middle_is_out_of_the_image_is_told():
     camera = Pinhole(40, 30, 50.0, 50.0, 19.5, 14.5)
-    assert not Region((0, 0, 0.5), (0.1, 0.1, 0.1)).partly_out_of_view(camera)
-    told = Region((0.25, 0, 0.5), (0.1, 0.1, 0.1)).partly_out_of_view(camera)
+    assert not Region((0, 0, 0.5), (0.1, 0.1, 0.1)).middle_out_of_view(camera)
+    told = Region((0.25, 0, 0.5), (0.1, 0.1, 0.1)).middle_out_of_view(camera)
     assert 'is outside of the image: at (44, 14) px of 40x30' in told
     assert '(0.25, 0, 0.5) m' in told
 

@@ -1,11 +1,12 @@
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
 import pytest
 import yaml
 from command_line import Runner
-from conftest import PINHOLE, PLACE, UP, radius
+from conftest import PINHOLE, PLACE, UP, boxes_about, camera, masks_of, pictured, radius, solid
 
 from pmcl_ros.cli import main
 from pmcl_ros.cli.profile import box_about
@@ -65,6 +66,24 @@ def test_command_measures_the_profile_and_writes_an_object(folder, boxes, tmp_pa
     assert again.exit_code == 1
     assert again.output.startswith('Error: ')
     assert '--force' in again.output
+
+
+def test_the_edge_of_the_bottom_is_as_usual(true_surface):
+    """From above, the height of the bottom follows from it alone."""
+    cameras = [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)]
+    masks = masks_of(solid(replace(true_surface, edges=(0.003, 0.001)).wall), cameras)
+    found = measured(pictured(masks, cameras), boxes_about(masks), UP)
+    assert found.surface.edges[0] == 0.003
+    assert found.pose[2, 3] + found.rows[0, 0] == pytest.approx(PLACE[2] - 0.05, abs=1e-3)
+
+
+def test_a_view_that_looks_elsewhere_is_left_out(views, boxes, caplog):
+    away = [replace(views[1], camera_to_reference=views[1].camera_to_reference @ turn)
+            for turn in (np.diag([-1.0, 1, -1, 1]), np.diag([1.0, -1, -1, 1]))]
+    found = measured([views[0], *away, views[2]], {0: boxes[0], 3: boxes[2]}, UP)
+    assert np.ptp(found.rows[:, 0]) == pytest.approx(0.1, abs=2e-3)
+    assert [f'view {k} does not see the object' in caplog.text for k in range(4)] == [
+        False, True, True, False]
 
 
 def test_one_view_is_enough_with_the_height(views, boxes):

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -18,6 +20,15 @@ def test_contour_is_the_outline_of_the_mesh(true_surface, masks):
         assert cKDTree(contour.pixels).query(outline)[0].max() < 6  # no part is left out
         length = np.linalg.norm(np.diff(outline, axis=0), axis=1).sum()
         assert contour.lengths.sum() == pytest.approx(0.95 * length, rel=0.05)  # pixels zigzag
+
+
+def test_an_edge_is_no_wider_than_the_foot(true_surface):
+    radii = true_surface.radii.copy()
+    radii[0] = 0.0005
+    found = replace(true_surface, radii=radii).with_edges(np.array([0.003, 0.001]), 5e-4)
+    assert found.edges == (0.00025, 0.001)
+    assert found.wall[:, 0].min() >= 0
+    assert true_surface.with_edges(np.array([0.003, 0.001]), 5e-4).edges == (0.003, 0.001)
 
 
 @pytest.mark.parametrize('number', [3, 20, 37, 40, 41, 42, 43, 44, 45, 46, 47])

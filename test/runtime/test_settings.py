@@ -70,6 +70,7 @@ def test_settings_are_frozen():
     ({'counts': 4}, ['counts: there is no such key; did you mean count?']),
     ({'inner': {'size': 1, 'seize': 1}},
      ['inner.seize: there is no such key; did you mean size?']),
+    ({'inner': {'size': 1, 'count': 1}}, ['inner.count: there is no such key']),
     ({'nonsense': 4}, ['nonsense: there is no such key']),
     ({'limit': float('inf')}, ['limit: Input should be a finite number (got inf)']),
     ({'point': [1.0]}, ['point.1: Field required']),

@@ -103,7 +103,7 @@ class Soak:
         return words
 
     def _ages(self, measured: Sequence[float]) -> NDArray[np.int64]:
-        """Captures that a process had run for at its measurements.
+        """(n,) captures that a process had run for at its n measurements, about.
 
         One that was killed counts anew, from the measurement before its first one.
         """

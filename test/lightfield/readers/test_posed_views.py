@@ -185,6 +185,8 @@ def camera(**values):
     (camera(cy=None), 'cameras.wrist.cy: Field required'),
     (camera(height=None), 'cameras.wrist.height: Field required'),
     (camera(f=3), 'cameras.wrist.f: there is no such key'),
+    (camera(widht=3), 'cameras.wrist.widht: there is no such key; did you mean width?'),
+    (view(fx=3), 'views.0.fx: there is no such key'),
     ({'view': []}, 'view: there is no such key'),
     ({'views': []}, 'views: .*at least 1'),
     ({'cameras': {}}, "of the camera 'wrist', cameras has none"),
