@@ -126,8 +126,9 @@ class Region(Box):
         (x, y), = pinhole.project(np.array([self.center]))
         if -0.5 <= x < pinhole.width - 0.5 and -0.5 <= y < pinhole.height - 0.5:
             return ''
-        return (f'the middle of the region of interest, {self.center} m, is outside of the '
-                f'image: at ({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '
+        center = ', '.join(f'{each:.3g}' for each in self.center)
+        return (f'the middle of the region of interest, ({center}) m, is outside of the image: at '
+                f'({x:.0f}, {y:.0f}) px of {pinhole.width}x{pinhole.height}; it is in '
                 'the optical frame of the camera: x right, y down, z forward')
 
     def check_depths(self, depths: NDArray[np.float64]) -> None:
