@@ -12,9 +12,8 @@ from pmcl_ros.cli.base import STDERR
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import cameras_of
 from pmcl_ros.pmcl.region import with_region
-from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.pmcl.settings import WIDEST, PmclSettings
 
-_WIDEST = 10.0  # m: as of roi_size
 _OPTIONS = (
     click.option('--roi', type=float, nargs=6, metavar='CX CY CZ SX SY SZ',
                  help="Box that holds the object's origin: centre and size, camera's optical "
@@ -58,7 +57,7 @@ class GivenRegion:
             if self.depths is not None or self.table is not None:
                 raise click.UsageError('--roi is a box, --depths and --table say it otherwise: '
                                        'give one')
-            if max(self.roi[3:]) > _WIDEST:
+            if max(self.roi[3:]) > WIDEST:
                 raise click.UsageError(f'--roi is {max(self.roi[3:]):g} m wide: it is in metres, '
                                        '0.2 for 200 mm')
             return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]} | self.orientation

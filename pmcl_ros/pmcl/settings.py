@@ -13,7 +13,8 @@ from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
 EvidenceKind = Literal['edges', 'map']
-_Size = Annotated[float, Field(gt=0, le=10)]
+WIDEST = 10.0  # m: of a region of interest
+_Size = Annotated[float, Field(gt=0, le=WIDEST)]
 _Depth = Annotated[float, Field(ge=0, le=10)]
 _HALF_TURN = 3.1416  # rad, a little more
 _Angle = Annotated[float, Field(ge=0, le=_HALF_TURN)]

@@ -21,7 +21,7 @@ _SOLVED = 6  # steps in which the normals of edges are found
 _LEVEL = 1e-4  # m: a camera is not nearer to the height of an edge
 _STEEPEST = 200.0  # tangent of an edge's tilt
 _LONGEST = 10.0  # px of contour that a point stands for
-_NEAREST = 0.02  # m: nothing is nearer to a camera
+NEAREST = 0.02  # m: nothing is nearer to a camera
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class _Strip:
         normals = np.stack([flat * cosine, flat * sine, flat * lean], axis=1)
         x, y, z = (places @ camera[:3, :3].T + camera[:3, 3]).T
         nx, ny, nz = (normals @ camera[:3, :3].T).T
-        z = np.maximum(z, _NEAREST)
+        z = np.maximum(z, NEAREST)
         pixels = np.stack([pinhole.fx * x / z + pinhole.cx, pinhole.fy * y / z + pinhole.cy], -1)
         across = np.stack([nx / pinhole.fx, ny / pinhole.fy], axis=1)
         across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
@@ -215,7 +215,7 @@ class _Strip:
         motion = np.concatenate([
             flat[:, None] * self.curve.basis, flat[:, None] * self.curve.by_ends,
             normals[:, :2], np.cross(places, normals)[:, :2]], axis=1) * scale[:, None]
-        kept = self.valid & (lengths > 0) & (z > _NEAREST)
+        kept = self.valid & (lengths > 0) & (z > NEAREST)
         return RevolutionContour(pixels[kept], across[kept], z[kept], lengths[kept],
                                  motion[kept]), places[kept]
 

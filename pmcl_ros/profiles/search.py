@@ -10,9 +10,8 @@ from pmcl_ros.evidence.energies import evidence_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import inverse
 from pmcl_ros.profiles.outline import Cylinder
-from pmcl_ros.profiles.revolution import Revolution
+from pmcl_ros.profiles.revolution import NEAREST, Revolution
 
-_NEAREST = 0.02  # m: nothing is nearer to a camera
 _RADII = 64  # of the grid
 _ROWS = 64  # of it over the height of the cylinder with its margin
 _MOST_ROWS = 112
@@ -52,15 +51,18 @@ class PosedMap:
     def scale_at(self, place: NDArray[np.float64]) -> float:
         """Pixels a metre at a place (3,) in the reference frame."""
         depth = float(inverse(self.camera)[2] @ [*place, 1])
-        return self.evidence.pinhole.fx / max(depth, _NEAREST)
+        return self.evidence.pinhole.fx / max(depth, NEAREST)
 
-    def pixels(self, frame: NDArray[np.float64], places: NDArray[np.float64]
-               ) -> NDArray[np.float64]:
-        """(..., 2) pixels of places (..., 3) in a frame (4, 4); nothing is nearer than 2 cm."""
+    def seen(self, frame: NDArray[np.float64], places: NDArray[np.float64]
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(..., 2) pixels and (...) depths [m] of places (..., 3) in a frame (4, 4) [m].
+
+        Nothing is nearer than `NEAREST`.
+        """
         into = np.linalg.inv(self.camera) @ frame
         places = places @ into[:3, :3].T + into[:3, 3]
-        places[..., 2] = np.maximum(places[..., 2], _NEAREST)
-        return self.evidence.pinhole.project(places)
+        places[..., 2] = np.maximum(places[..., 2], NEAREST)
+        return self.evidence.pinhole.project(places), places[..., 2]
 
     def density(self, frame: NDArray[np.float64], radii: NDArray[np.float64],
                 heights: NDArray[np.float64], cosine: NDArray[np.float64],
@@ -78,13 +80,11 @@ class PosedMap:
         around = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         places = np.concatenate([radii[..., None] * around, heights[..., None]], axis=-1)
         normals = np.concatenate([around, lean[..., None]], axis=-1)
-        places = places @ into[:3, :3].T + into[:3, 3]
+        pixels, depths = self.seen(frame, places)
         normals = normals @ into[:3, :3].T
         pinhole = self.evidence.pinhole
         across = normals[..., :2] / [pinhole.fx, pinhole.fy]
         across /= np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-12)
-        depths = np.maximum(places[..., 2], _NEAREST)
-        pixels = pinhole.project(np.concatenate([places[..., :2], depths[..., None]], axis=-1))
         found = evidence_across(self.evidence, pixels.reshape(-1, 2), across.reshape(-1, 2),
                                 depths.ravel(), self.evidence.profile, np.zeros(1))
         density = np.maximum(found[:, 0].reshape(depths.shape), _LEAST)
@@ -183,12 +183,12 @@ def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
     heights, radii, angles = np.broadcast_arrays(z[:, None, None], r[None, :, None], turn)
     circles = np.stack([radii * np.cos(angles), radii * np.sin(angles), heights], axis=-1)
-    low, high = of.pixels(frame, np.array([[0, 0, z[0]], [0, 0, z[-1]]]))
+    (low, high), _ = of.seen(frame, np.array([[0, 0, z[0]], [0, 0, z[-1]]]))
     up = (high - low) / max(float(np.linalg.norm(high - low)), 1e-9)
     side = int(abs(up).argmax())
     if abs(up[side]) < _ALONG:
         return nothing, nothing
-    pixels = of.pixels(frame, circles)[..., side]
+    pixels = of.seen(frame, circles)[0][..., side]
     first, last = pixels.min(axis=-1) - of.box[side], pixels.max(axis=-1) - of.box[side + 2]
     sigma = _DRAWN * max(of.box[2] - of.box[0], of.box[3] - of.box[1])
     bottom, top = (-_PER_NAT * np.minimum((off / sigma) ** 2 / 2, _MOST_OFF)

@@ -209,7 +209,8 @@ def _localised(seed: int, views: PosedViews, scene: Scene, model: ObjectModel) -
 def summary(trials: Sequence[ProfileTrial]) -> str:
     """A Markdown table with a row for each vessel, and a list of medians and shares."""
     largest = np.array([np.inf if each.largest is None else each.largest for each in trials])
-    quarter, half, most = np.quantile(largest, (0.25, 0.5, 0.75), method='nearest')
+    quarter, most = np.quantile(largest, (0.25, 0.75), method='nearest')  # inf is among them
+    half = np.median(largest)
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
              f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
