@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pmcl_ros.evidence.contour_map import DIRECTIONS, ContourMap, harmonics
+from pmcl_ros.evidence.contour_map import DIRECTIONS, ContourMap, likelihood_ratios, series
 
 _INSIDE = 0.02  # weight of the inside: its pixels are many, and not independent
 
@@ -36,13 +36,10 @@ def with_inside(of: ContourMap) -> ContourMap:
 
 def _averaged(of: ContourMap, directions: int) -> ContourMap:
     """Each direction has the mean likelihood ratio of `directions` that are evenly spaced."""
-    angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
-    basis = harmonics(angles)
-    ratios = np.exp(of.tensor @ basis.T)
-    mean = sum(np.roll(ratios, turn, axis=-1)
-               for turn in range(0, DIRECTIONS, DIRECTIONS // directions)) / directions
-    fitted = np.log(mean) @ (basis / np.square(basis).sum(axis=0))
-    return replace(of, tensor=fitted.astype(np.float32))
+    ratios = likelihood_ratios(of.tensor)
+    mean = np.mean([np.roll(ratios, turn, axis=-1)
+                    for turn in range(0, DIRECTIONS, DIRECTIONS // directions)], axis=0)
+    return replace(of, tensor=series(mean).astype(np.float32))
 
 
 ABLATIONS: MappingProxyType[str, Callable[[ContourMap], ContourMap]] = MappingProxyType({

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -124,18 +124,15 @@ class ContourMap(EvidenceVolume):
         reach = math.ceil(_REACH * sigma)
         rows = slice(max(top - reach, 0), max(bottom + reach, 0))
         columns = slice(max(left - reach, 0), max(right + reach, 0))
-        basis = harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
-        # Equally spaced directions make the harmonics orthogonal.
-        inverse = basis / np.square(basis).sum(axis=0)
         sharp, tensor = self.tensor[rows, columns], self.tensor.copy()
         for label in range(tensor.shape[2]):
             if label and np.array_equal(sharp[:, :, label], sharp[:, :, label - 1]):
                 tensor[rows, columns, label] = tensor[rows, columns, label - 1]  # of one picture
                 continue
-            ratios = np.exp(sharp[:, :, label] @ basis.T)
+            ratios = likelihood_ratios(sharp[:, :, label])
             if ratios.size:
                 blurred = cv2.GaussianBlur(ratios, (0, 0), sigma)
-                tensor[rows, columns, label] = np.log(blurred) @ inverse
+                tensor[rows, columns, label] = series(blurred)
         return replace(self, tensor=tensor)
 
 
@@ -157,3 +154,19 @@ def harmonics(angles: NDArray[np.floating]) -> NDArray[np.float32]:
     t = np.asarray(angles, np.float64)
     return np.stack([np.ones_like(t), np.cos(t), np.sin(t), np.cos(2 * t), np.sin(2 * t)],
                     axis=-1).astype(np.float32)
+
+
+def likelihood_ratios(tensor: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(..., DIRECTIONS) of contours whose normals have evenly spaced angles; tensor: (..., 5)."""
+    return np.asarray(np.exp(tensor @ _basis().T))
+
+
+def series(ratios: NDArray[Any]) -> NDArray[np.float32]:
+    """(..., 5) the tensor whose log odds are nearest to those of ratios (..., DIRECTIONS)."""
+    basis = _basis()
+    # Equally spaced directions make the harmonics orthogonal.
+    return np.asarray(np.log(ratios) @ (basis / np.square(basis).sum(axis=0)))
+
+
+def _basis() -> NDArray[np.float32]:
+    return harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)
