@@ -161,9 +161,9 @@ def _range(field: FieldInfo) -> str:
              for note in getattr(item, '__metadata__', ())]  # Annotated[float, Field(gt=0)]
     bounds = {type(bound): bound for each in (field, *items) for bound in each.metadata}
     if Ge in bounds and Le in bounds:
-        return f'{bounds[Ge].ge} to {bounds[Le].le}'
+        return f'{bounds[Ge].ge:.10g} to {bounds[Le].le:.10g}'
     words = ((Ge, '>=', 'ge'), (Gt, '>', 'gt'), (Le, '<=', 'le'), (Lt, '<', 'lt'))
-    return ', '.join(f'{sign} {getattr(bounds[kind], value)}' for kind, sign, value in words
+    return ', '.join(f'{sign} {getattr(bounds[kind], value):.10g}' for kind, sign, value in words
                      if kind in bounds)
 
 
