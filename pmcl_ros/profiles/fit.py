@@ -16,7 +16,7 @@ _STRETCH = 3.0  # px of contour that is judged as one
 _INWARDS = 0.35  # px: by so much glass shows its outline inside of it
 _APART = 7.0  # px along a contour, beyond which its errors are independent
 _STEP = 0.5  # px between shifts across the contour
-_BEND = 0.0004  # m: second difference of the radii that is as likely as not
+_TURN = 0.16  # rad: turn of the wall from knot to knot that is as likely as not
 _TILT, _ASIDE, _END = 0.03, 0.02, 0.03  # rad, m, m: how far the start may be off
 _EDGES = np.array([0.003, 0.0015])  # m: radii of the edges of bottom and top, and their spread
 _HEIGHT = 0.0005  # m: standard deviation of a height that is told
@@ -70,6 +70,13 @@ def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: 
     return surface
 
 
+def log_posterior(surface: Revolution, maps: Sequence[PosedMap], reach: float,
+                  height: float | None = None) -> float:
+    """Of the surface, up to a constant [nat]. The parameters are those of `refined`."""
+    return (normal_equations(surface, maps, reach).scaled
+            + _prior(surface, height).evidence)
+
+
 def with_usual_edge(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: int
                     ) -> Revolution:
     """The surface with a bottom edge of the usual radius, refined.
@@ -77,7 +84,8 @@ def with_usual_edge(surface: Revolution, maps: Sequence[PosedMap], reach: float,
     From above, a round edge looks like a sharp one that is higher, so evidence tells the radius
     and the height of the bottom only together. The rest as in `refined`.
     """
-    usual = surface.with_edges(np.array([_EDGES[0], surface.edges[1]]), _LEAST)
+    edge = min(_EDGES[0], surface.foot / 3)
+    usual = surface.with_edges(np.array([edge, surface.edges[1]]), _LEAST)
     return refined(usual, maps, reach, steps, with_edge=False)
 
 
@@ -115,9 +123,8 @@ def _offsets(contour: RevolutionContour, of: PosedMap, reach: float
 def _prior(surface: Revolution, height: float | None) -> Normal:
     """What is known before: smoothness, and about where it stands."""
     count = len(surface.radii)
-    bends = np.diff(np.eye(count), 2, axis=0)
-    off = bends @ surface.radii
-    known = 2 / (_BEND ** 2 + off ** 2)  # Cauchy: a profile has few corners
+    off, bends = surface.turns
+    known = 2 / (_TURN ** 2 + off ** 2)  # Cauchy: a profile has few corners
     information = np.zeros((count + ENDS + AXIS,) * 2)
     information[:count, :count] = bends.T @ (known[:, None] * bends)
     gradient = np.zeros(len(information))
@@ -134,7 +141,7 @@ def _prior(surface: Revolution, height: float | None) -> Normal:
         gradient -= off_height * ends
         edges = np.append(edges, off_height)
     return Normal(information, gradient,
-                  -float(np.log1p((off / _BEND) ** 2).sum() + (edges ** 2).sum() / 2), 0.0)
+                  -float(np.log1p((off / _TURN) ** 2).sum() + (edges ** 2).sum() / 2), 0.0)
 
 
 def deviations(surface: Revolution, maps: Sequence[PosedMap], reach: float,

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,18 +10,27 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.profiles.fit import deviations, normal_equations, refined, with_usual_edge
+from pmcl_ros.profiles.fit import (
+    deviations,
+    log_posterior,
+    normal_equations,
+    refined,
+    with_usual_edge,
+)
 from pmcl_ros.profiles.measured import MeasuredProfile
 from pmcl_ros.profiles.outline import LEAST_SIDE, Box, BoxedView, Cylinder, cylinder_in
+from pmcl_ros.profiles.revolution import Revolution
 from pmcl_ros.profiles.search import PosedMap, searched
 from pmcl_ros.runtime.errors import ProfileError
 
+Stage = tuple[float, float, int]  # blur, reach, steps
+
 _LOG = logging.getLogger(__name__)
-_KNOT = 0.0025  # m between coefficients of the profile
-_FEWEST, _MOST = 16, 72
+_KNOT = 0.0025  # m between knots of the profile, along it
+_STEM = 0.4  # of the foot's radius: what stands on a foot is a stem
 _AROUND = 20.0  # px about a box that the object may reach into
-# Rounds: blur of the maps while the profile is searched; then while it is refined, with the
-# standard deviation of the contour's offset [px], and the number of steps.
+# Rounds: blur of the maps while the profile is searched; then stages: while it is refined, with
+# the standard deviation of the contour's offset [px], and the number of steps.
 _ROUNDS = ((3.0, ((3.0, 6.0, 8), (1.0, 3.0, 6))), (1.5, ((1.0, 3.0, 6), (0.5, 1.5, 8))))
 
 
@@ -37,15 +47,18 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     about = cylinder_in(boxed, up, height)
     maps = [each for k, view in enumerate(views)
             if (each := _map_of(view, boxes.get(k), about, k)) is not None]
-    count = int(np.clip(about.height / _KNOT, _FEWEST, _MOST))
     for blur, stages in _ROUNDS:
-        surface, _ = searched([each.blurred(blur) for each in maps], about, count)
-        for finer, reach, steps in stages:
-            finest = [each.blurred(finer) for each in maps]
-            surface = refined(surface, finest, reach, steps, height)
+        plain, stem = searched([each.blurred(blur) for each in maps], about, _KNOT)
+        surface = _fitted(plain, maps, stages, height)
+        on_foot = _fitted(stem, maps, stages, height)
+        if on_foot.slimness < _STEM and _evidence(on_foot, maps, stages[-1], height) > _evidence(
+                surface, maps, stages[-1], height):
+            surface = on_foot
         frame = surface.frame.copy()
         frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
         about = Cylinder(frame, about.radius, about.height)
+    blur, reach, steps = _ROUNDS[-1][1][-1]
+    finest = [each.blurred(blur) for each in maps]
     if height is None:
         surface = with_usual_edge(surface, finest, reach, steps)
     found = normal_equations(surface, finest, reach)
@@ -57,6 +70,22 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
                            'least are expected; take the pictures from nearer, from other sides, '
                            'before a plain background, and check boxes and camera poses')
     return MeasuredProfile(surface, deviations(surface, finest, reach, height), mean, least)
+
+
+def _fitted(surface: Revolution, maps: Sequence[PosedMap], stages: Sequence[Stage],
+            height: float | None) -> Revolution:
+    """The surface, refined in stages."""
+    for blur, reach, steps in stages:
+        surface = refined(surface, [each.blurred(blur) for each in maps], reach, steps, height)
+    return surface
+
+
+def _evidence(surface: Revolution, maps: Sequence[PosedMap], stage: Stage, height: float | None
+              ) -> float:
+    """By which surfaces are compared [nat]: those without a foot by all their contours too."""
+    blur, reach, _ = stage
+    return log_posterior(replace(surface, on_foot=True), [each.blurred(blur) for each in maps],
+                         reach, height)
 
 
 def _map_of(view: PosedView, drawn: Box | None, about: Cylinder, number: int) -> PosedMap | None:

@@ -12,9 +12,12 @@ from pmcl_ros.geometry.se3 import inverse
 
 AXIS = 4  # parameters of the axis: shifts along x and y, turns about x and y, of its frame
 ENDS = 4  # heights of bottom and top, radii of their edges
+_FEWEST, _MOST = 13, 69  # pieces of the wall
 _FINER = 4  # points of the wall between two knots
 _EDGE = np.deg2rad(np.linspace(88, 0, 30))  # of an edge: how far the normal leans from the wall's
+_NARROW = 0.8  # of the radius of the bottom
 _WIDEST_EDGE = 0.008  # m
+_TURNED, _MOST_FILLED = np.deg2rad(5.0), 16  # about the axis, between two points of the wall
 _ARC = 72  # points of half a circle, of bottom or top
 _INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
 _SOLVED = 6  # steps in which the normals of edges are found
@@ -45,24 +48,36 @@ class Revolution:
     """A closed surface of revolution: a wall, a flat bottom and a flat top, with round edges.
 
     frame: (4, 4) pose in the reference frame; its z is the axis, upwards. low, high: heights of
-    bottom and top on it [m]. radii: (n,) coefficients of the cubic B-spline r(t) [m], whose knots
-    are even in the height low + t (high - low). edges: radii of the edges of bottom and top [m].
+    bottom and top on it [m]. radii: (n,) coefficients of the cubic B-spline r(t) [m], where the
+    height is low + t (high - low). breaks: its n - 2 knots in t, from 0 to 1. edges: radii of the
+    edges of bottom and top [m]. on_foot: it is a stem on a foot, whose contours before the foot
+    count too; of other surfaces the outline alone.
     """
 
     frame: NDArray[np.float64]
     low: float
     high: float
     radii: NDArray[np.float64]
+    breaks: tuple[float, ...]
     edges: tuple[float, float] = (0.002, 0.001)
+    on_foot: bool = False
 
     @classmethod
     def from_curve(cls, frame: NDArray[np.float64], heights: NDArray[np.float64],
-                   radii: NDArray[np.float64], count: int) -> 'Revolution':
-        """Of radii (m,) at heights (m,), ascending [m], with `count` coefficients."""
+                   radii: NDArray[np.float64], spacing: float) -> 'Revolution':
+        """Of radii (m,) at heights (m,), ascending [m], with knots about `spacing` apart along it.
+
+        So that a shallow bowl and the foot of a stemmed glass have as many as a steep wall.
+        """
         low, high = float(heights[0]), float(heights[-1])
-        t = np.linspace(0, 1, 4 * count)
+        way = np.concatenate([[0], np.cumsum(np.hypot(np.diff(heights), np.diff(radii)))])
+        pieces = int(np.clip(way[-1] / spacing, _FEWEST, _MOST))
+        at = np.interp(np.linspace(0, way[-1], pieces + 1), way, heights)
+        breaks = tuple(((at - low) / (high - low)).tolist())
+        t = _between(breaks)
         wanted = np.interp(low + t * (high - low), heights, radii)
-        return cls(frame, low, high, np.linalg.lstsq(_spline(count)(t), wanted, rcond=None)[0])
+        coefficients = np.linalg.lstsq(_spline(breaks)(t), wanted, rcond=None)[0]
+        return cls(frame, low, high, coefficients, breaks)
 
     @property
     def wall(self) -> NDArray[np.float64]:
@@ -76,17 +91,47 @@ class Revolution:
         return (np.concatenate([curve.basis, curve.by_ends], axis=1)
                 / np.hypot(1, curve.lean)[:, None])
 
+    @property
+    def slimness(self) -> float:
+        """The narrowest radius over that of the bottom, up to as high above it."""
+        radii, heights = self._curve(with_edges=False).points.T
+        return float(radii[heights < self.low + self.radii[0]].min() / self.radii[0])
+
+    @property
+    def foot(self) -> float:
+        """Height above the bottom at which the wall is clearly narrower than there [m]."""
+        radii, heights = self._curve(with_edges=False).points.T
+        narrow = radii < _NARROW * radii[0]
+        return float(heights[narrow.argmax() if narrow.any() else -1] - self.low)
+
+    @property
+    def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(n - 2,) angles by which the wall turns at a coefficient, and (n - 2, n) change by each.
+
+        Of its control polygon [rad, rad / m].
+        """
+        steps = np.diff(_greville(self.breaks)) * (self.high - self.low)
+        by = np.diff(np.eye(len(self.radii)), axis=0) / steps[:, None]
+        slopes = by @ self.radii
+        return (np.diff(np.arctan(slopes)),
+                np.diff(by / (1 + slopes ** 2)[:, None], axis=0))
+
     def _curve(self, with_edges: bool = True) -> '_Curve':
         """The wall, from the bottom up."""
         rise = self.high - self.low
         bottom, top = (edge * (1 - np.sin(_EDGE)) / rise for edge in self.edges)
-        t = np.linspace(0, 1, _FINER * (len(self.radii) - 3) + 1)
-        t = np.concatenate([[bottom[-1]], t[(t > bottom[-1]) & (t < 1 - top[-1])], [1 - top[-1]]])
+        t = self._heights_on_wall()
         tilt = np.zeros(len(t))
         if with_edges:
             t = np.concatenate([bottom[:-1], t, 1 - top[-2::-1]])
             tilt = np.concatenate([_EDGE[:-1], tilt, -_EDGE[-2::-1]])
         return self._at(t, tilt)
+
+    def _heights_on_wall(self) -> NDArray[np.float64]:
+        """(m,) heights t between the edges, about even along the wall."""
+        bottom, top = np.array(self.edges) / (self.high - self.low)
+        t = _between(self.breaks)
+        return np.concatenate([[bottom], t[(t > bottom) & (t < 1 - top)], [1 - top]])
 
     def _at(self, t: NDArray[np.float64], tilt: NDArray[np.float64]) -> '_Curve':
         """Points at heights t (m,).
@@ -95,7 +140,7 @@ class Revolution:
         the top; 0: on the wall [rad].
         """
         rise = self.high - self.low
-        spline = _spline(len(self.radii))
+        spline = _spline(self.breaks)
         basis, slopes = spline(t), spline.derivative()(t)
         radii, slope = basis @ self.radii, slopes @ self.radii / rise
         by = np.zeros((len(t), ENDS))
@@ -136,7 +181,7 @@ class Revolution:
             low, high = self.low, self.high
         radii = np.maximum(self.radii + step[:n], least)
         edges = np.array(self.edges) + step[n + 2:n + ENDS]
-        return Revolution(frame, low, high, radii).with_edges(edges, least)
+        return replace(self, frame=frame, low=low, high=high, radii=radii).with_edges(edges, least)
 
     def with_edges(self, edges: NDArray[np.float64], least: float) -> 'Revolution':
         """With other radii (2,) of the edges, or the nearest possible ones [m].
@@ -159,16 +204,17 @@ class Revolution:
         into = inverse(self.frame) @ camera
         aside, height = float(np.hypot(*into[:2, 3])), float(into[2, 3])
         azimuth = float(np.arctan2(into[1, 3], into[0, 3]))
-        curve = self._curve(with_edges=False)
-        radii, heights = curve.points.T
-        cosine = (radii + curve.lean * (heights - height)) / max(aside, 1e-9)
-        angles = np.arccos(np.clip(cosine, -1, 1))
+        t = self._heights_on_wall()
+        angles, _ = _seen_at(self._at(t, np.zeros(len(t))), aside, height)
+        t = _filled(t, angles)
+        curve = self._at(t, np.zeros(len(t)))
+        angles, cosine = _seen_at(curve, aside, height)
         strips = [_Strip(np.abs(cosine) < 1, sign * angles, curve) for sign in (-1, 1)]
         turn = (np.arange(2 * _ARC) + 0.5) * np.pi / _ARC
         strips += [self._edge(end, turn, aside, height) for end in (0, 1)]
         wall = self.wall
         seen = [each.seen(pinhole, inverse(into), azimuth) for each in strips]
-        return _joined([_unhidden(each, wall, into[:3, 3]) for each in seen])
+        return _joined([_unhidden(each, wall, into[:3, 3], self.on_foot) for each in seen])
 
 
 @dataclass(frozen=True)
@@ -220,18 +266,38 @@ class _Strip:
                                  motion[kept]), places[kept]
 
 
+def _seen_at(curve: _Curve, aside: float, height: float
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(m,) angles about the axis at which points are on the contour, and their cosines.
+
+    Not between -1 and 1: nowhere.
+    """
+    radii, heights = curve.points.T
+    cosine = (radii + curve.lean * (heights - height)) / max(aside, 1e-9)
+    return np.arccos(np.clip(cosine, -1, 1)), cosine
+
+
+def _filled(t: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Heights t (m,) and more between them, where the contour turns far about the axis."""
+    pieces = np.clip(np.ceil(abs(np.diff(angles)) / _TURNED), 1, _MOST_FILLED).astype(int)
+    first = np.cumsum(pieces) - pieces
+    part = (np.arange(pieces.sum()) - np.repeat(first, pieces)) / np.repeat(pieces, pieces)
+    return np.append(np.repeat(t[:-1], pieces) + part * np.repeat(np.diff(t), pieces), t[-1])
+
+
 def _unhidden(of: tuple[RevolutionContour, NDArray[np.float64]], wall: NDArray[np.float64],
-              eye: NDArray[np.float64]) -> RevolutionContour:
+              eye: NDArray[np.float64], before: bool) -> RevolutionContour:
     """The points of the outline: their lines of sight meet nothing else of the stack of discs.
 
-    eye: (3,) the camera in the frame of the surface.
+    eye: (3,) the camera in the frame of the surface. before: also those that meet some of it
+    behind the point.
     """
     contour, places = of
     with np.errstate(divide='ignore', invalid='ignore'):
         part = (wall[:, 1] - eye[2]) / (places[:, 2:] - eye[2])
         met = eye[:2] + part[..., None] * (places[:, None, :2] - eye[:2])
         inside = np.hypot(met[..., 0], met[..., 1]) < wall[:, 0] - _INSIDE
-    seen = ~(inside & (part > 0)).any(axis=1)
+    seen = ~(inside & (part > 0) & (part < (1 if before else np.inf))).any(axis=1)
     return RevolutionContour(contour.pixels[seen], contour.normals[seen], contour.depths[seen],
                              contour.lengths[seen], contour.motion[seen])
 
@@ -254,8 +320,21 @@ def _small(dx: float, dy: float, about_x: float, about_y: float) -> NDArray[np.f
     return motion
 
 
+def _between(breaks: tuple[float, ...]) -> NDArray[np.float64]:
+    """The knots and `_FINER` - 1 places between two of them."""
+    pieces = len(breaks) - 1
+    return np.interp(np.arange(_FINER * pieces + 1) / _FINER, np.arange(pieces + 1), breaks)
+
+
 @lru_cache(maxsize=64)
-def _spline(count: int) -> BSpline:
-    """The cubic B-splines of `count` coefficients, clamped to 0 and 1."""
-    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, count - 2), np.ones(3)])
-    return BSpline(knots, np.eye(count), 3)
+def _spline(breaks: tuple[float, ...]) -> BSpline:
+    """The cubic B-splines with these knots, clamped to 0 and 1."""
+    knots = np.concatenate([np.zeros(3), breaks, np.ones(3)])
+    return BSpline(knots, np.eye(len(breaks) + 2), 3)
+
+
+@lru_cache(maxsize=64)
+def _greville(breaks: tuple[float, ...]) -> NDArray[np.float64]:
+    """(n,) where each coefficient of `_spline` counts most."""
+    knots = np.concatenate([np.zeros(2), breaks, np.ones(2)])
+    return np.convolve(knots, np.ones(3) / 3, mode='valid')

@@ -21,6 +21,7 @@ _BEND = 1.6  # nat / px in each view: of how much more the radius changes than a
 _UNSEEN = 0.6  # nat / px: what a wall costs that no line of sight touches
 _LEAST = -0.3  # nat / px: glass hides parts of its contour
 _BESIDE, _OUTSIDE = 4.0, 2.0  # px beside a box, and what contours cost beyond [nat / px]
+_RIM = 0.003  # m: thickness of a foot that is a disc
 _FOOT = 0.25  # of the largest radius: what stands has a wider foot
 _ASIDE = 0.85  # cosine: contours nearer to the middle are hardly ever part of the outline
 _CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there are few waists
@@ -94,25 +95,62 @@ class PosedMap:
         return density, pinhole.fx / depths
 
 
-def searched(maps: Sequence[PosedMap], about: Cylinder, count: int) -> tuple[Revolution, float]:
-    """The surface about the cylinder's axis whose outline has most evidence, and that [nat].
+def searched(maps: Sequence[PosedMap], about: Cylinder, spacing: float
+             ) -> tuple[Revolution, Revolution]:
+    """The surfaces about the cylinder's axis whose outlines have most evidence.
 
-    count: of its coefficients. Each step of the wall, bottom and top counts where its normals are
-    at a right angle to the lines of sight; what the surface itself hides counts too.
+    The second one is a stem on a foot: a disc that is twice as wide as what is above. spacing: of
+    knots [m]. Each step of the wall, bottom and top counts where its normals are at a right angle
+    to the lines of sight; what the surface itself hides counts too.
     """
     z = _heights(maps, about)
     r = np.linspace(0, _MARGIN * about.radius, _RADII + 1)[1:]
     slopes = np.arange(-_STEEP, _STEEP + 1)
     wall = np.sum([_wall(each, about.frame, z, r, slopes) for each in maps], axis=0)
-    bottom, top = (np.sum(each, axis=0) for each in zip(
+    bottom, foot, top = (np.sum(each, axis=0) for each in zip(
         *(_edges(each, about.frame, z, r) for each in maps), strict=True))
     pixels = (r[1] - r[0]) * sum(each.scale_at(about.frame[:3, 3]) for each in maps)
     wall = wall - _CHANGE * pixels * abs(slopes)
-    bottom = np.where(r < _FOOT * about.radius, -np.inf, bottom)
-    path, value = _best_path(wall, bottom, top, _BEND * pixels)
-    rows = np.array([row for row, _ in path])
-    columns = np.array([column for _, column in path])
-    return Revolution.from_curve(about.frame, z[rows], r[columns], count), value
+    narrow = r < _FOOT * about.radius
+    bottom, foot = (np.where(narrow, -np.inf, each) for each in (bottom, foot))
+    feet, widths = _feet(foot, _CHANGE * pixels)
+
+    def best(start: NDArray[np.float64]) -> NDArray[np.int64]:
+        return np.array(_best_path(wall, start, top, _BEND * pixels)).T
+
+    rows, columns = best(bottom)
+    plain = Revolution.from_curve(about.frame, z[rows], r[columns], spacing)
+    rows, columns = best(feet)
+    stem = _with_foot(z[rows], r[columns], r[widths[rows[0], columns[0]]])
+    return plain, replace(Revolution.from_curve(about.frame, *stem, spacing), on_foot=True)
+
+
+def _feet(foot: NDArray[np.float64], cost: float
+          ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """(heights, radii) evidence of the best foot below a wall that begins there, and its column.
+
+    foot: (heights, radii) evidence of a foot [nat]. cost: of each column narrower [nat].
+    """
+    count = foot.shape[1]
+    columns = np.arange(count)
+    paid = (foot - cost * columns)[:, ::-1]
+    best = np.maximum.accumulate(paid, axis=1)
+    # The last column at which the maximum grew, from the widest one on.
+    which = np.maximum.accumulate(np.where(paid == best, columns, 0), axis=1)
+    first = 2 * columns + 1  # twice the radius
+    from_ = (count - 1 - first).clip(0)
+    value = best[:, from_] + cost * columns
+    return np.where(first < count, value, -np.inf), count - 1 - which[:, from_]
+
+
+def _with_foot(heights: NDArray[np.float64], radii: NDArray[np.float64], foot: float
+               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The wall (m,) that begins on a foot of a radius, with that [m]."""
+    low = heights[0]
+    end = low + 2 * _RIM
+    above = heights > end
+    return (np.concatenate([[low, low + _RIM, end], heights[above]]),
+            np.concatenate([[foot, foot, np.interp(end, heights, radii)], radii[above]]))
 
 
 def _heights(maps: Sequence[PosedMap], about: Cylinder) -> NDArray[np.float64]:
@@ -151,8 +189,20 @@ def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
 
 
 def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
-           r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(heights, radii) evidence of the edge of a bottom there, and of a top [nat]."""
+           r: NDArray[np.float64]
+           ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """(heights, radii) evidence of the edge of a bottom there, of a foot, and of a top [nat].
+
+    A foot is a disc: its upper edge is seen too, `_RIM` above.
+    """
+    lower, upper = _circle(of, frame, z, r)
+    bottom, top = _ends(of, frame, z, r)
+    return lower + bottom, lower + bottom + _circle(of, frame, z + _RIM, r)[1], upper + top
+
+
+def _circle(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
+            r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(heights, radii) evidence of an edge there whose normals lean down, and up [nat]."""
     eye = np.linalg.inv(frame) @ of.camera[:, 3]
     aside = float(np.hypot(*eye[:2]))
     turn = (np.arange(_ARC) + 0.5) * np.pi / _ARC
@@ -166,9 +216,8 @@ def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     tilt = abs(off) / np.hypot(aside, off)
     length = scale * radii * np.pi / _ARC * np.hypot(cosine, tilt * np.sqrt(1 - cosine ** 2))
     evidence = (one + other) * length
-    bottom, top = _ends(of, frame, z, r)
-    return (np.where(lean < 0, evidence, 0).sum(axis=-1) + bottom,
-            np.where(lean > 0, evidence, 0).sum(axis=-1) + top)
+    return (np.where(lean < 0, evidence, 0).sum(axis=-1),
+            np.where(lean > 0, evidence, 0).sum(axis=-1))
 
 
 def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
@@ -197,8 +246,8 @@ def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
 
 
 def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDArray[np.float64],
-               cost: float) -> tuple[list[tuple[int, int]], float]:
-    """(row, column) of the nodes of the path of most evidence, from the bottom up, and that.
+               cost: float) -> list[tuple[int, int]]:
+    """(row, column) of the nodes of the path of most evidence, from the bottom up.
 
     cost: of a change of slope by one column a row [nat].
     """
@@ -234,4 +283,4 @@ def _best_path(wall: NDArray[np.float64], bottom: NDArray[np.float64], top: NDAr
         slope = int(came[row, column, slope])
         row, column = row - 1, column - int(slopes[slope])
         path.append((row, column))
-    return path[::-1], best
+    return path[::-1]

@@ -39,7 +39,7 @@ def true_surface():
     frame = np.eye(4)
     frame[:3, 3] = PLACE
     heights = np.linspace(-0.05, 0.05, 60)
-    return Revolution.from_curve(frame, heights, radius(heights), 40)
+    return Revolution.from_curve(frame, heights, radius(heights), 0.0025)
 
 
 def solid(wall):

@@ -30,7 +30,7 @@ def test_a_bowl_reaches_below_the_cylinder_of_its_boxes():
     cameras = [camera(azimuth, steep=0.5) for azimuth in (-0.5, 0.0, 0.5)]
     masks = masks_of(solid(wall), cameras)
     found, _ = searched(maps_of(pictured(masks, cameras), boxes_about(masks)),
-                        Cylinder(FRAME, 0.049, 0.037), 24)
+                        Cylinder(FRAME, 0.049, 0.037), 0.0025)
     assert found.high == pytest.approx(0.03, abs=2e-3)
     assert found.low == pytest.approx(-0.03, abs=2e-3)
 
@@ -43,7 +43,7 @@ def test_the_object_ends_where_its_box_does(true_surface):
     lower = masks_of(solid(wall[wall[:, 1] < line]), cameras)
     views = pictured(lower, cameras, before=pictured(whole, cameras, shade=(0.685, 0.685, 0.735)))
     about = Cylinder(FRAME, 0.034, 0.1)
-    found, _ = searched(maps_of(views, boxes_about(whole)), about, 40)
+    found, _ = searched(maps_of(views, boxes_about(whole)), about, 0.0025)
     assert found.high == pytest.approx(0.05, abs=3e-3)
-    found, _ = searched(maps_of(views, boxes_about(whole), drawn=False), about, 40)
+    found, _ = searched(maps_of(views, boxes_about(whole), drawn=False), about, 0.0025)
     assert found.high == pytest.approx(line, abs=3e-3)

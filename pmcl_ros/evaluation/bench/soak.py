@@ -8,15 +8,17 @@ import argparse
 import json
 import math
 import os
+import subprocess
 import sys
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from collections.abc import Set as AbstractSet
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import monotonic, time_ns
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -42,6 +44,10 @@ from pmcl_ros.runtime.ros_domain import own_domain
 
 _ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)
+_SHARED = Path('/dev/shm')
+# As much shared memory as a container has by default, and a disk for the logs of ROS.
+_SMALL_DISKS = ('mount -t tmpfs -o size=64m none /dev/shm && mount -t tmpfs -o size=8m none "$0" '
+                '&& ROS_LOG_DIR="$0" exec "$@" --disk "$0"')
 _STALLED = 60.0  # s: then what has not come does not come
 _STALLED_DISTURBED = 15.0  # s: what a killed process held never comes
 _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
@@ -52,18 +58,19 @@ _QUICK: dict[str, dict[str, Any]] = {
 
 
 def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: bool,
-         log: Path, disturbances: int = 0) -> Soak:
+         log: Path, disturbances: int = 0, disks: Mapping[str, Path] = MappingProxyType({})
+         ) -> Soak:
     """Take `captures` pictures of what is in a bag.
 
     log: where what the graph prints is written. quick: small volumes and a search that finds
     little: for the graph, not for the poses.
     flood: press the shutter whenever the driver can, whatever becomes of the captures.
     disturbances: so often, while captures are under way, a process is killed, time jumps, or
-    another graph comes and goes.
+    another graph comes and goes. disks: small ones that are filled then too, by name.
     """
     result: Soak | None = None
     with ExitStack() as stack:
-        before = set(Path('/dev/shm').iterdir())  # what other programs share, or have left
+        before = set(_SHARED.iterdir())  # what other programs share, or have left
         stack.enter_context(ros())
         folder = Path(stack.enter_context(TemporaryDirectory()))
         (folder / 'pictures').mkdir()
@@ -87,7 +94,7 @@ def soak(captures: int, bag: Path, arguments: list[str], quick: bool, flood: boo
         with graph, Progress(console=_CONSOLE, transient=True) as bar:
             task = bar.add_task('captures', total=captures)
             run = _Run(graph, flood, lambda done: bar.update(task, completed=done),
-                       Disturbances(graph, second),
+                       Disturbances(graph, second, disks),
                        set(_evenly(max(captures // 20, 1), captures, disturbances)))
             for last in _evenly(min(max(captures // 10, 4), captures), captures, _PARTS):
                 run.take(last)
@@ -205,6 +212,14 @@ class _Run:
 _NAMES = tuple(entry.name for entry in NODES)
 
 
+def _in_small_disks() -> int:
+    """The same command in mounts of its own; its exit status."""
+    with TemporaryDirectory() as disk:
+        command = [sys.executable, '-m', 'pmcl_ros.evaluation.bench.soak', *sys.argv[1:]]
+        return subprocess.run(['unshare', '--mount', 'sh', '-c', _SMALL_DISKS, disk, *command],
+                              check=False).returncode
+
+
 def main() -> int:
     """Entry point."""
     parser = argparse.ArgumentParser(prog='pmcl_soak', description=__doc__)
@@ -215,6 +230,10 @@ def main() -> int:
     parser.add_argument('--disturbances', type=int, default=0, metavar='N', help='with '
                         '--processes: N times a node is killed, time jumps, or a second graph '
                         'comes and goes')
+    parser.add_argument('--full-disks', action='store_true', help='with --disturbances, as root: '
+                        'the graph has a /dev/shm of 64 MB and a disk of 8 MB for its '
+                        'logs, and each is filled now and then')
+    parser.add_argument('--disk', type=Path, help=argparse.SUPPRESS)  # where it is mounted already
     parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='what the camera sees, with its truth.json and models/NAME.obj')
@@ -224,13 +243,18 @@ def main() -> int:
     if options.disturbances < 0 or (options.disturbances and not options.processes):
         parser.error('--disturbances is a number of times and needs --processes: a node is killed '
                      'by its process')
+    if options.full_disks and not options.disturbances:
+        parser.error('--full-disks is among the disturbances and needs --disturbances N')
+    if options.full_disks and options.disk is None:
+        return _in_small_disks()
     own_domain()
     began = time_ns()
     try:
         options.out.mkdir(parents=True, exist_ok=True)
         result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
                       options.quick, options.flood, options.out / 'graph.log',
-                      options.disturbances)
+                      options.disturbances, {} if options.disk is None else {
+                          'shared memory is full': _SHARED, 'the disk is full': options.disk})
     except PmclError as error:
         _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
         return 1
