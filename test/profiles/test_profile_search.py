@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from conftest import PLACE, boxes_about, camera, masks_of, pictured, solid
+from conftest import PLACE, UP, boxes_about, camera, masks_of, pictured, solid
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.profiles.measure import measured
 from pmcl_ros.profiles.outline import Cylinder
+from pmcl_ros.profiles.revolution import Revolution
 from pmcl_ros.profiles.search import PosedMap, searched
 
 FRAME = np.eye(4)
@@ -47,3 +49,24 @@ def test_the_object_ends_where_its_box_does(true_surface):
     assert found.high == pytest.approx(0.05, abs=3e-3)
     found, _ = searched(maps_of(views, boxes_about(whole), drawn=False), about, 0.0025)
     assert found.high == pytest.approx(line, abs=3e-3)
+
+
+def test_a_stem_on_a_foot_is_the_second_candidate():
+    heights = np.array([-0.05, -0.047, -0.043, -0.035, 0.0, 0.02, 0.05])
+    radii = np.array([0.027, 0.027, 0.01, 0.004, 0.004, 0.024, 0.027])
+    true = Revolution.from_curve(FRAME, heights, radii, 0.002).wall
+    cameras = [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)]
+    foot = masks_of(solid(true[true[:, 1] < -0.044]), cameras)
+    stem = masks_of(solid(true[true[:, 1] > -0.045]), cameras)
+    views = pictured(stem, cameras, shade=(0.3, 0.4, 0.35), before=pictured(foot, cameras))
+    boxes = boxes_about([one | other for one, other in zip(foot, stem, strict=True)])
+    plain, found = searched(maps_of(views, boxes), Cylinder(FRAME, 0.029, 0.1), 0.0025)
+    assert (plain.on_foot, found.on_foot) == (False, True)
+    assert found.low == pytest.approx(-0.05, abs=3e-3)
+    assert found.radii[0] == pytest.approx(0.027, abs=2e-3)
+    assert found.slimness < 0.3
+    assert measured(views, boxes, UP).surface.on_foot
+
+
+def test_what_has_no_stem_has_no_foot(views, boxes):
+    assert not measured(views, boxes, UP).surface.on_foot
