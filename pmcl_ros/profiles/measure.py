@@ -27,7 +27,7 @@ Stage = tuple[float, float, int]  # blur, reach, steps
 
 _LOG = logging.getLogger(__name__)
 _KNOT = 0.0025  # m between knots of the profile, along it
-_STEM = 0.4  # of the foot's radius: what stands on a foot is a stem
+_ALIKE = 0.95  # of the evidence: with so much of it a stem is on a foot, not on a cone
 _AROUND = 20.0  # px about a box that the object may reach into
 # Rounds: blur of the maps while the profile is searched; then stages: while it is refined, with
 # the standard deviation of the contour's offset [px], and the number of steps.
@@ -48,12 +48,14 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     maps = [each for k, view in enumerate(views)
             if (each := _map_of(view, boxes.get(k), about, k)) is not None]
     for blur, stages in _ROUNDS:
-        plain, stem = searched([each.blurred(blur) for each in maps], about, _KNOT)
-        surface = _fitted(plain, maps, stages, height)
-        on_foot = _fitted(stem, maps, stages, height)
-        if on_foot.slimness < _STEM and _evidence(on_foot, maps, stages[-1], height) > _evidence(
-                surface, maps, stages[-1], height):
-            surface = on_foot
+        surface = _fitted(searched([each.blurred(blur) for each in maps], about, _KNOT), maps,
+                          stages, height)
+        stem = surface.standing_on_foot(_KNOT)
+        if stem is not None:
+            stem = _fitted(stem, maps, stages, height)
+            if _evidence(stem, maps, stages[-1], height) > _ALIKE * (
+                    _evidence(surface, maps, stages[-1], height)):
+                surface = stem
         frame = surface.frame.copy()
         frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
         about = Cylinder(frame, about.radius, about.height)

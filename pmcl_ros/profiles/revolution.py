@@ -15,6 +15,9 @@ ENDS = 4  # heights of bottom and top, radii of their edges
 _FEWEST, _MOST = 13, 69  # pieces of the wall
 _FINER = 4  # points of the wall between two knots
 _EDGE = np.deg2rad(np.linspace(88, 0, 30))  # of an edge: how far the normal leans from the wall's
+# In radii of the foot: height at which a stem is, its radius at most; height and radius of a foot.
+_STEM, _SLIM = 0.8, 0.4
+_USUAL_FOOT = (0.0, 1.0), (0.1, 1.0), (0.22, 0.4), (0.45, 0.0)
 _NARROW = 0.8  # of the radius of the bottom
 _WIDEST_EDGE = 0.008  # m
 _TURNED, _MOST_FILLED = np.deg2rad(5.0), 16  # about the axis, between two points of the wall
@@ -91,11 +94,23 @@ class Revolution:
         return (np.concatenate([curve.basis, curve.by_ends], axis=1)
                 / np.hypot(1, curve.lean)[:, None])
 
-    @property
-    def slimness(self) -> float:
-        """The narrowest radius over that of the bottom, up to as high above it."""
+    def standing_on_foot(self, spacing: float) -> 'Revolution | None':
+        """The same with a usual foot below its stem; None: it has no stem.
+
+        spacing: of the knots [m].
+        """
         radii, heights = self._curve(with_edges=False).points.T
-        return float(radii[heights < self.low + self.radii[0]].min() / self.radii[0])
+        foot = radii[0]
+        above = heights > self.low + _STEM * foot
+        stem = float(np.interp(self.low + _STEM * foot, heights, radii))
+        if stem > _SLIM * foot or not above.any():
+            return None
+        parts = np.array((*_USUAL_FOOT, (_STEM, 0.0))) * foot
+        parts[3:, 1] = stem
+        return replace(Revolution.from_curve(
+            self.frame, np.append(self.low + parts[:, 0], heights[above]),
+            np.append(parts[:, 1], radii[above]), spacing),
+            edges=(parts[1, 0] / 3, self.edges[1]), on_foot=True)
 
     @property
     def foot(self) -> float:

@@ -21,7 +21,6 @@ _BEND = 1.6  # nat / px in each view: of how much more the radius changes than a
 _UNSEEN = 0.6  # nat / px: what a wall costs that no line of sight touches
 _LEAST = -0.3  # nat / px: glass hides parts of its contour
 _BESIDE, _OUTSIDE = 4.0, 2.0  # px beside a box, and what contours cost beyond [nat / px]
-_RIM = 0.003  # m: thickness of a foot that is a disc
 _FOOT = 0.25  # of the largest radius: what stands has a wider foot
 _ASIDE = 0.85  # cosine: contours nearer to the middle are hardly ever part of the outline
 _CHANGE = 1.3  # nat / px in each view: of a change of the radius, so that there are few waists
@@ -95,62 +94,23 @@ class PosedMap:
         return density, pinhole.fx / depths
 
 
-def searched(maps: Sequence[PosedMap], about: Cylinder, spacing: float
-             ) -> tuple[Revolution, Revolution]:
-    """The surfaces about the cylinder's axis whose outlines have most evidence.
+def searched(maps: Sequence[PosedMap], about: Cylinder, spacing: float) -> Revolution:
+    """The surface about the cylinder's axis whose outline has most evidence.
 
-    The second one is a stem on a foot: a disc that is twice as wide as what is above. spacing: of
-    knots [m]. Each step of the wall, bottom and top counts where its normals are at a right angle
-    to the lines of sight; what the surface itself hides counts too.
+    spacing: of its knots [m]. Each step of the wall, bottom and top counts where its normals are
+    at a right angle to the lines of sight; what the surface itself hides counts too.
     """
     z = _heights(maps, about)
     r = np.linspace(0, _MARGIN * about.radius, _RADII + 1)[1:]
     slopes = np.arange(-_STEEP, _STEEP + 1)
     wall = np.sum([_wall(each, about.frame, z, r, slopes) for each in maps], axis=0)
-    bottom, foot, top = (np.sum(each, axis=0) for each in zip(
+    bottom, top = (np.sum(each, axis=0) for each in zip(
         *(_edges(each, about.frame, z, r) for each in maps), strict=True))
     pixels = (r[1] - r[0]) * sum(each.scale_at(about.frame[:3, 3]) for each in maps)
     wall = wall - _CHANGE * pixels * abs(slopes)
-    narrow = r < _FOOT * about.radius
-    bottom, foot = (np.where(narrow, -np.inf, each) for each in (bottom, foot))
-    feet, widths = _feet(foot, _CHANGE * pixels)
-
-    def best(start: NDArray[np.float64]) -> NDArray[np.int64]:
-        return np.array(_best_path(wall, start, top, _BEND * pixels)).T
-
-    rows, columns = best(bottom)
-    plain = Revolution.from_curve(about.frame, z[rows], r[columns], spacing)
-    rows, columns = best(feet)
-    stem = _with_foot(z[rows], r[columns], r[widths[rows[0], columns[0]]])
-    return plain, replace(Revolution.from_curve(about.frame, *stem, spacing), on_foot=True)
-
-
-def _feet(foot: NDArray[np.float64], cost: float
-          ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """(heights, radii) evidence of the best foot below a wall that begins there, and its column.
-
-    foot: (heights, radii) evidence of a foot [nat]. cost: of each column narrower [nat].
-    """
-    count = foot.shape[1]
-    columns = np.arange(count)
-    paid = (foot - cost * columns)[:, ::-1]
-    best = np.maximum.accumulate(paid, axis=1)
-    # The last column at which the maximum grew, from the widest one on.
-    which = np.maximum.accumulate(np.where(paid == best, columns, 0), axis=1)
-    first = 2 * columns + 1  # twice the radius
-    from_ = (count - 1 - first).clip(0)
-    value = best[:, from_] + cost * columns
-    return np.where(first < count, value, -np.inf), count - 1 - which[:, from_]
-
-
-def _with_foot(heights: NDArray[np.float64], radii: NDArray[np.float64], foot: float
-               ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The wall (m,) that begins on a foot of a radius, with that [m]."""
-    low = heights[0]
-    end = low + 2 * _RIM
-    above = heights > end
-    return (np.concatenate([[low, low + _RIM, end], heights[above]]),
-            np.concatenate([[foot, foot, np.interp(end, heights, radii)], radii[above]]))
+    bottom = np.where(r < _FOOT * about.radius, -np.inf, bottom)
+    rows, columns = np.array(_best_path(wall, bottom, top, _BEND * pixels)).T
+    return Revolution.from_curve(about.frame, z[rows], r[columns], spacing)
 
 
 def _heights(maps: Sequence[PosedMap], about: Cylinder) -> NDArray[np.float64]:
@@ -189,20 +149,8 @@ def _wall(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
 
 
 def _edges(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
-           r: NDArray[np.float64]
-           ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(heights, radii) evidence of the edge of a bottom there, of a foot, and of a top [nat].
-
-    A foot is a disc: its upper edge is seen too, `_RIM` above.
-    """
-    lower, upper = _circle(of, frame, z, r)
-    bottom, top = _ends(of, frame, z, r)
-    return lower + bottom, lower + bottom + _circle(of, frame, z + _RIM, r)[1], upper + top
-
-
-def _circle(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
-            r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(heights, radii) evidence of an edge there whose normals lean down, and up [nat]."""
+           r: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(heights, radii) evidence of the edge of a bottom there, and of a top [nat]."""
     eye = np.linalg.inv(frame) @ of.camera[:, 3]
     aside = float(np.hypot(*eye[:2]))
     turn = (np.arange(_ARC) + 0.5) * np.pi / _ARC
@@ -216,8 +164,9 @@ def _circle(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
     tilt = abs(off) / np.hypot(aside, off)
     length = scale * radii * np.pi / _ARC * np.hypot(cosine, tilt * np.sqrt(1 - cosine ** 2))
     evidence = (one + other) * length
-    return (np.where(lean < 0, evidence, 0).sum(axis=-1),
-            np.where(lean > 0, evidence, 0).sum(axis=-1))
+    bottom, top = _ends(of, frame, z, r)
+    return (np.where(lean < 0, evidence, 0).sum(axis=-1) + bottom,
+            np.where(lean > 0, evidence, 0).sum(axis=-1) + top)
 
 
 def _ends(of: PosedMap, frame: NDArray[np.float64], z: NDArray[np.float64],
