@@ -22,6 +22,7 @@ _NARROW = 0.8  # of the radius of the bottom
 _WIDEST_EDGE = 0.008  # m
 _TURNED, _MOST_FILLED = np.deg2rad(5.0), 16  # about the axis, between two points of the wall
 _ARC = 72  # points of half a circle, of bottom or top
+_LEAST = 1e-4  # m: of radii
 _INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
 _SOLVED = 6  # steps in which the normals of edges are found
 _LEVEL = 1e-4  # m: a camera is not nearer to the height of an edge
@@ -80,7 +81,8 @@ class Revolution:
         t = _between(breaks)
         wanted = np.interp(low + t * (high - low), heights, radii)
         coefficients = np.linalg.lstsq(_spline(breaks)(t), wanted, rcond=None)[0]
-        return cls(frame, low, high, coefficients, breaks)
+        surface = cls(frame, low, high, coefficients, breaks)
+        return surface.with_edges(np.array(cls.edges), _LEAST)
 
     @property
     def wall(self) -> NDArray[np.float64]:
@@ -107,10 +109,11 @@ class Revolution:
             return None
         parts = np.array((*_USUAL_FOOT, (_STEM, 0.0))) * foot
         parts[3:, 1] = stem
-        return replace(Revolution.from_curve(
+        found = Revolution.from_curve(
             self.frame, np.append(self.low + parts[:, 0], heights[above]),
-            np.append(parts[:, 1], radii[above]), spacing),
-            edges=(parts[1, 0] / 3, self.edges[1]), on_foot=True)
+            np.append(parts[:, 1], radii[above]), spacing)
+        edges = np.array([parts[1, 0] / 3, self.edges[1]])
+        return replace(found.with_edges(edges, _LEAST), on_foot=True)
 
     @property
     def foot(self) -> float:
