@@ -126,9 +126,12 @@ def test_soak(tmp_path, size, arguments):
 
 
 def test_soak_with_disturbances(tmp_path):
-    """The driver is killed and time jumps, with captures under way: what comes again is told."""
-    found, printed = soaked(tmp_path, '1g', '--processes', '--disturbances', '2')
-    assert found['disturbances'] == {'a node is killed': 1, 'time jumps': 1}
+    """Disks are full, the driver is killed, time jumps, with captures under way: all is told."""
+    full = ['--full-disks'] if may_mount() else []
+    count = 4 if full else 2
+    found, printed = soaked(tmp_path, '1g', '--processes', '--disturbances', str(count), *full)
+    assert found['disturbances'] == {'a node is killed': 1, 'time jumps': 1} | (
+        {'shared memory is full': 1, 'the disk is full': 1} if full else {})
     assert (found['killed'], found['twice'], found['tracebacks']) == (1, 0, 0)
     assert found['captures'] + found['unanswered'] == 8
     assert found['poses'] + found['lost'] >= 8 - 2  # two were under way

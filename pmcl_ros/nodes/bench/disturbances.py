@@ -31,7 +31,7 @@ class Disturbances:
     def __init__(self, graph: Graph, second: Mapping[str, Mapping[str, Any]],
                  disks: Mapping[str, Path]) -> None:
         self._graph, self._second, self._disks = graph, second, disks
-        self._cycle = (*_CYCLE, *disks)
+        self._cycle = (*disks, *_CYCLE)
         self._full: Path | None = None  # a file that fills a disk
         self._clock = graph.node.create_publisher(Clock, '/clock', QoSProfile(depth=10))
         self._names = [entry.name for entry in NODES]
