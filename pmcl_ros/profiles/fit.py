@@ -70,13 +70,6 @@ def refined(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: 
     return surface
 
 
-def log_posterior(surface: Revolution, maps: Sequence[PosedMap], reach: float,
-                  height: float | None = None) -> float:
-    """Of the surface, up to a constant [nat]. The parameters are those of `refined`."""
-    return (normal_equations(surface, maps, reach).scaled
-            + _prior(surface, height).evidence)
-
-
 def with_usual_edge(surface: Revolution, maps: Sequence[PosedMap], reach: float, steps: int
                     ) -> Revolution:
     """The surface with a bottom edge of the usual radius, refined.

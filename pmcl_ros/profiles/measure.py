@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.lightfield.posed_view import PosedView
-from pmcl_ros.profiles.fit import (
-    deviations,
-    log_posterior,
-    normal_equations,
-    refined,
-    with_usual_edge,
-)
+from pmcl_ros.profiles.fit import deviations, normal_equations, refined, with_usual_edge
 from pmcl_ros.profiles.measured import MeasuredProfile
 from pmcl_ros.profiles.outline import LEAST_SIDE, Box, BoxedView, Cylinder, cylinder_in
 from pmcl_ros.profiles.revolution import Revolution
@@ -53,8 +47,7 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
         stem = surface.standing_on_foot(_KNOT)
         if stem is not None:
             stem = _fitted(stem, maps, stages, height)
-            if _evidence(stem, maps, stages[-1], height) > _ALIKE * (
-                    _evidence(surface, maps, stages[-1], height)):
+            if _evidence(stem, maps, stages[-1]) > _ALIKE * _evidence(surface, maps, stages[-1]):
                 surface = stem
         frame = surface.frame.copy()
         frame[:3, 3] += (surface.low + surface.high) / 2 * frame[:3, 2]
@@ -82,12 +75,11 @@ def _fitted(surface: Revolution, maps: Sequence[PosedMap], stages: Sequence[Stag
     return surface
 
 
-def _evidence(surface: Revolution, maps: Sequence[PosedMap], stage: Stage, height: float | None
-              ) -> float:
-    """By which surfaces are compared [nat]: those without a foot by all their contours too."""
+def _evidence(surface: Revolution, maps: Sequence[PosedMap], stage: Stage) -> float:
+    """Of all contours, also those before the surface, by which surfaces are compared [nat]."""
     blur, reach, _ = stage
-    return log_posterior(replace(surface, on_foot=True), [each.blurred(blur) for each in maps],
-                         reach, height)
+    return normal_equations(replace(surface, on_foot=True), [each.blurred(blur) for each in maps],
+                            reach).evidence
 
 
 def _map_of(view: PosedView, drawn: Box | None, about: Cylinder, number: int) -> PosedMap | None:

@@ -22,7 +22,7 @@ _NARROW = 0.8  # of the radius of the bottom
 _WIDEST_EDGE = 0.008  # m
 _TURNED, _MOST_FILLED = np.deg2rad(5.0), 16  # about the axis, between two points of the wall
 _ARC = 72  # points of half a circle, of bottom or top
-_LEAST = 1e-4  # m: of radii
+_LEAST = 1e-4  # m: of the radii of a curve
 _INSIDE = 0.0004  # m: a line of sight that enters the surface by less touches it
 _SOLVED = 6  # steps in which the normals of edges are found
 _LEVEL = 1e-4  # m: a camera is not nearer to the height of an edge
@@ -81,7 +81,7 @@ class Revolution:
         t = _between(breaks)
         wanted = np.interp(low + t * (high - low), heights, radii)
         coefficients = np.linalg.lstsq(_spline(breaks)(t), wanted, rcond=None)[0]
-        surface = cls(frame, low, high, coefficients, breaks)
+        surface = cls(frame, low, high, np.maximum(coefficients, _LEAST), breaks)
         return surface.with_edges(np.array(cls.edges), _LEAST)
 
     @property
@@ -96,12 +96,18 @@ class Revolution:
         return (np.concatenate([curve.basis, curve.by_ends], axis=1)
                 / np.hypot(1, curve.lean)[:, None])
 
+    @property
+    def _without_edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(m,) radii and heights of the wall, as if its edges were sharp."""
+        t = _between(self.breaks)
+        return _spline(self.breaks)(t) @ self.radii, self.low + t * (self.high - self.low)
+
     def standing_on_foot(self, spacing: float) -> 'Revolution | None':
         """The same with a usual foot below its stem; None: it has no stem.
 
         spacing: of the knots [m].
         """
-        radii, heights = self._curve(with_edges=False).points.T
+        radii, heights = self._without_edges
         foot = radii[0]
         above = heights > self.low + _STEM * foot
         stem = float(np.interp(self.low + _STEM * foot, heights, radii))
@@ -118,7 +124,7 @@ class Revolution:
     @property
     def foot(self) -> float:
         """Height above the bottom at which the wall is clearly narrower than there [m]."""
-        radii, heights = self._curve(with_edges=False).points.T
+        radii, heights = self._without_edges
         narrow = radii < _NARROW * radii[0]
         return float(heights[narrow.argmax() if narrow.any() else -1] - self.low)
 
@@ -126,7 +132,7 @@ class Revolution:
     def turns(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(n - 2,) angles by which the wall turns at a coefficient, and (n - 2, n) change by each.
 
-        Of its control polygon [rad, rad / m].
+        Of its control polygon [rad, rad / m]. That they change with the height too is neglected.
         """
         steps = np.diff(_greville(self.breaks)) * (self.high - self.low)
         by = np.diff(np.eye(len(self.radii)), axis=0) / steps[:, None]

@@ -138,6 +138,29 @@ def test_soak_with_disturbances(tmp_path):
     assert '| disturbance: a node is killed | 1 times |' in printed
 
 
+def test_a_disk_that_is_filled_has_no_room_until_the_file_is_gone():
+    program = """
+import os
+from pathlib import Path
+from pmcl_ros.nodes.bench.disturbances import fill
+disk = Path('/dev/shm')
+full = fill(disk)
+assert os.statvfs(disk).f_bfree == 0
+try:
+    (disk / 'more').write_bytes(b'0')
+except OSError as error:
+    print(error.strerror)
+full.unlink()
+(disk / 'more').write_bytes(b'0')
+"""
+    if not may_mount():
+        pytest.skip('no mount namespace of its own: not root')
+    done = subprocess.run(
+        ['unshare', '-m', 'sh', '-c', 'mount -t tmpfs -o size=1m none /dev/shm && exec "$@"', 'sh',
+         sys.executable, '-c', program], capture_output=True, text=True, check=True)
+    assert done.stdout == 'No space left on device\n'
+
+
 @pytest.fixture(scope='module')
 def two_graphs(tmp_path_factory, parameter_file):
     """Both on simulated time, before anybody publishes any."""

@@ -1,5 +1,7 @@
 """The search by dynamic programming, in exactly drawn pictures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import PLACE, UP, boxes_about, camera, masks_of, pictured, solid
@@ -71,6 +73,29 @@ def test_a_stem_is_tried_on_a_foot(stemmed, true_surface):
         assert cKDTree(stemmed.wall).query(wall)[0].max() < 2e-3
     assert cKDTree(stemmed.wall).query(cone.wall)[0].max() > 3e-3
     assert true_surface.standing_on_foot(0.0025) is None
+
+
+@pytest.mark.parametrize('edge', [0.001, 0.004, 0.006])
+def test_a_foot_is_as_wide_as_the_cone_whatever_its_edges(stemmed, edge):
+    wide = replace(stemmed, edges=(edge, edge)).standing_on_foot(0.0025)
+    assert wide.radii[0] == pytest.approx(0.027, abs=5e-4)
+    assert (wide.low, wide.high) == pytest.approx((stemmed.low, stemmed.high))
+
+
+def test_a_low_cone_below_a_neck_stays_one():
+    """It has a stem, so a foot is tried; seen from so low its flank is not that of a foot.
+
+    Where that is taken after all, its refinement has led to the flank.
+    """
+    wall = Revolution.from_curve(FRAME, np.array([-0.05, -0.03, -0.02, 0.05]),
+                                 np.array([0.034, 0.016, 0.007, 0.007]), 0.002)
+    assert wall.standing_on_foot(0.0025) is not None
+    cameras = [camera(azimuth, steep=0.2) for azimuth in (-0.5, 0.0, 0.5)]
+    masks = masks_of(solid(wall.wall), cameras)
+    found = measured(pictured(masks, cameras), boxes_about(masks), UP).surface
+    assert found.standing_on_foot(0.0025) is not None
+    seen = found.wall[abs(found.wall[:, 1]) < 0.048]
+    assert cKDTree(wall.wall).query(seen)[0].max() < 1.5e-3
 
 
 def test_what_has_no_stem_has_no_foot(views, boxes):

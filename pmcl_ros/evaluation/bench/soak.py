@@ -8,6 +8,7 @@ import argparse
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 from collections import Counter
@@ -45,9 +46,10 @@ from pmcl_ros.runtime.ros_domain import own_domain
 _ROOT = Path(__file__).parents[3]
 _CONSOLE = Console(stderr=True)
 _SHARED = Path('/dev/shm')
-# As much shared memory as a container has by default, and a disk for the logs of ROS.
-_SMALL_DISKS = ('mount -t tmpfs -o size=64m none /dev/shm && mount -t tmpfs -o size=8m none "$0" '
-                '&& ROS_LOG_DIR="$0" exec "$@" --disk "$0"')
+_LOGS = _SHARED / 'logs'  # a disk of its own
+_SMALL = 64 * 2 ** 20  # bytes: as much shared memory as a container has by default
+_MOUNTED = (f'mount -t tmpfs -o size={_SMALL} none {_SHARED} && mkdir {_LOGS} '
+            f'&& mount -t tmpfs -o size=8m none {_LOGS} && ROS_LOG_DIR={_LOGS} exec "$@"')
 _STALLED = 60.0  # s: then what has not come does not come
 _STALLED_DISTURBED = 15.0  # s: what a killed process held never comes
 _REPORT = 10.0  # s: for the last diagnostics, which come at 1 Hz
@@ -212,12 +214,21 @@ class _Run:
 _NAMES = tuple(entry.name for entry in NODES)
 
 
-def _in_small_disks() -> int:
-    """The same command in mounts of its own; its exit status."""
-    with TemporaryDirectory() as disk:
-        command = [sys.executable, '-m', 'pmcl_ros.evaluation.bench.soak', *sys.argv[1:]]
-        return subprocess.run(['unshare', '--mount', 'sh', '-c', _SMALL_DISKS, disk, *command],
-                              check=False).returncode
+def _in_small_disks() -> bool:
+    """Whether the disks that would be filled are the small ones of `_MOUNTED`."""
+    room = os.statvfs(_SHARED)
+    return _LOGS.is_mount() and room.f_blocks * room.f_frsize <= _SMALL
+
+
+def _mount_small_disks() -> None:
+    """Become the same command in mounts of its own. Raises GraphError where that cannot be."""
+    alone = ['unshare', '--mount']
+    if shutil.which('unshare') is None or subprocess.run([*alone, 'true'], check=False,
+                                                         capture_output=True).returncode:
+        raise GraphError('--full-disks mounts disks of its own: it needs unshare (util-linux) and '
+                         'root, in a container with the capability SYS_ADMIN')
+    os.execvp('unshare', [*alone, 'sh', '-c', _MOUNTED, 'sh', sys.executable, '-m',
+                          'pmcl_ros.evaluation.bench.soak', *sys.argv[1:]])
 
 
 def main() -> int:
@@ -229,11 +240,10 @@ def main() -> int:
                         'be used: some are dropped, and all that are must be reported')
     parser.add_argument('--disturbances', type=int, default=0, metavar='N', help='with '
                         '--processes: N times a node is killed, time jumps, or a second graph '
-                        'comes and goes')
+                        'comes and goes; with --full-disks a disk is full')
     parser.add_argument('--full-disks', action='store_true', help='with --disturbances, as root: '
                         'the graph has a /dev/shm of 64 MB and a disk of 8 MB for its '
                         'logs, and each is filled now and then')
-    parser.add_argument('--disk', type=Path, help=argparse.SUPPRESS)  # where it is mounted already
     parser.add_argument('--quick', action='store_true', help='small volumes, hardly any search')
     parser.add_argument('--bag', type=Path, default=_ROOT / 'bags' / 'wine_glass',
                         help='what the camera sees, with its truth.json and models/NAME.obj')
@@ -245,16 +255,17 @@ def main() -> int:
                      'by its process')
     if options.full_disks and not options.disturbances:
         parser.error('--full-disks is among the disturbances and needs --disturbances N')
-    if options.full_disks and options.disk is None:
-        return _in_small_disks()
-    own_domain()
     began = time_ns()
     try:
+        if options.full_disks and not _in_small_disks():
+            _mount_small_disks()
+        own_domain()
         options.out.mkdir(parents=True, exist_ok=True)
         result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
                       options.quick, options.flood, options.out / 'graph.log',
-                      options.disturbances, {} if options.disk is None else {
-                          'shared memory is full': _SHARED, 'the disk is full': options.disk})
+                      options.disturbances, {
+                          'shared memory is full': _SHARED, 'the disk is full': _LOGS,
+                      } if options.full_disks else {})
     except PmclError as error:
         _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
         return 1

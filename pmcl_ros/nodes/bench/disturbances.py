@@ -49,7 +49,7 @@ class Disturbances:
             self._graph.kill(self._names[self.killed % len(self._names)])
             self.killed += 1
         elif what in self._disks:
-            self._full = _filled(self._disks[what])
+            self._full = fill(self._disks[what])
         elif what == _JUMP:
             now = _TIMES[self.done.get(what, 0) % len(_TIMES)]
             self._clock.publish(Clock(clock=time_to_message(now * 10**9)))
@@ -69,8 +69,8 @@ class Disturbances:
                              f'{graph.log[-SHOWN:]}')
 
 
-def _filled(disk: Path) -> Path:
-    """A file that takes all the room that is left on a disk, whatever is freed meanwhile."""
+def fill(disk: Path) -> Path:
+    """Write a file that takes all the room that is left on a disk. Raises OSError if it cannot."""
     path = disk / 'full'
     with path.open('wb', buffering=0) as file:
         try:
