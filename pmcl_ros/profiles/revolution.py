@@ -108,7 +108,7 @@ class Revolution:
         spacing: of the knots [m].
         """
         radii, heights = self._without_edges
-        foot = radii[0]
+        foot = float(self.wall[self.wall[:, 1] < self.low + _WIDEST_EDGE, 0].max())
         above = heights > self.low + _STEM * foot
         stem = float(np.interp(self.low + _STEM * foot, heights, radii))
         if stem > _SLIM * foot or not above.any():
