@@ -28,6 +28,7 @@ from pmcl_ros.messages.raw_frame import raw_frame_to_messages
 from pmcl_ros.messages.types import Buffer
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, StageNode
 from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.runtime.shared_memory import standstill
 from pmcl_ros.nodes.transport.deferred_publisher import DISCOVERY
 from pmcl_ros.nodes.transport.values import ValuePublisher
 from pmcl_ros.runtime.errors import CameraError, LinkError, PmclError
@@ -207,6 +208,7 @@ class LytroDriver(StageNode):
             # In the first case another may have got it; one that was killed is a while in getting.
             why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
                    else 'image_raw has no subscriber')
+            why = '; '.join(filter(None, (why, standstill())))
             self.dropped(f'capture {picture.shutter_ns}: {why}', int(not heard))
         if self._settings.delete:
             self._delete(picture, received and heard)

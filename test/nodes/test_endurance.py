@@ -143,8 +143,11 @@ def test_a_disk_that_is_filled_has_no_room_until_the_file_is_gone():
 import os
 from pathlib import Path
 from pmcl_ros.nodes.bench.disturbances import fill
+from pmcl_ros.nodes.runtime.shared_memory import standstill
 disk = Path('/dev/shm')
+assert standstill() == ''
 full = fill(disk)
+assert standstill().startswith('/dev/shm has 0.00 MB free: messages between processes may stand')
 assert os.statvfs(disk).f_bfree == 0
 try:
     (disk / 'more').write_bytes(b'0')
@@ -156,7 +159,7 @@ full.unlink()
     if not may_mount():
         pytest.skip('no mount namespace of its own: not root')
     done = subprocess.run(
-        ['unshare', '-m', 'sh', '-c', 'mount -t tmpfs -o size=1m none /dev/shm && exec "$@"', 'sh',
+        ['unshare', '-m', 'sh', '-c', 'mount -t tmpfs -o size=2m none /dev/shm && exec "$@"', 'sh',
          sys.executable, '-c', program], capture_output=True, text=True, check=True)
     assert done.stdout == 'No space left on device\n'
 

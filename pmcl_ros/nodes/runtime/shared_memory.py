@@ -42,6 +42,15 @@ def no_room(memory: str = _MEMORY) -> str:
             'left (fastdds shm clean), or make it larger (docker run --shm-size=1g)')
 
 
+def standstill(memory: str = _MEMORY) -> str:
+    """Why messages may not arrive: shared memory has become full; '' if it has room."""
+    free = shutil.disk_usage(memory).free if Path(memory).is_dir() else _LEAST
+    if free >= _LEAST:
+        return ''
+    return (f'{memory} has {free / 1e6:.2f} MB free: messages between processes may stand still '
+            'until there is room; remove what fills it')
+
+
 def problem_here() -> str:
     """The `problem` of the profile that is set here, or what is wrong without one."""
     profile = os.environ.get(VARIABLE, '')
