@@ -11,6 +11,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.profiles.fit import deviations, normal_equations, refined, with_usual_edge
+from pmcl_ros.profiles.foot import standing_on_foot
 from pmcl_ros.profiles.measured import MeasuredProfile
 from pmcl_ros.profiles.outline import LEAST_SIDE, Box, BoxedView, Cylinder, cylinder_in
 from pmcl_ros.profiles.revolution import Revolution
@@ -44,7 +45,7 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     for blur, stages in _ROUNDS:
         surface = _fitted(searched([each.blurred(blur) for each in maps], about, _KNOT), maps,
                           stages, height)
-        stem = surface.standing_on_foot(_KNOT)
+        stem = standing_on_foot(surface, _KNOT)
         if stem is not None:
             stem = _fitted(stem, maps, stages, height)
             if _evidence(stem, maps, stages[-1]) > _ALIKE * _evidence(surface, maps, stages[-1]):
@@ -59,7 +60,8 @@ def measured(views: Sequence[PosedView], boxes: Mapping[int, Box], up: NDArray[n
     found = normal_equations(surface, finest, reach)
     least = maps[0].evidence.profile.least
     mean = found.evidence / max(found.length, 1.0)
-    _LOG.info('outline of %.0f px, %.2f nat/px', found.length, mean)
+    _LOG.info('outline of %.0f px, %.2f nat/px%s', found.length, mean,
+              ', a stem on a foot' if surface.on_foot else '')
     if mean < least:
         raise ProfileError(f'no outline fits: its evidence is {mean:.2f} nat/px, {least:.2f} at '
                            'least are expected; take the pictures from nearer, from other sides, '

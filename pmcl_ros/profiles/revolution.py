@@ -15,11 +15,8 @@ ENDS = 4  # heights of bottom and top, radii of their edges
 _FEWEST, _MOST = 13, 69  # pieces of the wall
 _FINER = 4  # points of the wall between two knots
 _EDGE = np.deg2rad(np.linspace(88, 0, 30))  # of an edge: how far the normal leans from the wall's
-# In radii of the foot: height at which a stem is, its radius at most; height and radius of a foot.
-_STEM, _SLIM = 0.8, 0.4
-_USUAL_FOOT = (0.0, 1.0), (0.1, 1.0), (0.22, 0.4), (0.45, 0.0)
 _NARROW = 0.8  # of the radius of the bottom
-_WIDEST_EDGE = 0.008  # m
+WIDEST_EDGE = 0.008  # m
 _TURNED, _MOST_FILLED = np.deg2rad(5.0), 16  # about the axis, between two points of the wall
 _ARC = 72  # points of half a circle, of bottom or top
 _LEAST = 1e-4  # m: of the radii of a curve
@@ -97,34 +94,15 @@ class Revolution:
                 / np.hypot(1, curve.lean)[:, None])
 
     @property
-    def _without_edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def without_edges(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """(m,) radii and heights of the wall, as if its edges were sharp."""
         t = _between(self.breaks)
         return _spline(self.breaks)(t) @ self.radii, self.low + t * (self.high - self.low)
 
-    def standing_on_foot(self, spacing: float) -> 'Revolution | None':
-        """The same with a usual foot below its stem; None: it has no stem.
-
-        spacing: of the knots [m].
-        """
-        radii, heights = self._without_edges
-        foot = float(self.wall[self.wall[:, 1] < self.low + _WIDEST_EDGE, 0].max())
-        above = heights > self.low + _STEM * foot
-        stem = float(np.interp(self.low + _STEM * foot, heights, radii))
-        if stem > _SLIM * foot or not above.any():
-            return None
-        parts = np.array((*_USUAL_FOOT, (_STEM, 0.0))) * foot
-        parts[3:, 1] = stem
-        found = Revolution.from_curve(
-            self.frame, np.append(self.low + parts[:, 0], heights[above]),
-            np.append(parts[:, 1], radii[above]), spacing)
-        edges = np.array([parts[1, 0] / 3, self.edges[1]])
-        return replace(found.with_edges(edges, _LEAST), on_foot=True)
-
     @property
     def foot(self) -> float:
         """Height above the bottom at which the wall is clearly narrower than there [m]."""
-        radii, heights = self._without_edges
+        radii, heights = self.without_edges
         narrow = radii < _NARROW * radii[0]
         return float(heights[narrow.argmax() if narrow.any() else -1] - self.low)
 
@@ -212,7 +190,7 @@ class Revolution:
 
         least: of the radii of the wall [m].
         """
-        largest = np.minimum(min(_WIDEST_EDGE, (self.high - self.low) / 4),
+        largest = np.minimum(min(WIDEST_EDGE, (self.high - self.low) / 4),
                              self.radii[[0, -1]] - least / 2)
         bottom, top = np.clip(edges, least / 2, largest).tolist()
         return replace(self, edges=(bottom, top))

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.profiles.foot import standing_on_foot
 from pmcl_ros.profiles.measure import measured
 from pmcl_ros.profiles.outline import Cylinder
 from pmcl_ros.profiles.revolution import Revolution
@@ -64,15 +65,15 @@ def stemmed():
 
 def test_a_stem_is_tried_on_a_foot(stemmed, true_surface):
     """From above a foot has the outline of a cone, on which the search may put the stem."""
-    foot = stemmed.standing_on_foot(0.0025)
+    foot = standing_on_foot(stemmed, 0.0025)
     assert foot.on_foot
     cone = Revolution.from_curve(FRAME, np.array([-0.05, -0.047, -0.035, 0.0, 0.02, 0.05]),
                                  np.array([0.027, 0.027, 0.004, 0.004, 0.024, 0.027]), 0.0025)
-    walls = [each.wall for each in (foot, cone.standing_on_foot(0.0025))]
+    walls = [each.wall for each in (foot, standing_on_foot(cone, 0.0025))]
     for wall in walls:
         assert cKDTree(stemmed.wall).query(wall)[0].max() < 2e-3
     assert cKDTree(stemmed.wall).query(cone.wall)[0].max() > 3e-3
-    assert true_surface.standing_on_foot(0.0025) is None
+    assert standing_on_foot(true_surface, 0.0025) is None
 
 
 @pytest.mark.parametrize('edge', [0.001, 0.003, 0.005])
@@ -80,7 +81,7 @@ def test_a_foot_is_as_wide_as_the_cone_whatever_its_edges(edge):
     cone = Revolution.from_curve(FRAME, np.array([-0.05, -0.026, 0.05]),
                                  np.array([0.027, 0.004, 0.004]), 0.0025)
     cone = replace(cone, edges=(edge, 0.001))
-    foot = cone.standing_on_foot(0.0025)
+    foot = standing_on_foot(cone, 0.0025)
     assert foot.radii[0] == pytest.approx(cone.wall[:, 0].max(), abs=3e-4)
     assert foot.edges[0] < 0.001
     assert (foot.low, foot.high) == pytest.approx((-0.05, 0.05))
@@ -93,11 +94,11 @@ def test_a_low_cone_below_a_neck_stays_one():
     """
     wall = Revolution.from_curve(FRAME, np.array([-0.05, -0.03, -0.02, 0.05]),
                                  np.array([0.034, 0.016, 0.007, 0.007]), 0.002)
-    assert wall.standing_on_foot(0.0025) is not None
+    assert standing_on_foot(wall, 0.0025) is not None
     cameras = [camera(azimuth, steep=0.2) for azimuth in (-0.5, 0.0, 0.5)]
     masks = masks_of(solid(wall.wall), cameras)
     found = measured(pictured(masks, cameras), boxes_about(masks), UP).surface
-    assert found.standing_on_foot(0.0025) is not None
+    assert standing_on_foot(found, 0.0025) is not None
     seen = found.wall[abs(found.wall[:, 1]) < 0.048]
     assert cKDTree(wall.wall).query(seen)[0].max() < 1.5e-3
 
