@@ -94,17 +94,14 @@ class PickFromWater(Node):
     def find(self):
         """The pose (4, 4) that is sure enough, and (pre-grasp, grasp) poses of WRIST for it."""
         self.ask('pmcl_node/reset')
+        self.ask('sweep_driver/start')
+        self.came.clear()
         sides, taken, state = list(self.options.sides or LOOKS), 0, 'not found'
-        views = self.options.together  # so many views are there; they are forgotten before a look
         while taken < self.options.looks:
-            if views == self.options.together:
-                self.ask('sweep_driver/start')
-                self.came.clear()
-                views = 0
-            if not self.look(sides, state == 'not sure' and views >= self.options.least):
+            if not self.look(sides, state == 'not sure' and taken >= self.options.least):
                 break
-            taken, views = taken + 1, views + 1
-            if views < 2:  # no pose is looked for in one view
+            taken += 1
+            if taken < 2:  # no pose is looked for in one view
                 continue
             found = self.result()
             if found is None:
@@ -114,9 +111,9 @@ class PickFromWater(Node):
                 np.reshape(found.pose.covariance, (6, 6))[:3, :3])[-1])
             grasps = self.of_stamp(found.header.stamp, 'grasps', 'pre_grasps')
             count = len(grasps[0].poses)
-            self.get_logger().info(f'{views} views: {1e3 * sigma:.1f} mm, {count} grasps')
+            self.get_logger().info(f'{taken} looks: {1e3 * sigma:.1f} mm, {count} grasps')
             state = 'not sure'
-            if sigma <= self.options.sigma and count and views >= self.options.least:
+            if sigma <= self.options.sigma and count and taken >= self.options.least:
                 return matrix_of(found.pose.pose), [
                     (matrix_of(before), matrix_of(there))
                     for there, before in zip(grasps[0].poses, grasps[1].poses, strict=True)]
@@ -324,8 +321,6 @@ def main():
                         help='standard deviation of the position that is sure enough [m]')
     parser.add_argument('--least', type=int, default=3, help='views before a grasp')
     parser.add_argument('--looks', type=int, default=6, help='pictures at most')
-    parser.add_argument('--together', type=int, default=12, help='so many views are of one time: '
-                        'after them it begins anew, as an object that drifts has moved')
     parser.add_argument('--tray', type=float, nargs=3, default=(0.5, 0.4, 0.75),
                         metavar=('X', 'Y', 'Z'), help='where to put it [m]')
     parser.add_argument('--bottom', type=float, default=0.0,

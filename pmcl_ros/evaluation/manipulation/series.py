@@ -21,6 +21,7 @@ from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulated_robot.trial import Grip, Trial
@@ -42,6 +43,8 @@ _PATIENCE = 900.0  # s: until the nodes are active; the first run compiles
 _END = 120.0  # s: for a program to end, and for the robot to judge before
 _ANSWER = 900.0  # s: for each answer, of a robot that may render raw pictures
 _SHOWN = 800  # characters of a log
+_FILES = ('trial.json', 'robot.json', 'nodes.yaml', 'nodes.log', 'robot.log', 'executive.log',
+          'film.png', *(f'{number:03d}.png' for number in range(100)))  # of a trial, at most
 # m: height of the middle of the region where the object's origin is sought, and its size.
 _REGION: dict[WorkplaceKind, tuple[float, tuple[float, float, float]]] = {
     'sink': (0.64, (0.3, 0.3, 0.13)), 'tank': (0.775, (0.3, 0.3, 0.1))}
@@ -50,15 +53,16 @@ _TURNED: dict[WorkplaceKind, dict[str, object]] = {
     'sink': {}, 'tank': {'roi_up': [0.0, 0.0, 1.0], 'roi_tilt': [0.0, 0.5]}}
 _USUAL, _DISTANCE = 150, 0.5  # px: extent of an object in a picture; m: of the camera, about
 # What the executive is told: the height of its aim, and more. Into a tank it looks through the
-# film on its front, by two views at a time, as the bottle drifts; it is sure enough with a
+# film on its front, by its last views, as the bottle drifts; it is sure enough with a
 # quarter of the room that a finger has beside the cap.
 _ORDERS: dict[WorkplaceKind, tuple[str, ...]] = {
     'sink': ('0.64',),
     'tank': ('0.86', '--distance', str(_DISTANCE), '--lift-only', '--lift', '0.3', '--least', '2',
-             '--sigma', '0.008', '--together', '2', '--looks', '8', *(
+             '--sigma', '0.008', '--looks', '8', *(
                  each for turn, height in ((30, 6), (-30, 6), (15, 10), (-15, 10), (45, 12),
                                            (-45, 12), (0, 6), (35, 10), (-35, 10))
                  for each in ('--from', str(turn), str(height))))}
+_VIEWS: dict[WorkplaceKind, int] = {'sink': 12, 'tank': 3}
 _DRIFT: dict[WorkplaceKind, float] = {'sink': 0.0, 'tank': DRIFT}
 _REACH = 0.6  # m: of the camera from the aim; farther the arm does not come to all sides
 _EXACT = np.diag([1e-8] * 6)  # of a pose that is the truth
@@ -70,7 +74,8 @@ class Series:
 
     thing: YAML with appearance, `thing.grasps.yaml` beside it. mass: of it [kg]. camera: as of
     `load_camera`. renderer, samples: of the wrist camera's pictures. out: folder of the trials.
-    declared: whether pmcl_node is told where the water's surface is.
+    declared: whether pmcl_node is told where the water's surface is. force: overwrite files that
+    no earlier run wrote.
     """
 
     place: WorkplaceKind
@@ -81,6 +86,7 @@ class Series:
     samples: int
     out: Path
     declared: bool = True
+    force: bool = False
 
     @property
     def grasps(self) -> Path:
@@ -111,17 +117,19 @@ class Series:
     def run(self, seed: int) -> Trial:
         """The trial of a seed, with nodes of its own; one that is there already is read.
 
-        Raises SimulationError when a program ends that should not.
+        Raises SimulationError when a program ends that should not, OutputError where a file is
+        there that no earlier run wrote.
         """
         if self.file(seed).is_file():
             return Trial.read(self.file(seed))
         place = self.file(seed).parent
-        place.mkdir(parents=True, exist_ok=True)
-        (place / 'robot.json').unlink(missing_ok=True)  # of a trial that was cut short
         if self.camera == F01_RAW:
-            write_calibration(self._calibration, WIDE_F01)
-        with self._graph(seed, place):
-            return self._trial(seed, place)
+            write_calibration(self._calibration, WIDE_F01, self.force)
+        with Results(place, 'manipulate', self.force) as results:
+            results.reserve(*_FILES)
+            (place / 'robot.json').unlink(missing_ok=True)  # of a trial that was cut short
+            with self._graph(seed, place):
+                return self._trial(seed, place)
 
     def run_by_truth(self, seed: int) -> Trial:
         """The same task where the robot is told the true pose: what physics and planner allow."""
@@ -181,7 +189,7 @@ class Series:
             'sweep_driver': {
                 'gamma': self._gamma, 'shrink': self._shrink,
                 'poses': 'topic', 'patience': 20.0, 'fixed_frame': 'base_link',
-                'most_views': 12, 'near': 0.3, 'sigma_position': 0.0011,
+                'most_views': _VIEWS[self.place], 'near': 0.3, 'sigma_position': 0.0011,
                 'sigma_rotation': 0.0036, 'common': 0.9, 'drift': _DRIFT[self.place]},
             'pmcl_node': search,
             'grasp_node': {'base_frame': 'base_link', 'arm': 'fixed',

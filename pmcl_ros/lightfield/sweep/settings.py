@@ -60,7 +60,7 @@ class ViewSettings(SweepSettings):
     least_views: int = Field(2, ge=1, le=99, description='posed views: published from this number '
                              'of views on, then after each view')
     most_views: int = Field(12, ge=1, le=99, description='posed views: the collection ends with '
-                            'this number of views')
+                            'this number of views; where drift is set the oldest goes instead')
     sigma_position: float = Field(
         0.001, ge=0, le=1, description='posed views: standard deviation of the position of a '
         "camera's pose, on each axis [m]")

@@ -66,8 +66,13 @@ class ViewCollection:
 
     @property
     def complete(self) -> bool:
-        """Whether there are as many views as are wanted."""
-        return self.filled == self.cells
+        """Whether there are as many views as are wanted; never of an object that drifts."""
+        return not self._rolling and self.filled == self.cells
+
+    @property
+    def _rolling(self) -> bool:
+        """Whether new views replace the oldest."""
+        return self._settings.drift > 0 and self._planned is None
 
     @property
     def missing(self) -> list[int]:
@@ -103,6 +108,8 @@ class ViewCollection:
             if blurred:
                 self.frames[number], self._views[number] = frame, self._view(frame)
             return blurred
+        if self._rolling and self.filled == self.cells:
+            self._forget_oldest()
         if self.complete:
             self.leave_out(frame.name, f'{len(self.frames)} views are there already (most_views)')
             return False
@@ -128,6 +135,13 @@ class ViewCollection:
         self.leave_out(frame.name, f'it is at no planned pose: pose {spot + 1} is the nearest, '
                        f'{1e3 * away[spot]:.0f} mm away')
         return None
+
+    def _forget_oldest(self) -> None:
+        """Of an object that moves, the newest views tell where it is."""
+        oldest = min(range(self.filled), key=lambda number: self.frames[number].stamp_ns)
+        self.leave_out(self.frames[oldest].name, 'it is the oldest of an object that drifts')
+        for each in (self.frames, self._views, self._spots):
+            del each[oldest]
 
     def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
         """Record a dropped frame."""

@@ -64,17 +64,28 @@ class ContourPoints:
                    profile.evidence(energies), piece, along, values[:, 6],
                    float(_covered(box, z, edges)))
 
-    def away_from(self, planes: NDArray[np.floating], image: Pinhole, margin: float
-                  ) -> 'ContourPoints':
-        """Those farther than a margin [m] from each of the planes.
+    def seen_through(self, planes: NDArray[np.floating], image: Pinhole, margin: float
+                     ) -> 'ContourPoints':
+        """Those that are seen where a liquid with flat faces lets them be drawn.
 
-        planes: (k, 4) unit normals, and heights of the camera above them [m]. image: whose pixels
-        these are.
+        The others are nearer than a margin [m] to a face, or in the air with the liquid before
+        them: a camera below the surface sees through a tank's front, and against the surface from
+        below, what is not drawn there.
+        planes: (k, 4) of the faces, unit normals into the air, and heights of the camera above
+        them [m]. image: whose pixels these are.
         """
         rays = np.column_stack([(self.pixels - [image.cx, image.cy]) / [image.fx, image.fy],
                                 np.ones(len(self.pixels))])
-        places = self.depths[:, None] * rays
-        kept = (np.abs(places @ planes[:, :3].T + planes[:, 3]) > margin).all(axis=1)
+        slopes, heights = rays @ planes[:, :3].T, planes[:, 3]
+        above = self.depths[:, None] * slopes + heights  # of the points
+        # Depths at which the straight lines to the points enter the liquid, and leave it.
+        with np.errstate(divide='ignore', invalid='ignore'):
+            meets = -heights / slopes
+        enters = np.where(slopes < 0, meets, np.where((slopes == 0) & (heights > 0), np.inf, 0))
+        leaves = np.where(slopes > 0, meets, np.inf)
+        behind = (above > 0).any(axis=1) & (np.maximum(enters.max(axis=1), 0)
+                                            < np.minimum(leaves.min(axis=1), self.depths))
+        kept = (np.abs(above) > margin).all(axis=1) & ~behind
         return replace(self, **{each.name: getattr(self, each.name)[kept]
                                 for each in fields(self) if each.name != 'covered'})
 

@@ -110,8 +110,8 @@ class NumbaContourScore:
         if not len(water):
             return points
         # An edge of the mesh from the air into the water is drawn straight, which it is not.
-        return points.away_from(water[:, :4], self._scene.image,
-                                longest_edge(self._scene.model) / 2)
+        return points.seen_through(water[:, :4], self._scene.image,
+                                   longest_edge(self._scene.model) / 2)
 
     def creases(self, pose: NDArray[np.floating]) -> CreasePoints | None:
         """See `ContourScore`."""

@@ -62,6 +62,20 @@ def test_views_of_what_drifts_are_uncertain_by_their_age():
     assert [each.common * each.sigma[0] ** 2 for each in views] == pytest.approx([4.5e-6] * 3)
 
 
+def test_of_what_drifts_the_newest_views_stay():
+    made = collection(drift=0.002)
+    for number in range(5):
+        assert made.add(frame(f'{number}', 0.1 * number, at=number))
+        assert not made.complete
+    assert not made.add(frame('beside', 0.41, at=5))
+    assert [each.name for each in made.frames] == ['2', '3', '4']
+    np.testing.assert_allclose([each.camera_to_reference[0, 3] for each
+                                in made.assemble().source.views], [0.2, 0.3, 0.4])
+    assert [str(each) for each in made.left_out] == [
+        '0: it is the oldest of an object that drifts',
+        '1: it is the oldest of an object that drifts', 'beside: 4 is there, 10.0 mm beside it']
+
+
 def planned(*places, **changes):
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, 0, 3] = places

@@ -17,6 +17,7 @@ from pmcl_ros.geometry.se3 import inverse, retract
 from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.sunken import as_it_appears, with_sunken
 from pmcl_ros.pmcl.settings import PmclSettings
 
@@ -61,6 +62,38 @@ def test_straight_down_it_appears_at_three_quarters_of_its_depth():
     depth = 0.3 + (0.5 + np.array([-0.05, 0.05]) - 0.3) / 1.333
     assert (seen[:, 2].min(), seen[:, 2].max()) == pytest.approx(depth - 0.5, abs=1e-6)
     assert as_it_appears(thin, pose, None) is thin
+
+
+def contour_of(pixels, depths):
+    """Points of a contour somewhere, of which only these count."""
+    zero, number = np.zeros(len(depths)), np.zeros(len(depths), int)
+    return ContourPoints(pixels, np.tile([1.0, 0.0], (len(depths), 1)), depths, zero + 1,
+                         zero[:, None], zero, number, zero, zero + 1, 0.0)
+
+
+@pytest.mark.parametrize('surface', [-0.03, -0.015, -0.005, 0.01])  # m: below the camera
+def test_a_contour_in_the_air_is_not_seen_through_the_water(surface):
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform(0, [CAMERA.width, CAMERA.height], (500, 2))
+    made = contour_of(pixels, rng.uniform(0.25, 0.8, 500))
+    # A tank's front, and the surface.
+    normals = Rotation.from_euler('xy', rng.normal(0, 5, 2), degrees=True).apply(
+        [[0, 0, -1], [0, -1, 0]])
+    points = np.array([[0, 0, 0.3], [0, surface, 0]])
+    planes = np.column_stack([normals, -np.einsum('ki,ki->k', normals, points)])
+    seen = made.seen_through(planes, CAMERA, 0.002)
+    rays = np.column_stack([(pixels - [CAMERA.cx, CAMERA.cy]) / [CAMERA.fx, CAMERA.fy],
+                            np.ones(500)])
+    part = np.linspace(0, 1, 2001)
+    above = np.einsum('s,ni,ki->snk', part, made.depths[:, None] * rays, normals) + planes[:, 3]
+    wet = (above < 0).all(axis=2)
+    kept = (np.abs(above[-1]) > 0.002).all(axis=1) & (wet[-1] | ~wet.any(axis=0))
+    grazing = wet.sum(axis=0) == 1  # so short a way that samples may miss it
+    left = np.isin(pixels[:, 0], seen.pixels[:, 0])
+    np.testing.assert_array_equal(left[~grazing], kept[~grazing])
+    assert 50 < left.sum() < 500
+    behind = ~wet[-1] & wet.any(axis=0)
+    assert (behind.sum() > 5) == (surface < 0)
 
 
 CUP = model_of(cup(), [0, 0, 1])
