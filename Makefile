@@ -73,10 +73,18 @@ NAME ?= decode
 bench: $(RUN)
 	$(BIN)/pmcl bench $(NAME)
 
-# Captures through the whole graph; fails when one is lost unnoticed, or something grows
+# Captures through the whole graph: in one process, in several, and disturbed. Fails when one is lost
+# unnoticed, or something grows. Disks are filled where mounts of its own can be made. QUICK=--quick:
+# small volumes.
 CAPTURES_SOAKED ?= 2000
+QUICK ?=
+SOAK = $(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED) $(QUICK)
+DISKS = $(shell unshare --mount true 2>/dev/null && echo --full-disks)
 soak: $(RUN)
-	$(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED)
+	$(SOAK) --out out/soak/one_process
+	$(SOAK) --processes --out out/soak/processes
+	@[ -n "$(DISKS)" ] || echo 'disks are not filled: that takes unshare (util-linux) and root'
+	$(SOAK) --processes --disturbances 48 $(DISKS) --out out/soak/disturbed
 
 # Damaged files of every format that is read: FUZZED of them, the same for the same SEED
 FUZZED ?= 12000

@@ -99,7 +99,7 @@ class Soak:
                 if each[-1] - first > most:
                     words.append(f'{name} grew by {each[-1] - first:.0f} {what}')
         words += [f'{name} grows by {slope.told}' for name, slope in self.slopes.items()
-                  if slope.low > _SLOPE]
+                  if slope.slope > _SLOPE]
         return words
 
     def _ages(self, measured: Sequence[float]) -> NDArray[np.int64]:
