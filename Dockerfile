@@ -4,7 +4,7 @@ WORKDIR /ws
 COPY package.xml src/pmcl_ros/package.xml
 RUN apt-get update \
     && apt-get install -y --no-install-recommends \
-        python3-venv libegl1 libgl1 libgl1-mesa-dri libegl-mesa0 \
+        libegl1 libgl1 libgl1-mesa-dri libegl-mesa0 \
     && rosdep update --rosdistro jazzy \
     && rosdep install --from-paths src --ignore-src -y --dependency-types exec \
     && rm -rf /var/lib/apt/lists/* \

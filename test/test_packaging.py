@@ -1,7 +1,9 @@
 """Files for other people's tools, as far as they can be checked without these tools."""
 
+import ast
 import json
 import re
+import sys
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -14,11 +16,17 @@ ROOT = Path(__file__).parents[1]
 # What package.xml may name beside ROS's packages: Ubuntu 24.04 has a package, and rosdep its key.
 NOBLE = {f'python3-{name}' for name in (
     'click', 'jinja2', 'matplotlib', 'numpy', 'opencv', 'pytest', 'requests', 'rich', 'scipy',
-    'yaml', 'zeroconf')}
+    'venv', 'yaml', 'zeroconf')}
 # Of requirements.txt: it has none, or one that is too old for this package, or rosdep no key.
 BY_PIP = {'numba', 'trimesh', 'fast-simplification', 'moderngl', 'rosbags', 'pydantic', 'lz4',
           'zstandard'}
 KEYS = {'opencv-python-headless': 'opencv', 'PyYAML': 'yaml'}
+# Modules of Python's packages: those with other names than their package, and what these bring.
+MODULES = {'cv2', 'yaml', 'annotated_types', 'pydantic_core', 'markupsafe', 'drjit', 'keras'}
+# Of ROS, only where it is installed, and names of types in bags: docs/howto/pipelines.md.
+OPTIONAL = {'vision_msgs', 'moveit_msgs', 'object_recognition_msgs', 'shape_msgs', 'tf2_msgs'}
+# What MoveIt brings, for examples that ask it, and rclpy, for its actions.
+OPTIONAL |= {'moveit', 'rclcpp', 'action_msgs'}
 
 
 def dependencies(kind):
@@ -51,7 +59,34 @@ def test_package_xml_and_requirements_agree():
     listed = re.findall(r'^([\w-]+)', (ROOT / 'requirements.txt').read_text(), re.MULTILINE)
     wanted = {f'python3-{KEYS.get(each, each)}' for each in listed if each not in BY_PIP}
     assert set(listed) > BY_PIP
-    assert {each for each in dependencies('exec_depend') if each.startswith('python3-')} == wanted
+    assert {each for each in dependencies('exec_depend') if each.startswith('python3-')} == {
+        *wanted, 'python3-venv'}  # it makes the environment for what comes from pip
+
+
+def named_packages():
+    """What modules import, and the packages of message types that they name as text."""
+    for folder in ('pmcl_ros', 'examples', 'launch'):
+        for path in (ROOT / folder).rglob('*.py'):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.Import):
+                    yield from (each.name.partition('.')[0] for each in node.names)
+                elif isinstance(node, ast.ImportFrom):
+                    yield node.module.partition('.')[0]
+                elif isinstance(node, ast.Constant) and (found := re.fullmatch(
+                        r'([a-z][a-z0-9_]*)/(msg|srv)/\w+', str(node.value))):
+                    yield found[1]
+
+
+def test_package_xml_names_every_ros_package_that_is_imported():
+    listed = '\n'.join(path.read_text() for path in ROOT.glob('requirements*.txt'))
+    of_pip = {each.replace('-', '_').lower()
+              for each in re.findall(r'^([\w-]+)', listed, re.MULTILINE)}
+    own = {'pmcl_ros', *(path.stem for path in (ROOT / 'examples').glob('*.py'))}
+    found = {*named_packages()} - {*own, *sys.stdlib_module_names, *of_pip, *MODULES}
+    assert found >= OPTIONAL
+    packages = {'tf2_ros': 'tf2_ros_py'}
+    assert {packages.get(each, each) for each in found - OPTIONAL} == {
+        each for each in dependencies('exec_depend') if not each.startswith('python3-')}
 
 
 def test_every_step_of_the_image_is_small_pinned_and_of_a_user():
@@ -77,7 +112,13 @@ def test_every_step_of_the_image_is_small_pinned_and_of_a_user():
     assert not any(word == 'USER' for word, _ in all_stages[-1][2])
     assert json.loads(all_stages[-1][2][-1][1])[0] == 'bash'
     assert any('pmcl warm-up' in rest for _, rest in all_stages[-1][2])
-    assert '.git' in (ROOT / '.dockerignore').read_text().split()
+
+
+def test_nothing_that_git_ignores_goes_into_the_image():
+    left_out = {each.removeprefix('**/')
+                for each in (ROOT / '.dockerignore').read_text().split()}
+    ignored = {each.rstrip('/') for each in (ROOT / '.gitignore').read_text().split()}
+    assert left_out >= {*ignored, '.git', '.import_linter_cache'}
 
 
 def test_the_devcontainer_is_a_stage_of_the_image():
@@ -87,8 +128,29 @@ def test_the_devcontainer_is_a_stage_of_the_image():
     assert (folder / read['build']['context']).resolve() == ROOT
     assert read['build']['target'] in [name for _, name, _ in stages()]
     assert read['remoteUser'] == 'ubuntu'
-    for name in re.findall(r'-r (\S+)', read['postCreateCommand']):
+    create = read['postCreateCommand']
+    for name in re.findall(r'-r (\S+)', create):
         assert (ROOT / name).is_file()
+    # In the container's home: the tree is the host's, with an environment of its own from `make`.
+    assert re.search(r'-m venv --system-site-packages ~/venv ', create)
+    assert '.venv' not in create
+    assert create.endswith("echo '. /opt/ros/jazzy/setup.bash && . ~/venv/bin/activate' "
+                           '>> ~/.bashrc')
+    interpreter = read['customizations']['vscode']['settings']['python.defaultInterpreterPath']
+    assert interpreter == '/home/ubuntu/venv/bin/python'
+
+
+def commands_with_a_full_ros(page):
+    """The lines of the first block under that heading."""
+    text = page.read_text().split('## With a full ROS 2 Jazzy\n', 1)[1]
+    return re.search(r'(?:^    .*\n)+', text, re.MULTILINE)[0]
+
+
+def test_the_readme_installs_as_the_guide_does():
+    commands = commands_with_a_full_ros(ROOT / 'docs/howto/deploy.md')
+    assert 'rosdep install' in commands
+    assert 'python -m colcon build' in commands
+    assert commands_with_a_full_ros(ROOT / 'README.md') == commands
 
 
 def test_pixi_brings_every_ros_package_of_package_xml():
