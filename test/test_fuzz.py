@@ -13,6 +13,7 @@ from contextlib import contextmanager
 
 import pytest
 from damaged_files import formats
+from damaged_settings import settings_formats
 from hypothesis import HealthCheck, given, settings
 from mutations import MUTATIONS, mutated
 
@@ -25,7 +26,11 @@ NAMES = [
     'mosaic', 'stl', 'stl in text', 'obj', 'ply', 'ply in text', 'off', 'glb', 'object', 'grasps',
     'light_field.yaml', 'views.yaml', 'sweep.yaml', 'bop', 'scene_gt.json', 'scene_gt_info.json',
     'targets', 'hci', 'cameras.txt', 'images.txt',
-    'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth']
+    'npz', 'npz with right checksums', 'txt', 'raw', 'xz', 'lfp', 'calibration', 'truth',
+    'sweep plan', 'camera plan', 'camera', 'collect', 'candidates', 'gripper', 'token',
+    'parameters', 'appearance', 'labelled picture', 'contour_map.onnx', 'hand-eye',
+    'learned contour', 'learned creases', 'learned contour_map', 'learned contour_map_evidence',
+    'learned views']
 MANY = os.environ.get('PMCL_FUZZ_INPUTS')
 INPUTS = int(MANY or 100)
 SECONDS, MEGABYTES = 5, 700
@@ -33,7 +38,9 @@ SECONDS, MEGABYTES = 5, 700
 
 @pytest.fixture(scope='module')
 def made(tmp_path_factory, camera_text):
-    found = formats(tmp_path_factory.mktemp('formats'), camera_text)
+    folder = tmp_path_factory.mktemp('formats')
+    found = formats(folder, camera_text)
+    found |= settings_formats(folder / 'settings', folder / 'bags' / 'robot')
     assert sorted(found) == sorted(NAMES)
     return found
 

@@ -3,10 +3,10 @@
 import logging
 
 import click
-from rich.logging import RichHandler
 
 from pmcl_ros import __version__
-from pmcl_ros.cli.base import STDERR, Commands
+from pmcl_ros.cli.base import Commands
+from pmcl_ros.cli.log import TerminalLog
 
 # By section of `pmcl --help`: the module below pmcl_ros.cli of each command, and what it does.
 _SECTIONS = {
@@ -62,5 +62,5 @@ _SECTIONS = {
 @click.option('--verbose', is_flag=True, help='Print the choices made (renderer, symmetry, ...).')
 def main(verbose: bool) -> None:
     """Find a known, possibly transparent object in a light field, or in pictures."""
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format='%(message)s',
-                        handlers=[RichHandler(console=STDERR, show_path=False)])
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING,
+                        handlers=[TerminalLog()])

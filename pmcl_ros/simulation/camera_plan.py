@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.scene import Scene
 
@@ -53,6 +53,11 @@ class CameraPlan(Settings):
                              'at least 2 cameras, a positive width')
         if any(len(each) != 16 for each in self.poses):
             raise ValueError('each of poses has 16 numbers')
+        try:
+            for place, pose in enumerate(self._poses, 1):
+                check_pose(pose, f'pose {place}')
+        except LightFieldError as error:
+            raise ValueError(str(error)) from None
         number = (self.arc[0] if self.arc else self.grid[0] * self.grid[1] if self.grid
                   else len(self.poses))
         if self.hidden > number:
@@ -86,10 +91,12 @@ class CameraPlan(Settings):
             rows, columns, width = self.grid
             plan = SweepPlan.from_grid(rows, columns, width / max(rows - 1, columns - 1))
             return np.array([each.pose for each in plan.poses])
-        poses = np.array(self.poses, float).reshape(-1, 4, 4)
-        for each in poses:
-            check_pose(each, 'poses: one')
-        return poses
+        return self._poses
+
+    @property
+    def _poses(self) -> NDArray[np.float64]:
+        """(n, 4, 4) `poses`."""
+        return np.array(self.poses, float).reshape(-1, 4, 4)
 
     def told(self, cameras: NDArray[np.float64], rng: np.random.Generator
              ) -> NDArray[np.float64]:

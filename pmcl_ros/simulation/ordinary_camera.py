@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -21,6 +21,7 @@ from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 _APERTURE = 0.0003  # m: a quarter of its width
 _PUPIL = 4.0  # of these: none of the aperture is cut off
 _LARGEST = 9.0  # of the picture: the pinhole picture that its distortion needs
+_MOST_PIXELS = 2 ** 26  # as of pictures that are read
 _TRIES, _CLOSE = 100, 0.01  # steps of inverting a distortion, and the tolerance [px]
 
 
@@ -30,6 +31,14 @@ class OrdinaryCamera(ViewCamera):
     noise: float = Field(0.006, ge=0, le=1, description='standard deviation of linear green at '
                          'half of white [1]; it grows with the root of the light')
     blur: float = Field(0.6, ge=0, le=10, description='standard deviation of the blur [px]')
+
+    @model_validator(mode='after')
+    def _small(self) -> 'OrdinaryCamera':
+        if self.width * self.height > _MOST_PIXELS:
+            raise ValueError(f'pictures of {self.width}x{self.height} px are larger than '
+                             f'{_MOST_PIXELS / 1e6:.0f} million pixels: say width and height of '
+                             'a smaller camera')
+        return self
 
     def sensor(self, rng: np.random.Generator) -> Sensor:
         """Its pixels, noise and blur; focus and exposure are random."""

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.read import read_source
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.simulation.files import write_view
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_picture
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -49,6 +49,11 @@ def test_distorted_pictures_are_read_as_the_pinhole_sees_the_scene(tmp_path, mod
     assert seen.mean() > 0.5
     assert off(found, expected, seen) < 0.005
     assert off(read_source(tmp_path / 'unread'), expected, seen) > 0.015
+
+
+def test_pictures_that_nobody_could_render_are_refused():
+    with pytest.raises(SettingsError, match='10000x10000 px are larger than 67 million pixels'):
+        OrdinaryCamera.make(CAMERA | {'width': 10_000, 'height': 10_000})
 
 
 def test_noise_and_exposure_are_those_of_the_camera():
