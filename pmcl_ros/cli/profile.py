@@ -6,7 +6,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.cli.box_window import boxes_in_window, has_screen
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.drawing.pictures import overlay, write_png
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
@@ -44,7 +45,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     """Measure a vessel that SOURCE, posed views, shows, and write it as an object to look for.
 
     It is a surface of revolution, which stands alone in free view. Its outline is marked by --box
-    or --points.
+    or --points, or else in a window.
     """
     if out.suffix.lower() not in ('.yaml', '.yml'):
         raise click.UsageError(f'-o {out}: give the name of an object YAML, as glass.yaml')
@@ -54,8 +55,9 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     length = float(np.linalg.norm(up))
     if not (np.isfinite(length) and length > 0):
         raise click.UsageError(f'--up {up}: it has no direction')
-    if not marked:
-        raise click.UsageError('say where the object is: --box or --points')
+    if not (marked or has_screen()):
+        raise click.UsageError('say where the object is: --box or --points; there is no screen '
+                               'for a window to mark it in')
     read = source.open().read()
     views = read.views if isinstance(read, PosedViews) else (read,)
     posed = [each for each in views if isinstance(each, PosedView)]
@@ -66,14 +68,19 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     if missing:
         raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(posed)}, '
                            'numbered from 0')
+    results = None if pictures is None else results_in(pictures, force)
+    names = [f'profile_{number:03d}.png' for number in range(len(posed))]
+    if results is not None:
+        results.reserve(*names)
+    if not marked:
+        marked = boxes_in_window(posed, 2 if height is None else 1)
     found = measured(posed, marked, np.array(up) / length, height)
     out.parent.mkdir(parents=True, exist_ok=True)
     found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')
-    if pictures is not None:
-        pictures.mkdir(parents=True, exist_ok=True)
-        for number, view in enumerate(posed):
+    if results is not None:
+        for name, view in zip(names, posed, strict=True):
             pose = np.linalg.inv(view.camera_to_reference) @ found.pose
-            write_png(pictures / f'profile_{number:03d}.png',
+            write_png(results.path(name),
                       overlay(view.displayed(), view.pinhole, found.model, pose))
     if as_json:
         click.echo(json.dumps(found.as_dict()))

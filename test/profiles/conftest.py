@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
 from pmcl_ros.drawing.pictures import silhouette
 from pmcl_ros.geometry.header import Header
@@ -97,3 +98,20 @@ def views(masks):
 @pytest.fixture(scope='session')
 def boxes(masks):
     return boxes_about(masks)
+
+
+@pytest.fixture(scope='session')
+def folder(views, tmp_path_factory):
+    """The views on disk, with views.yaml."""
+    path = tmp_path_factory.mktemp('views')
+    for number, view in enumerate(views):
+        cv2.imwrite(str(path / f'{number}.png'), view.displayed()[..., ::-1])
+    of = PINHOLE
+    (path / 'views.yaml').write_text(yaml.safe_dump({
+        'cameras': {'arm': {'fx': of.fx, 'fy': of.fy, 'cx': of.cx, 'cy': of.cy,
+                            'width': of.width, 'height': of.height}},
+        'reference': 'base',
+        'views': [{'file': f'{number}.png', 'camera': 'arm',
+                   'camera_to_reference': view.camera_to_reference.ravel().tolist()}
+                  for number, view in enumerate(views)]}))
+    return path
