@@ -3,12 +3,13 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from rclpy.lifecycle import LifecyclePublisher
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -27,43 +28,49 @@ from pmcl_ros.messages.marker import (
     region_to_marker,
 )
 from pmcl_ros.messages.pose import estimate_to_messages, estimate_to_transform
+from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
-from pmcl_ros.nodes.runtime.pose_source import tf2
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_scene_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, distinct_names
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import BagError, SettingsError
 
 _PICTURES = 4  # kept
+# Latched; but tf2's listeners are volatile: to them what was sent before they came is not sent.
+_TF = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 T = TypeVar('T')
 Draw = Callable[[NDArray[np.uint8], Pinhole], NDArray[np.uint8]]
 
 
 class ObjectFrame:
-    """Broadcasts poses, for as long as `node` is configured.
+    """Broadcasts poses on /tf, the last one again to each listener that comes later.
 
-    name: of the object's frame. Raises SettingsError where tf2_ros is not installed.
+    For `set_up` of a node. /tf_static would be wrong: the object is where it was seen at the time
+    of the capture, while the camera moves on. name: of the object's frame. Raises SettingsError
+    where tf2_msgs is not installed.
     """
 
     def __init__(self, node: StageNode, name: str) -> None:
-        self._name = name
-        module = tf2()
-        if module is None:
-            raise SettingsError(
-                "parameter 'broadcast_tf' is true, but tf2_ros cannot be imported: it is part of "
-                'a full ROS, not on PyPI; install it (apt-get install ros-jazzy-tf2-ros-py), or '
-                'set broadcast_tf to false and use the topic pose')
-        broadcaster = module.TransformBroadcaster(node)
-        node.configured.callback(node.destroy_publisher, broadcaster.pub_tf)
-        self._send = broadcaster.sendTransform
+        try:
+            self._class: Any = message_class('tf2_msgs/msg/TFMessage')
+        except BagError as error:
+            raise SettingsError(f"parameter 'broadcast_tf' is true, but {error}: set broadcast_tf "
+                                'to false and use the topic pose') from None
+        self._name, self._last = name, None
+        self._publisher = node.publisher(self._class, '/tf', _TF, self._repeat)
 
     def broadcast(self, estimate: PoseEstimate) -> None:
         """Send the object's pose at the capture's time; a lost object is not broadcast."""
-        self._send(estimate_to_transform(estimate, self._name))
+        self._last = self._class(transforms=[estimate_to_transform(estimate, self._name)])
+        self._publisher.publish(self._last)
+
+    def _repeat(self) -> None:
+        if self._last is not None:
+            self._publisher.publish(self._last)
 
 
 class Overlays:

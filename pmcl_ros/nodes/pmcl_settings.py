@@ -21,7 +21,8 @@ class PmclNodeSettings(TrackingSettings):
                                       'these cameras')
     broadcast_tf: bool = Field(
         False, description="publish the frame of the object on /tf, as a child of the camera's, "
-        'for each pose; needs tf2_ros (full ROS)')
+        'for each pose; a listener that comes later gets the last one; needs tf2_msgs (full '
+        'ROS)')
     object_frame: str = Field('', description='name of that frame; empty: that of the object')
     detections: Literal['auto', 'always', 'never'] = Field(
         'auto', description='publish detections (vision_msgs/Detection3DArray); auto: where '

@@ -18,6 +18,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 
 from pmcl_ros.messages.header import header_from, time_to_message
+from pmcl_ros.nodes.runtime.shared_memory import TRANSPORTS
 from pmcl_ros.nodes.transport.losses import MissingCaptures, SequenceGaps
 
 BRINGUP = 'pmcl_ros.nodes.bringup'
@@ -206,17 +207,20 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
     assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
 
 
-@pytest.mark.parametrize('size', ['16k', '1m'])
-def test_messages_come_without_room_in_shared_memory(size):
-    """16k: no process gets any; 1m: the first one does."""
+@pytest.mark.parametrize(('size', 'transports'), [('16k', 'DEFAULT'), ('1m', 'DEFAULT'),
+                                                  ('16k', 'UDPv4')])
+def test_messages_come_without_room_in_shared_memory(size, transports):
+    """16k: no process gets any; 1m: the first one does. UDPv4: none wants any."""
     done = subprocess.run(
         with_shared_memory(size, 'pmcl_ros.nodes.bench.volume_transport', '--messages', '5',
                            '--side', '164', '--copies', '1'),
-        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False)
+        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        env={**os.environ, TRANSPORTS: transports})
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)
-    assert re.search(r'/dev/shm has .* by UDP', done.stderr)
+    told = re.search(r'/dev/shm has .* by UDP', done.stderr)
+    assert (told is None) == (transports == 'UDPv4')
 
 
 def test_gaps_in_the_numbers_of_one_publisher():

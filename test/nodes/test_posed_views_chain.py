@@ -392,7 +392,7 @@ def test_several_objects_have_poses_of_their_own(tmp_path, user, frames, truth, 
 
 
 class Sent:
-    """In the place of a broadcaster, as tf2_ros is not on PyPI: keeps what it would send."""
+    """In the place of a broadcaster, as tf2_msgs is not on PyPI: keeps what it would send."""
 
     def __init__(self):
         self.transforms = []

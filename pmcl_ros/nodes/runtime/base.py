@@ -16,6 +16,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from lifecycle_msgs.srv import ChangeState
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecyclePublisher, LifecycleState
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.publisher import Publisher
@@ -30,7 +31,7 @@ from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.losses import SequenceGaps
 from pmcl_ros.runtime import kernels
-from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.errors import PmclError, told
 from pmcl_ros.runtime.settings import Settings
 
 # Both ends of every big topic: best effort loses messages of this size; only the newest counts.
@@ -77,11 +78,21 @@ class StageNode(LifecycleNode):
 
     # for set_up
 
-    def publisher(self, kind: type, topic: str, qos: QoSProfile) -> LifecyclePublisher:
-        """A publisher for as long as the node is configured; silent while it is inactive."""
+    def publisher(self, kind: type, topic: str, qos: QoSProfile,
+                  joined: Callable[[], None] | None = None) -> LifecyclePublisher:
+        """A publisher for as long as the node is configured; silent while it is inactive.
+
+        joined: called after a subscription has come.
+        """
+        def matched(status: Any) -> None:
+            if joined is not None and status.current_count_change > 0:
+                with self.watched(topic):
+                    joined()
+
+        events = PublisherEventCallbacks(matched=None if joined is None else matched)
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
-            publisher = self.create_lifecycle_publisher(kind, topic, profile,
-                                                        qos_overriding_options=options)
+            publisher = self.create_lifecycle_publisher(
+                kind, topic, profile, qos_overriding_options=options, event_callbacks=events)
         self.configured.callback(self.destroy_lifecycle_publisher, publisher)
         return publisher
 
@@ -146,9 +157,9 @@ class StageNode(LifecycleNode):
         problems: list[str] = []
         try:
             yield problems
-        except PmclError as error:
-            problems.append(str(error))
-            self.get_logger().error(f'{what}: {error}')
+        except (PmclError, MemoryError) as error:
+            problems.append(told(error))
+            self.get_logger().error(f'{what}: {problems[0]}')
         except Exception as error:
             problems.append(f'{type(error).__name__}: {error}')
             self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
@@ -251,8 +262,8 @@ class StageNode(LifecycleNode):
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
         try:
             step()
-        except PmclError as error:
-            self.get_logger().error(f'cannot {transition}: {error}')
+        except (PmclError, MemoryError) as error:
+            self.get_logger().error(f'cannot {transition}: {told(error)}')
             released = self._leave(transition, scope)
             return Result.FAILURE if released == Result.SUCCESS else released
         except Exception:

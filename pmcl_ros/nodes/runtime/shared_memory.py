@@ -6,6 +6,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'  # Fast DDS 2.14, as in Jazzy, reads no other
+TRANSPORTS = 'FASTDDS_BUILTIN_TRANSPORTS'  # where no profile is set
 _MEMORY = '/dev/shm'
 _LEAST = 1_000_000  # bytes: a segment of 0.5 MB, ports and their locks
 
@@ -48,10 +49,13 @@ def standstill(memory: str = _MEMORY) -> str:
     if free >= _LEAST:
         return ''
     return (f'{memory} has {free / 1e6:.2f} MB free: messages between processes may stand still '
-            'until there is room; remove what fills it')
+            f'until there is room; remove what fills it, or set {TRANSPORTS}=UDPv4 for all nodes: '
+            'their messages then need no shared memory, and take longer')
 
 
 def problem_here() -> str:
     """The `problem` of the profile that is set here, or what is wrong without one."""
     profile = os.environ.get(VARIABLE, '')
-    return problem(profile) if profile else no_room()
+    if profile:
+        return problem(profile)
+    return '' if os.environ.get(TRANSPORTS, '').startswith('UDP') else no_room()

@@ -131,12 +131,16 @@ def test_parameters_are_read_again_at_each_configure(probe):
     assert probe.settings.size == 1.5
 
 
-def test_what_a_user_can_mend_is_one_line(probe, capfd):
-    probe.wrong['set_up'] = PmclError('no such mesh; give its path')
+@pytest.mark.parametrize(('problem', 'told'), [
+    (PmclError('no such mesh; give its path'), 'no such mesh; give its path'),
+    (MemoryError('Unable to allocate 9 GiB'),
+     'there is not enough memory: Unable to allocate 9 GiB; make pixels larger')])
+def test_what_a_user_can_mend_is_one_line(probe, capfd, problem, told):
+    probe.wrong['set_up'] = problem
     assert probe.trigger_configure() == Result.FAILURE
     assert probe.notes[-2:] == ['close context', 'close file']
     error = capfd.readouterr().err
-    assert 'cannot configure: no such mesh; give its path' in error
+    assert f'cannot configure: {told}' in error
     assert 'Traceback' not in error
     probe.wrong.clear()
     assert probe.trigger_configure() == Result.SUCCESS
@@ -228,14 +232,16 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
     def call():
         return user.call(Trigger, '/probe/call', Trigger.Request())
 
-    probe.wrong = {'bad': PmclError('half a message'), 'worse': IndexError('far')}
-    for text in ('bad', 'worse', 'good'):
+    probe.wrong = {'bad': PmclError('half a message'), 'large': MemoryError(),
+                   'worse': IndexError('far')}
+    for text in ('bad', 'large', 'worse', 'good'):
         send(text)
     error = capfd.readouterr().err
     assert 'in: half a message' in error
+    assert 'in: there is not enough memory; make pixels larger' in error
     assert error.count('Traceback') == 1
     assert 'IndexError: far' in error
-    assert probe.health.errors == 2
+    assert probe.health.errors == 3
     assert probe.health.last_error == 'in: IndexError: far'
     assert (call().success, call().message) == (True, 'done')
     probe.wrong = {'call': PmclError('not now')}
