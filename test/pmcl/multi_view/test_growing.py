@@ -46,7 +46,9 @@ def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search,
             assert caplog.messages.count('searched with views added (1) from the last pose') == (
                 count - 1)
         sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
-    assert all(after < 1.1 * before for before, after in pairwise(sigmas))
+    # The model error follows how far the views disagree, which some views tell roughly.
+    assert all(after < 1.4 * before for before, after in pairwise(sigmas))
+    assert sigmas[-1] < 0.8 * sigmas[1] < 0.2 * sigmas[0]
     assert sigmas[-1] < 0.3 * sigmas[0]
 
 

@@ -258,7 +258,7 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     parts = [0, 0.03, 0.05] * 4 + [0.25] * 8
     of = settings('constant_pose', track_check=check)
     slid = [covered(part, number) for number, part in enumerate(parts)]
-    late = [covered(part, 4000) for part in (0.18, 0.2, 0.22)]
+    late = [covered(part, 4000) for part in np.linspace(0.18, 0.22, 5)]
     estimates, ends = branched(slid, {4: late, len(slid): late} if check else {}, of)
     assert not any(each.lost for each in estimates)
     assert all(each.incomplete for each in estimates[-8:])
@@ -275,10 +275,10 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     if not check:  # the rest does not depend on it
         return
     # Found anew, long after, it is known by how it looked; to others it is lost.
-    # One of three may be a near miss of the search, which differs from processor to processor.
+    # Some may be near misses of the search, which differ from processor to processor.
     unknown, anew = ends.values()
     assert {(each.mode, each.incomplete) for each in anew} == {('default', True)}
-    assert sum(not each.lost for each in anew) >= 2
+    assert sum(not each.lost for each in anew) >= 3
     assert all(each.lost for each in unknown)
 
 
