@@ -29,6 +29,7 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.larger_pixels import fitting
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
@@ -43,7 +44,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
-from pmcl_ros.pmcl.region import Region, size_in_view
+from pmcl_ros.pmcl.region import Region, regions_before, size_in_view
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
@@ -95,7 +96,7 @@ def make_scene_localizer(models: Sequence[ObjectModel], settings: PmclSettings,
 def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
                    kind: EvidenceKind = 'edges',
                    size_in: Callable[[PosedView], float] = lambda _: 0.0) -> Evidence:
-    """What the localizer of a mode reads of a capture.
+    """What the localizer of a mode reads of a capture, `fitting` the memory.
 
     size_in: how large the object is in an ordinary picture, as of `build_map`.
     Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
@@ -105,6 +106,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
             return build_volume(source, settings)
         raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
                           'default')
+    source = fitting(source, settings)
     if isinstance(source, PosedViews):
         return ViewsEvidenceBuilder(settings, kind == 'map', size_in).build(source)
     if kind == 'map':
@@ -179,6 +181,7 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
 class Run(Generic[Estimate]):
     """One capture's way through the pipeline.
 
+    source: in which the pose was searched: large pictures have larger pixels (`fitting`).
     settings: of evidence and volume. volume: None where nothing asked for it, or where one
     picture alone shows the region.
     seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
@@ -195,18 +198,19 @@ class Run(Generic[Estimate]):
 class Pipeline(Generic[Estimate]):
     """Finds an object, or several, in light fields or pictures; use and close it in one thread.
 
-    localizer: closed with this. near, far: depths that can hold a part of an object [m].
+    localizer: closed with this. near, far: depths that can hold a part of an object [m]. radius:
+    of the largest object [m].
     settings: mode and kind of the evidence. changes: parameters of evidence and volume that differ
     from `volume_settings`; origin: where they are from, for errors. model: whose region a volume
     of posed views is made for.
     """
 
     def __init__(self, localizer: AnyLocalizer[Estimate], settings: PmclSettings, near: float,
-                 far: float, changes: Mapping[str, Any] | None = None,
+                 far: float, radius: float, changes: Mapping[str, Any] | None = None,
                  origin: str = 'region of interest', model: ObjectModel | None = None) -> None:
         self.localizer, self._model = localizer, model
         self.mode, self._settings = settings.mode, settings
-        self.near, self.far = near, far
+        self.near, self.far, self._radius = near, far, radius
         self._changes, self._origin = changes, origin
 
     @classmethod
@@ -216,7 +220,7 @@ class Pipeline(Generic[Estimate]):
         """One object. posed: as of `make_localizer`. Raises RenderError, LocalizationError."""
         localizer: AnyLocalizer[PoseEstimate] = make_localizer(model, settings, posed)
         near, far = depths_of(settings.roi_center, settings.roi_size, model.radius, posed)
-        return Pipeline(localizer, settings, near, far, changes, origin, model)
+        return Pipeline(localizer, settings, near, far, model.radius, changes, origin, model)
 
     @classmethod
     def for_objects(cls, models: Sequence[ObjectModel], settings: PmclSettings,
@@ -226,7 +230,7 @@ class Pipeline(Generic[Estimate]):
         localizer = make_scene_localizer(models, settings, posed)
         largest = max(models, key=lambda each: each.radius)
         near, far = depths_of(settings.roi_center, settings.roi_size, largest.radius, posed)
-        return Pipeline(localizer, settings, near, far, changes, origin,
+        return Pipeline(localizer, settings, near, far, largest.radius, changes, origin,
                         largest if posed else None)
 
     def __enter__(self) -> 'Pipeline[Estimate]':
@@ -262,9 +266,11 @@ class Pipeline(Generic[Estimate]):
 
         progress('views', 0.0)
         source = read()
+        self._check_region(source)  # first: evidence of large pictures takes time and memory
         finished('views')
         progress('evidence', 0.0)
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
+        source = fitting(source, settings)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
         evidence = build_evidence(
@@ -287,3 +293,11 @@ class Pipeline(Generic[Estimate]):
         estimate = self.localizer.localize(evidence, rng, show, **options)
         finished('pose')
         return Run(source, settings, evidence, volume, estimate, seconds)
+
+    def _check_region(self, source: Source) -> None:
+        """Raise LocalizationError unless the object can be seen somewhere in the region."""
+        settings = self._settings
+        if isinstance(source, PosedViews):
+            regions_before(cameras_of(source), settings, self._radius, source.header.frame_id)
+        else:
+            Region(settings.roi_center, settings.roi_size).window(source.pinhole, self._radius)

@@ -1,6 +1,7 @@
 """DepthLikelihoodVolume: the likelihood of each depth at each pixel (paper, section IV)."""
 
 import logging
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -19,7 +20,7 @@ from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)
-_MOST_BYTES = 2 ** 31  # of a volume; making it takes about thrice that
+_MOST_BYTES = 2 ** 30  # of a volume and what it is made of: about thrice as much as it alone
 
 
 def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
@@ -40,11 +41,12 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
     from label to label.
     """
     count = getattr(settings, name)
-    size = 4 * pinhole.height * pinhole.width * count * components
+    size = 3 * 4 * pinhole.height * pinhole.width * count * components
     if size > _MOST_BYTES:
         raise VolumeError(
-            f'{count} {name} of {pinhole.width}x{pinhole.height} px take {size / 2 ** 30:.1f} GiB,'
-            f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views')
+            f'{count} {name} of {pinhole.width}x{pinhole.height} px need {size / 2 ** 30:.1f} GiB,'
+            f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views '
+            f'(--shrink {math.ceil(math.sqrt(size / _MOST_BYTES))})')
     needed = pairs.labels_needed(settings.near, settings.far)
     if count < needed:
         _warn_of_few_labels(name, count, needed)

@@ -1,7 +1,6 @@
 """LightField or PosedView -> ContourMap."""
 
 import logging
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,17 +10,16 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_net import ContourNet, contour_net
+from pmcl_ros.evidence.larger_pixels import check_memory, larger_pixels, reduced
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedView, exposed
-from pmcl_ros.lightfield.readers.pictures import Reduction
 
 _LOG = logging.getLogger(__name__)
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
-_SEARCHED = 160.0  # px: size of an object in the pictures that the search is made for
 _LEAST = 64  # px: no picture is made smaller
 
 
@@ -35,11 +33,12 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     settings: depths, inner views and crop. net, numbers: by default those that the package ships.
     size: of the object in one picture [px]. Where it is large, the map has a coarser one of the
     picture with larger pixels beside it, in which the search begins.
-    Raises VolumeError for an impossible crop and as `refocused`, PictureError, SettingsError
-    without a network.
+    Raises VolumeError for an impossible crop, for too many pixels and as `refocused`,
+    PictureError, SettingsError without a network.
     """
     pinhole = source.pinhole
     lattice = PixelGrid.from_crop(pinhole, settings.crop, settings.stride)
+    check_memory(lattice, REFOCUSED if isinstance(source, LightField) else 2)
     if isinstance(source, LightField):
         depths = depth_labels(settings.near, settings.far, REFOCUSED)
         pictures = exposed(np.moveaxis(refocused(source, depths, settings.views), 1, -1))
@@ -51,19 +50,18 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
     net = net or contour_net()
-    odds = np.stack([_log_odds(each, lattice, net) for each in pictures], axis=2)
-    if len(pictures) < len(depths):
-        odds = np.repeat(odds, len(depths), axis=2)
-    inside = odds[..., 5].clip(-_MOST_INSIDE, _MOST_INSIDE)
-    return ContourMap(source.header, np.ascontiguousarray(odds[..., :5]), depths, lattice.pinhole,
-                      inside, numbers or learned_map_evidence(),
+    tensor = np.empty((*lattice.shape, len(depths), ContourMap.components), np.float32)
+    inside = np.empty(tensor.shape[:3], np.float32)
+    of_label = len(depths) // len(pictures)  # one picture is the same at all depths
+    for number, each in enumerate(pictures):
+        odds = _log_odds(each, lattice, net)
+        labels = slice(number * of_label, (number + 1) * of_label)
+        tensor[:, :, labels] = odds[:, :, None, :-1]
+        inside[:, :, labels] = odds[:, :, None, -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
+    return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
+                      numbers or learned_map_evidence(),
                       _reduced(source, settings, net, numbers, min(
                           larger_pixels(size), min(lattice.width, lattice.height) // _LEAST)))
-
-
-def larger_pixels(size: float) -> int:
-    """Side of the squares of pixels that make an object of this size [px] `_SEARCHED` large."""
-    return max(1, round(size / _SEARCHED))
 
 
 def _reduced(source: LightField | PosedView, settings: DlvSettings, net: ContourNet,
@@ -71,11 +69,9 @@ def _reduced(source: LightField | PosedView, settings: DlvSettings, net: Contour
     """The map of one picture in which squares of `larger` pixels are one; None below 2."""
     if larger < 2 or isinstance(source, LightField):
         return None
-    reduction = Reduction(1, larger)
     crop = settings.crop and tuple(each // larger for each in settings.crop)
-    picture = np.clip(reduction.shrunk(source.picture), 0, 1)
-    return build_map(replace(source, picture=picture, pinhole=reduction.pinhole(source.pinhole)),
-                     settings.model_copy(update={'crop': crop}), net, numbers)
+    return build_map(reduced(source, larger), settings.model_copy(update={'crop': crop}), net,
+                     numbers)
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

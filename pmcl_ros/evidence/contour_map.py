@@ -19,6 +19,7 @@ from pmcl_ros.runtime.errors import VolumeError
 DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
 _REACH = 4  # standard deviations of a Gaussian
 _RESOLUTION = 3.0  # px: a contour is found within half of this on either side
+_BAND = 2 ** 18  # px that are blurred at once
 _BLURS = 8  # that are kept: of the search's three stages, and of cameras that are uncertain
 _MOST = 30.0  # nat / px: no log odds of a network are larger
 
@@ -129,11 +130,23 @@ class ContourMap(EvidenceVolume):
             if label and np.array_equal(sharp[:, :, label], sharp[:, :, label - 1]):
                 tensor[rows, columns, label] = tensor[rows, columns, label - 1]  # of one picture
                 continue
-            ratios = likelihood_ratios(sharp[:, :, label])
-            if ratios.size:
-                blurred = cv2.GaussianBlur(ratios, (0, 0), sigma)
-                tensor[rows, columns, label] = series(blurred)
+            if sharp.size:
+                tensor[rows, columns, label] = _blurred(sharp[:, :, label], sigma, reach)
         return replace(self, tensor=tensor)
+
+
+def _blurred(sharp: NDArray[np.float32], sigma: float, reach: int) -> NDArray[np.float32]:
+    """(height, width, 5) of one label, in bands: the ratios of all would take a lot of memory.
+
+    reach: of the blur [px].
+    """
+    height, blurred = len(sharp), np.empty(sharp.shape, np.float32)
+    band = max(_BAND // sharp.shape[1], 1)
+    for top in range(0, height, band):
+        bottom, first = min(top + band, height), max(top - reach, 0)
+        ratios = cv2.GaussianBlur(likelihood_ratios(sharp[first:bottom + reach]), (0, 0), sigma)
+        blurred[top:bottom] = series(ratios[top - first:bottom - first])
+    return blurred
 
 
 _Kept = dict[Hashable, ContourMap]

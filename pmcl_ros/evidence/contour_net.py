@@ -63,7 +63,10 @@ class ContourNet:
         """
         scales, offsets = factors(self.learned.contour, self.learned.inside)
         with self._lock:
-            return logits(self._net, picture) * scales + offsets
+            found = logits(self._net, picture)
+        found *= scales
+        found += offsets
+        return found
 
 
 @cache

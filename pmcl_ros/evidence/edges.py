@@ -19,6 +19,7 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, checked_labels, depth_labels
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
+from pmcl_ros.evidence.larger_pixels import check_memory
 from pmcl_ros.evidence.learned import learned_contour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused
@@ -94,8 +95,9 @@ def view_edges(view: PosedView, settings: DlvSettings) -> EdgeVolume:
     """The edge volume of one picture, for the pixels of `PixelGrid.from_crop` the settings.
 
     One view knows no depth: its two labels, `far` and `near`, are alike.
-    Raises VolumeError when the crop reaches out of the picture.
+    Raises VolumeError when the crop reaches out of the picture, or the picture is too large.
     """
+    check_memory(PixelGrid.from_crop(view.pinhole, (0, 0, 0, 0), 1), 2)
     lattice = PixelGrid.from_crop(view.pinhole, settings.crop, settings.stride)
     alone = ViewGrid(view.pinhole, 1.0, np.zeros((1, 1, 2)), np.ones((1, 1), np.float32))
     light_field = LightField(view.header, view.linear()[None, None], alone)
@@ -117,7 +119,10 @@ def edge_volume(light_field: LightField, depths: NDArray[np.floating],
     tensor = np.empty((count, pinhole.height, pinhole.width, 3), np.float32)
     energy = np.empty((count, pinhole.height, pinhole.width), np.float32)
     _differentiate(pictures, *_gaussian(), tensor, energy)
-    around = np.stack([cv2.GaussianBlur(each, (0, 0), NEIGHBOURHOOD) for each in energy])
+    del pictures  # they are as large as the tensor
+    around = np.empty_like(energy)
+    for number, each in enumerate(energy):
+        around[number] = cv2.GaussianBlur(each, (0, 0), NEIGHBOURHOOD)
     normalised = np.empty((pinhole.height, pinhole.width, count, 3), np.float32)
     _normalise(tensor, around, np.float32(np.median(energy)), normalised)
     return EdgeVolume(light_field.header, normalised, np.asarray(depths, float), pinhole)

@@ -95,8 +95,8 @@ class DecodePlan:
         if min(pinhole.width, pinhole.height) < _LEAST_SIDE or needed > MOST_BYTES:
             raise LightFieldError(
                 f'{views}x{views} views of {pinhole.width}x{pinhole.height} px take '
-                f'{needed / 2 ** 30:.1f} GiB; their sides must be {_LEAST_SIDE} px or more, and '
-                f'all together take {MOST_BYTES / 2 ** 30:.0f} GiB at most: choose another size, '
+                f'{needed / 2 ** 20:.0f} MiB; their sides must be {_LEAST_SIDE} px or more, and '
+                f'all together take {MOST_BYTES // 2 ** 20} MiB at most: choose another size, '
                 'or fewer views')
         height, width = light.shape
         last = np.array([width - 1, height - 1])

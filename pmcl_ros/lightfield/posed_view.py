@@ -83,10 +83,13 @@ def encoded(values: NDArray[Any], gamma: float) -> NDArray[np.float32]:
     values: uint8, uint16, or float32 with 1 at white. gamma: exponent that makes them light.
     """
     white = 1 if values.dtype == np.float32 else np.iinfo(values.dtype).max
-    picture = np.ascontiguousarray(values, np.float32) / np.float32(white)
+    picture = np.array(values, np.float32, order='C')  # in place: it may be large
+    picture /= np.float32(white)
     if np.isfinite(picture).all():
-        picture = np.clip(picture, 0, 1)
-    return picture if gamma == GAMMA else picture ** np.float32(gamma / GAMMA)
+        np.clip(picture, 0, 1, out=picture)
+    if gamma != GAMMA:
+        picture **= np.float32(gamma / GAMMA)
+    return picture
 
 
 def exposed(linear: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
+from pmcl_ros.pmcl.mesh_size import MeshSize, mesh_size
 from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
@@ -222,19 +223,31 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         raise ObjectModelError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB; simplify it, '
                                'or write it as a binary STL or PLY')
     try:
+        _check_size(mesh_size(data, kind))
         mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))
-        corners, area = mesh.triangles, mesh.area
+        if not np.isfinite(mesh.triangles).all():
+            raise ObjectModelError('has vertices that are not finite numbers')
+        if not mesh.area > 0:
+            raise ObjectModelError(f'holds {len(mesh.vertices)} vertices but no surface')
         # Corners that differ in colour or normal alone are one; those of no face are no part.
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
     except PmclError as error:
         raise ObjectModelError(f'{path} {error}') from None
+    except MemoryError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         raise ObjectModelError(f'{path} cannot be read as a mesh: {error!r}') from error
-    if not np.isfinite(corners).all():
-        raise ObjectModelError(f'{path} has vertices that are not finite numbers')
-    if not area > 0:
-        raise ObjectModelError(f'{path} holds {len(mesh.vertices)} vertices but no surface')
     return mesh
+
+
+def _check_size(size: MeshSize) -> None:
+    """Raise ObjectModelError for too many faces, or what no such mesh needs."""
+    for name, count, most in (('faces', size.faces, _MOST_FACES),
+                              ('vertices', size.vertices, 3 * _MOST_FACES),
+                              ('corners', size.corners, 4 * _MOST_FACES),
+                              ('lines', size.lines, 10 * _MOST_FACES)):
+        if count > most:
+            raise ObjectModelError(f'has {count} {name}, at most {most} are read; simplify it')
 
 
 def _whole(loaded: Any) -> trimesh.Trimesh:
@@ -245,9 +258,7 @@ def _whole(loaded: Any) -> trimesh.Trimesh:
     faces = sum(len(getattr(each, 'faces', ())) for each in parts)
     if not faces:
         raise ObjectModelError('holds no faces, and so no surface')
-    if faces > _MOST_FACES:
-        raise ObjectModelError(f'has {faces} faces, at most {_MOST_FACES} are rendered; simplify '
-                               'it')
+    _check_size(MeshSize(0, faces))
     return loaded if isinstance(loaded, trimesh.Trimesh) else loaded.to_mesh()
 
 

@@ -1,6 +1,7 @@
 """The region of interest: a box that holds the object's origin."""
 
 import itertools
+import logging
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from pmcl_ros.pmcl.render.scene import Window, sphere_bounds
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
+_LOG = logging.getLogger(__name__)
 Given = TypeVar('Given', bound=PmclSettings)
 _REACH = 0.1, 3.0  # m: depths at which a table is looked at, where none are given
 _SLACK = 0.02  # m: by which a table's plane may be off
@@ -145,6 +147,30 @@ class Region(Box):
             f'the region of interest at {self.center} m of size {self.size} m is outside the '
             f'image ({pinhole.width}x{pinhole.height}); it is in the optical frame of the camera: '
             'x right, y down, z forward')
+
+
+def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
+                   settings: PmclSettings, radius: float, frame_id: str) -> dict[int, Region]:
+    """Boxes before cameras that hold the region of interest, by the numbers of the cameras.
+
+    Only of cameras that can see an object in it. cameras: each with its pose (4, 4) in the
+    reference frame frame_id. radius: of the object [m]. Raises LocalizationError where none can.
+    """
+    seen = {}
+    for number, (pinhole, camera) in enumerate(cameras):
+        try:
+            region = Region.before_camera(camera, settings.roi_center, settings.roi_size)
+            region.window(pinhole, radius)
+        except LocalizationError as error:
+            _LOG.info('view %d says nothing: %s', number, error)
+        else:
+            seen[number] = region
+    if not seen:
+        raise LocalizationError(
+            f'none of the {len(cameras)} views sees the region of interest at '
+            f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
+            f'{frame_id!r}: are poses and region of the same frame?')
+    return seen
 
 
 def size_in_view(diameter: float, center: tuple[float, float, float], pinhole: Pinhole,

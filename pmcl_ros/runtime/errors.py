@@ -22,6 +22,15 @@ def one_line(text: str, longest: int = _LONGEST) -> str:
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
+def told(error: 'PmclError | MemoryError') -> str:
+    """In one line what is wrong and what to do, also where the system gives no more memory."""
+    why = one_line(str(error))
+    if isinstance(error, PmclError):
+        return why
+    return (f'there is not enough memory{f": {why}" if why else ""}; make pixels larger (--shrink '
+            '2, shrink: 2), or the region of interest smaller')
+
+
 class FileError(PmclError):
     """A file is missing, damaged, too large, or of another kind."""
 

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.errors import PictureError
 
 MOST_PIXELS = 2 ** 26
-_MOST_BYTES = 2 ** 29  # of a file: without compression, 16 bits a colour
+_MOST_BYTES = 2 ** 28  # of a file
+_MOST_DECODED = 3 * 2 ** 27  # bytes of its pixels: 16 bits a colour of the most
 _PNG = b'\x89PNG\r\n\x1a\n'
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour type
 _BLOCK = 2 ** 20
+_BITS = 258  # tag of a TIFF
 _TOKEN = re.compile(rb'(?:\s|#[^\n]*\n)*(\d{1,9})\s')
 _KNOWN = 'PNG, JPEG, TIFF, BMP, WebP, PPM'
 
@@ -148,7 +150,16 @@ def _tiff(data: bytes, order: str) -> tuple[int, int]:
         tag, kind, number = struct.unpack_from(f'{order}HHI', data, entry)
         if number == 1 and kind in (3, 4):
             found[tag], = struct.unpack_from(order + 'HI'[kind - 3], data, entry + 8)
+        elif tag == _BITS and kind == 3:  # of each channel: elsewhere, if there are many
+            at = entry + 8 if number == 2 else struct.unpack_from(f'{order}I', data, entry + 8)[0]
+            found[tag], = struct.unpack_from(f'{order}H', data, at)
     width, height = found.get(256, 0), found.get(257, 0)
+    bits = found.get(_BITS, 1)
+    size = 3 * width * height * bits // 8
+    if size > _MOST_DECODED:
+        raise PictureError(f'the picture says that it has {width}x{height} px of {bits} bits '
+                           f'a colour: {size / 2 ** 20:.0f} MiB, at most '
+                           f'{_MOST_DECODED // 2 ** 20} are read')
     tile = found.get(322, 1) * found.get(323, 1)
     if tile > MOST_PIXELS or found.get(277, 1) > 4:
         raise ValueError(f'tiles of {tile} pixels of {found.get(277, 1)} channels')

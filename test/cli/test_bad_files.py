@@ -7,11 +7,14 @@ import zipfile
 import zlib
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+import yaml
 import zstandard
-from bounded_commands import refused
+from bounded_commands import outcome, refused
 
+from pmcl_ros.lightfield.readers.npz import save_npz
 from pmcl_ros.messages.mcap_records import MAGIC, Op, record, text
 
 ROOT = Path(__file__).parents[2]
@@ -19,6 +22,8 @@ BAG = ROOT / 'bags' / 'wine_glass'
 MERGES = 'a0: &a0 {x: 1}\n' + '\n'.join(
     f'a{n}: &a{n}\n  <<: [{", ".join([f"*a{n - 1}"] * 9)}]' for n in range(1, 12))
 ROI = ('--roi', 0, 0, 0.5, 0.2, 0.2, 0.2)
+OUTSIDE = ('--roi', 5, 0, 0.5, 0.2, 0.2, 0.2)
+BOTTLE = ROOT / 'config' / 'objects' / 'bottle.yaml'
 
 
 def bag(folder, data=b'', metadata=None):
@@ -92,6 +97,28 @@ def test_meshes(tmp_path):
     assert 'stl, obj, ply, off, glb are read' in refused(tmp_path, 'grasps', tmp_path / 'a.zip')
 
 
+TRIANGLE = b'0 0 0\n' * 3
+PLY = (b'ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n'
+       b'property float y\nproperty float z\nelement face 5000000\n'
+       b'property list uchar int vertex_indices\nend_header\n')
+
+
+@pytest.mark.parametrize(('name', 'begin', 'repeated', 'times', 'told'), [
+    ('a.off', b'OFF\n3 3500000 0\n' + TRIANGLE, b'3 0 1 2\n', 3_500_000, 'has 3500000 faces'),
+    ('b.off', b'OFF\n3 1 0\n' + TRIANGLE + b'20000000 ', b'0 1 ', 10_000_000, ' corners, at most'),
+    ('c.off', b'OFF\n3 1 0\n', b'\n', 60_000_000, 'has 60000002 lines'),
+    ('a.obj', b'f 1 2 3\n', b'v 0 0 1\n', 7_000_000, 'has 7000000 vertices'),
+    ('b.obj', b'f 1 2 3\n', b'vn 0 0 1\n', 7_000_000, 'has 7000000 vertices'),
+    ('a.ply', PLY, b'\0', 36 + 13 * 5_000_000, 'has 5000000 faces'),
+    ('a.stl', bytes(80) + struct.pack('<I', 1_340_000), bytes(50), 1_340_000,
+     'has 1340000 faces, at most 1000000 are read'),
+    ('b.stl', b'solid\n', b'vertex 0 0 0\n', 5_000_000, 'has 1666666 faces'),
+])
+def test_meshes_of_many_faces(tmp_path, name, begin, repeated, times, told):
+    (tmp_path / name).write_bytes(begin + times * repeated)
+    assert told in refused(tmp_path, 'grasps', tmp_path / name)
+
+
 def test_arrays(tmp_path):
     np.save(tmp_path / 'a.npy', np.ones(3))
     (tmp_path / 'a.npy').rename(tmp_path / 'a.npz')
@@ -132,6 +159,57 @@ def test_pictures(tmp_path):
         "files: '********x{row}{column}'\nfx: 100\nbaseline: 0.01")
     assert 'no picture called' in refused(
         tmp_path, 'bag', 'record', tmp_path / 'views', tmp_path / 'bag')
+
+
+def views(folder, width, height, count=1, distortion=()):
+    """A views.yaml, of pictures of one colour."""
+    folder.mkdir()
+    cv2.imwrite(str(folder / '0.png'), np.full((height, width, 3), 90, np.uint8))
+    for number in range(1, count):
+        (folder / f'{number}.png').hardlink_to(folder / '0.png')
+    pose = [[1.0, 0, 0, 0.1 * number, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+            for number in range(count)]
+    (folder / 'views.yaml').write_text(yaml.safe_dump({
+        'cameras': {'one': {'width': width, 'height': height, 'fx': 4000.0, 'cx': width / 2,
+                            'cy': height / 2, 'distortion': list(distortion)}},
+        'views': [{'file': f'{number}.png', 'camera': 'one'}
+                  | ({'camera_to_reference': pose[number]} if count > 1 else {})
+                  for number in range(count)]}))
+    return folder
+
+
+@pytest.mark.parametrize(('given', 'told'), [
+    ((8190, 8190), 'have up to 67.1 million pixels and need 768 MiB, more than 17 or 384'),
+    ((4090, 4090), 'is outside the image (4090x4090)'),
+    ((4090, 4090, 1, (0.1, 0, 0, 0)), 'is outside the image (4090x4090)'),
+    ((4090, 4090, 2), 'none of the 2 views sees the region of interest'),
+    ((4032, 3024, 3), 'shrink them (--shrink 2), or take fewer'),
+], ids=str)
+def test_pictures_that_evidence_is_made_of(tmp_path, given, told):
+    assert told in refused(tmp_path, 'localize', views(tmp_path / 'views', *given), '--object',
+                           BOTTLE, *OUTSIDE)
+
+
+@pytest.mark.parametrize(('kind', 'height', 'width', 'roi', 'told'), [
+    ('f4', 2600, 2600, ROI, '6 arrays of 696 MiB, at most 1000 of 385 are read'),
+    ('f2', 2600, 2600, ROI, '3x3 views of 2600x2600 px need 696 MiB, more than 384'),
+    ('f4', 1900, 1900, ROI, '24 edge_labels of 1900x1900 px need 2.9 GiB'),
+    ('f2', 1900, 1900, OUTSIDE, 'is outside the image (1900x1900)'),
+    ('f8', 1300, 1400, OUTSIDE, 'is outside the image (1400x1300)'),
+])
+def test_light_fields_that_evidence_is_made_of(tmp_path, kind, height, width, roi, told):
+    save_npz(tmp_path / 'a.npz', views=np.full((3, 3, height, width, 3), 0.2, kind), fx=1000.0,
+             fy=1000.0, cx=width / 2, cy=height / 2, baseline=1e-3)
+    assert told in refused(tmp_path, 'localize', tmp_path / 'a.npz', '--object', BOTTLE, *roi)
+
+
+def test_memory_that_does_not_suffice(tmp_path):
+    found = outcome(tmp_path, 'localize', views(tmp_path / 'views', 4000, 3000), '--object',
+                    BOTTLE, *ROI, '--set', 'renderer=numba', spare=200)
+    line, = found.text.strip().splitlines()
+    assert found.status == 1
+    assert line.startswith('Error: there is not enough memory')
+    assert 'make pixels larger (--shrink 2, ' in line
 
 
 def test_metadata(tmp_path, camera_text):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
-from pmcl_ros.evidence.build_map import REFOCUSED, build_map, larger_pixels
+from pmcl_ros.evidence.build_map import REFOCUSED, build_map
 from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.evidence.larger_pixels import larger_pixels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions

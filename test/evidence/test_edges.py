@@ -215,7 +215,8 @@ def test_crop_and_stride_carry_their_camera():
 def test_an_edge_volume_that_fits_no_memory_is_refused():
     grid = make_grid((1, 2), (2000, 2000), 0.0001)
     field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
-    with pytest.raises(VolumeError, match=r'50 edge_labels of 2000x2000 px take 2\.2 GiB, more'):
+    with pytest.raises(VolumeError, match=r'50 edge_labels of 2000x2000 px need 6\.7 GiB, more '
+                       r'than 1: .*--shrink 3'):
         build_edges(field, DlvSettings(edge_labels=50, stride=4))
 
 

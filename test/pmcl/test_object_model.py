@@ -222,7 +222,7 @@ def test_missing_files_are_named(tmp_path):
     ('large.stl', bytes(2 ** 26 + 1), 'has more than 64 MiB'),
     ('count.ply', b'ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\n'
      b'property float x\nproperty float y\nproperty float z\nelement face 1\n'
-     b'property list uchar int vertex_indices\nend_header\n', 'cannot be read as a mesh'),
+     b'property list uchar int vertex_indices\nend_header\n', 'has 4000000000 vertices'),
     ('count.stl', bytes(80) + b'\xff\xff\xff\x7f' + bytes(50), 'cannot be read|no faces'),
 ])
 def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
@@ -266,5 +266,5 @@ def test_a_mesh_too_fine_to_render_is_refused(tmp_path):
     corner = (np.arange(501)[:, None] * 1001 + np.arange(1000)).ravel()
     faces = np.concatenate([corner[:, None] + [0, 1, 1001], corner[:, None] + [1, 1002, 1001]])
     save(trimesh.Trimesh(sheet, faces, process=False), tmp_path, 'fine.stl')
-    with pytest.raises(ObjectModelError, match='1002000 faces, at most 1000000 are rendered'):
+    with pytest.raises(ObjectModelError, match='1002000 faces, at most 1000000 are read'):
         ObjectModel.load(tmp_path / 'fine.stl')

@@ -11,11 +11,11 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.colour import Colour
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
-from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction
 from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.npz_file import read_arrays
 
-_MOST_BYTES = 3 * 2 ** 28  # of all arrays
+_MOST_BYTES = MOST_BYTES + 2 ** 20  # of all arrays: views, and few numbers
 _REAL = 'fiu'  # kinds of numbers
 _NEEDED = ('views', 'fx', 'fy', 'cx', 'cy', 'baseline')
 _LEVEL = 1  # of zlib: numpy's 6 takes seven times as long on views and saves 5 % of the file
@@ -79,10 +79,14 @@ def _light_field(file: dict[str, NDArray[Any]], header: Header, reduction: Reduc
                               'views')
     numbers = [_number(file, name) for name in _NEEDED[1:]]
     pinhole = reduction.pinhole(Pinhole(width, height, *numbers[:4]))
-    kept = np.ix_(reduction.kept(rows), reduction.kept(columns))
-    views = np.asarray(views[kept], np.float32)
+    kept = tuple(slice(side[0], None, reduction.every)  # no copies: views may be large
+                 for side in (reduction.kept(rows), reduction.kept(columns)))
+    views = views[kept]
+    reduction.check_memory(*views.shape[:4])
     if reduction.shrink > 1:
-        views = np.stack([[reduction.shrunk(view) for view in row] for row in views])
+        views = np.stack([[reduction.shrunk(np.asarray(view, np.float32)) for view in row]
+                          for row in views])
+    views = np.ascontiguousarray(views, np.float32)
     grid = ViewGrid(pinhole, numbers[4] * reduction.every,
                     positions[kept].astype(float) / reduction.every,
                     weights[kept].astype(np.float32))

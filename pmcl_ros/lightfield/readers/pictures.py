@@ -14,8 +14,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import LightFieldError, PictureError
 from pmcl_ros.runtime.picture_file import read_picture_file
 
-# Of views as float32; the stages that follow need several times as much.
-MOST_BYTES = 2 ** 30
+MOST_BYTES = 3 * 2 ** 27  # of views as float32; evidence takes a GiB more at most
 _HALF = 3  # pixels each side: a polynomial of the fifth degree through six
 
 
@@ -63,7 +62,7 @@ class Reduction:
             factor = math.ceil(math.sqrt(size / MOST_BYTES))
             raise LightFieldError(
                 f'{rows}x{columns} views of {width // self.shrink}x{height // self.shrink} px '
-                f'need {size / 2 ** 30:.1f} GiB, more than {MOST_BYTES / 2 ** 30:.0f}: take every '
+                f'need {size / 2 ** 20:.0f} MiB, more than {MOST_BYTES // 2 ** 20}: take every '
                 f'{factor * self.every}th view (--every {factor * self.every}) or shrink the '
                 f'pictures (--shrink {factor * self.shrink})')
 

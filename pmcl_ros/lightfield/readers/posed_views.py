@@ -20,6 +20,7 @@ from pmcl_ros.runtime.settings import Settings
 
 NAME = 'views.yaml'
 _NPZ = '.npz'
+_MOST_PIXELS = 2 ** 24  # of a picture
 _ROWS = 4
 
 
@@ -129,14 +130,16 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
         raise LightFieldError(f'{name} is no grid of which each {reduction.every}th view could be '
                               'taken; leave out --every')
     shrink = reduction.shrink
-    size = 12 * sum((of.cameras[each.camera].width // shrink)
-                    * (of.cameras[each.camera].height // shrink)
-                    for each in of.views if each.camera)
-    if size > MOST_BYTES:
-        factor = shrink * math.ceil(math.sqrt(size / MOST_BYTES))
-        raise LightFieldError(f'{name}: its {len(of.views)} pictures need {size / 2 ** 30:.1f} '
-                              f'GiB, more than {MOST_BYTES / 2 ** 30:.0f}: shrink them '
-                              f'(--shrink {factor}), or take fewer')
+    cameras = [of.cameras[each.camera] for each in of.views if each.camera]
+    pixels = [(each.width // shrink) * (each.height // shrink) for each in cameras] or [0]
+    size = 12 * sum(pixels)
+    excess = max(size / MOST_BYTES, max(pixels) / _MOST_PIXELS)
+    if excess > 1:
+        raise LightFieldError(
+            f'{name}: its {len(of.views)} pictures have up to {max(pixels) / 1e6:.1f} million '
+            f'pixels and need {size / 2 ** 20:.0f} MiB, more than {_MOST_PIXELS / 1e6:.0f} or '
+            f'{MOST_BYTES // 2 ** 20}: shrink them (--shrink '
+            f'{math.ceil(shrink * math.sqrt(excess))})' + (', or take fewer' * (len(pixels) > 1)))
     return tuple(_view(folder, each, of, reduction) for each in of.views)
 
 

@@ -67,8 +67,9 @@ class Lens:
         if self.pinhole == wanted and not self.distortion:
             return picture
         x, y = self.places(np.eye(3), wanted)
-        seen = cv2.remap(picture, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return np.clip(np.asarray(seen, np.float32), 0, 1)
+        seen = np.asarray(cv2.remap(picture, x, y, cv2.INTER_CUBIC,
+                                    borderMode=cv2.BORDER_REPLICATE), np.float32)
+        return np.clip(seen, 0, 1, out=seen)
 
 
 class LeftOut(NamedTuple):

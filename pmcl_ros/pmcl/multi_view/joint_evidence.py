@@ -18,12 +18,11 @@ from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import Refine
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.region import Region, regions_before
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import LocalizationError
 
 _LOG = logging.getLogger(__name__)
 _AT_STAGES = 3, 5, 1000  # views at most by which coarse, fine and finest contours are refined
@@ -150,27 +149,19 @@ def regions_seen(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSett
     Only of views that see it. A picture of one colour there does not, where others do: a covered
     lens is no evidence that nothing is there. Raises LocalizationError where none sees it.
     """
-    seen, blank = {}, []
-    for number, each in enumerate(evidence.views):
-        try:
-            region = Region.before_camera(each.camera_to_reference, settings.roi_center,
-                                          settings.roi_size)
-            window = region.window(each.evidence.pinhole, model.radius)
-        except LocalizationError as error:
-            _LOG.info('view %d says nothing: %s', number, error)
-        else:
-            seen[number] = region
-            if each.view is not None and _is_blank(each.view, each.evidence.pinhole, window):
-                blank.append(number)
+    seen = regions_before([(each.evidence.pinhole, each.camera_to_reference)
+                           for each in evidence.views], settings, model.radius,
+                          evidence.header.frame_id)
+    blank = []
+    for number, region in seen.items():
+        of = evidence.views[number]
+        window = region.window(of.evidence.pinhole, model.radius)
+        if of.view is not None and _is_blank(of.view, of.evidence.pinhole, window):
+            blank.append(number)
     for number in blank if len(blank) < len(seen) else []:
         _LOG.info('view %d says nothing: its picture is of one colour where the region is',
                   number)
         del seen[number]
-    if not seen:
-        raise LocalizationError(
-            f'none of the {len(evidence.views)} views sees the region of interest at '
-            f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
-            f'{evidence.header.frame_id!r}: are poses and region of the same frame?')
     return seen
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.build_map import larger_pixels
+from pmcl_ros.evidence.larger_pixels import larger_pixels
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import retract, rotate_covariance
 from pmcl_ros.pmcl.estimate import PoseEstimate
