@@ -17,6 +17,7 @@ from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.pipeline import (
@@ -28,7 +29,7 @@ from pmcl_ros.pipeline import (
 )
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.runtime.errors import SettingsError, VolumeError
+from pmcl_ros.runtime.errors import LocalizationError, SettingsError, VolumeError
 
 CUP = model_of(cup(), [0, 0, 1])
 FEW = {'labels': 9, 'edge_labels': 5, 'views': 3}
@@ -165,3 +166,29 @@ def test_settings_reach_around_the_region_with_labels_as_close_as_views_need():
     assert volume_settings('default', 0.3, 0.5, None, {'crop': (1, 2, 3, 4)}).crop == (1, 2, 3, 4)
     with pytest.raises(SettingsError, match='--set'):
         volume_settings('default', 0.3, 0.5, grid, {'window': 4}, '--set')
+
+
+def test_a_large_picture_is_searched_as_one_with_larger_pixels():
+    small = Pinhole(1250, 900, 900.0, 900.0, 624.5, 449.5)
+    values = np.random.default_rng(3).random((900, 1250, 3), np.float32)
+    alike = PosedView(Header(stamp_ns=5), values, small)
+    large = PosedView(Header(stamp_ns=5), values.repeat(2, axis=0).repeat(2, axis=1),
+                      small.resized(2500, 1800))
+    expected, (found, _, _) = run('default', lambda: alike)[0], run('default', lambda: large)
+    assert found.source.pinhole == found.evidence.pinhole == small
+    np.testing.assert_array_equal(found.evidence.tensor, expected.evidence.tensor)
+    np.testing.assert_array_equal(found.estimate.pose, expected.estimate.pose)
+
+
+@pytest.mark.parametrize(('read', 'told'), [
+    (light_field, 'is outside the image'), (picture, 'is outside the image'),
+    (lambda: PosedViews((picture(), picture())), 'none of the 2 views sees the region')],
+    ids=['light field', 'picture', 'posed views'])
+def test_a_region_that_is_out_of_view_is_told_before_evidence_is_made(read, told):
+    stages = []
+    settings = SETTINGS.model_copy(update={'roi_center': (5.0, 0, 0.4)})
+    with Pipeline.for_object(CUP, settings, FEW,
+                             posed=isinstance(read(), PosedViews)) as pipeline, pytest.raises(
+                                 LocalizationError, match=told):
+        pipeline.run(read, np.random.default_rng(1), lambda stage, _: stages.append(stage))
+    assert stages == ['views']

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import FOLDER, FORCE
+from pmcl_ros.cli.base import FOLDER, FORCE, Needed
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -47,7 +47,8 @@ def bag_record(source: GivenSource, folder: Path) -> None:
 
 
 @bag.command('extract')
-@click.argument('bag_folder', metavar='BAG', type=click.Path(exists=True, path_type=Path))
+@click.argument('bag_folder', metavar='BAG', type=Needed(
+    'pmcl_record and pmcl bag record make bags: docs/howto/bags.md', folder=True))
 @click.argument('folder', type=FOLDER)
 @FORCE
 def bag_extract(bag_folder: Path, folder: Path, force: bool) -> None:

@@ -9,16 +9,53 @@ from typing import Any
 import click
 from rich.console import Console
 
-from pmcl_ros.runtime.errors import PmclError, SettingsError
+from pmcl_ros.runtime.errors import PmclError, SettingsError, told
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import calibration_file
 
 STDERR = Console(stderr=True)
+
+
+class Needed(click.Path):
+    """A file, or a folder too, that must be there; where it is not, the error says how it is made.
+
+    how: to make it, a sentence without its full stop.
+    """
+
+    def __init__(self, how: str, folder: bool = False) -> None:
+        super().__init__(exists=True, dir_okay=folder, path_type=Path)
+        self.how = how
+
+    def convert(self, value: Any, param: click.Parameter | None,
+                ctx: click.Context | None) -> Any:
+        """The path; BadParameter where there is none."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            raise click.BadParameter(f'{error.message} {self.how}', ctx, param) from None
+
+
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
-PATH = click.Path(exists=True, path_type=Path)
 OF_CAMERA = ('The white image is a picture of an evenly lit white surface, or the folder of those '
              'of the camera (T1CALIB); pmcl calibrate makes the calibration: docs/howto/camera.md')
+OBJECT = Needed('An object is a mesh, or a YAML file that names one: docs/howto/object.md; pmcl '
+                'profile measures a vessel that has none')
+CAMERA = Needed('A camera is a YAML file with width, height, fx, cx, cy: '
+                'docs/howto/one_picture.md')
+TRUTH = Needed('pmcl scenes render and pmcl simulate make captures with a truth.json: '
+               'docs/howto/scenes.md')
+RAW = Needed('pmcl camera capture takes raw pictures, pmcl bag extract has those of a bag')
+WHITE = Needed(OF_CAMERA, folder=True)
+SOURCE = Needed('Pictures of ordinary cameras have a views.yaml beside them: '
+                'docs/howto/one_picture.md; pmcl camera capture takes raw ones', folder=True)
 FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
+
+
+def results_in(out: Path, force: bool) -> Results:
+    """What the command that runs writes into a folder; noted when it ends."""
+    context = click.get_current_context()
+    return context.with_resource(Results(out, str(context.info_name), force))
 
 
 def calibration_type(text: str) -> Path:
@@ -26,7 +63,8 @@ def calibration_type(text: str) -> Path:
     try:
         return calibration_file(text)
     except SettingsError as error:
-        raise click.BadParameter(str(error)) from None
+        how = '' if 'pmcl calibrate' in str(error) else f'. {OF_CAMERA}'
+        raise click.BadParameter(f'{error}{how}') from None
 
 
 class Commands(click.Group):
@@ -68,8 +106,8 @@ class Commands(click.Group):
         """Run the command; print errors of the package without a traceback."""
         try:
             return super().invoke(ctx)
-        except PmclError as error:
-            raise click.ClickException(str(error)) from error
+        except (PmclError, MemoryError) as error:
+            raise click.ClickException(told(error)) from error
         except OSError as error:  # a folder that cannot be made or written, a full disk
             if error.errno == errno.EPIPE:  # the reader of the output has gone: click ends
                 raise

@@ -10,7 +10,16 @@ import click
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, FOLDER, OF_CAMERA, PATH, calibration_type
+from pmcl_ros.cli.base import (
+    FILE,
+    FOLDER,
+    FORCE,
+    OF_CAMERA,
+    RAW,
+    WHITE,
+    calibration_type,
+    results_in,
+)
 from pmcl_ros.cli.sources import open_decoders
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views, table
@@ -33,11 +42,11 @@ def _size(_context: click.Context, _option: click.Parameter,
 
 
 @click.command()
-@click.argument('raw', type=FILE)
+@click.argument('raw', type=RAW)
 @click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
               help="The camera's calibration, YAML, or the name of the camera; without it the "
               'views are lattice-aligned, with unknown geometry.')
-@click.option('--white', type=PATH, help="The camera's white image, RAW[.xz] with its TXT, or a "
+@click.option('--white', type=WHITE, help="The camera's white image, RAW[.xz] with its TXT, or a "
               'folder of white images: the one that fits the picture is chosen. Without it and '
               '--calibration, the light is estimated from the picture.')
 @click.option('--gain', type=float, default=1.0, show_default=True,
@@ -50,13 +59,17 @@ def _size(_context: click.Context, _option: click.Parameter,
 @click.option('--compare', type=FILE, metavar='VIEWS.npz',
               help='Ideal lattice-aligned views, `views` (3, 3, height, width, 3) three steps '
               'apart: print how the decode differs from them.')
+@FORCE
 def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float, views: int,
-           size: tuple[int, int] | None, out: Path, compare: Path | None) -> None:
+           size: tuple[int, int] | None, out: Path, compare: Path | None,
+           force: bool) -> None:
     """Decode RAW into views: NPZ and PNG.
 
     RAW: .RAW or .RAW.xz with its .TXT, .LFP, or the sensor's mosaic as an 8-bit PNG or JPEG. With
     --calibration and --white the views are rectified.
     """
+    results = results_in(out, force)
+    npz, centre, sheet = map(results.path, ('views.npz', 'centre.png', 'views.png'))
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
     if calibration is None:
         chosen = None if white is None else choose_white(white, frame.metadata).frame
@@ -72,18 +85,17 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
         gains = shades_of_grey(light_field.centre_view)
         light_field = replace(light_field, colour=replace(
             light_field.colour, gains=tuple(gains.tolist())))
-    out.mkdir(parents=True, exist_ok=True)
     if calibration is None:
-        save_npz(out / 'views.npz', views=light_field.views, weights=light_field.grid.weights,
+        save_npz(npz, views=light_field.views, weights=light_field.grid.weights,
                  positions=light_field.grid.positions)
         click.echo('no calibration: the views are lattice-aligned, their geometry is unknown',
                    err=True)
     else:
-        write_npz(out / 'views.npz', light_field)
-    write_png(out / 'centre.png', light_field.picture())
+        write_npz(npz, light_field)
+    write_png(centre, light_field.picture())
     rows, columns = light_field.grid.shape
     shown = light_field.colour.displayed(light_field.views[:, :, ::3, ::3], light_field.gamma)
-    write_png(out / 'views.png', shown.transpose(0, 2, 1, 3, 4).reshape(
+    write_png(sheet, shown.transpose(0, 2, 1, 3, 4).reshape(
         rows * shown.shape[2], columns * shown.shape[3], 3))
     pinhole = light_field.grid.pinhole
     click.echo(f'{rows}x{columns} views of {pinhole.width}x{pinhole.height} in {out}', err=True)

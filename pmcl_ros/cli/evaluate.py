@@ -13,7 +13,16 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.camera.files import list_pictures
-from pmcl_ros.cli.base import FILE, FOLDER, PATH, STDERR, calibration_type
+from pmcl_ros.cli.base import (
+    FILE,
+    FOLDER,
+    FORCE,
+    STDERR,
+    WHITE,
+    Needed,
+    calibration_type,
+    results_in,
+)
 from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
@@ -27,15 +36,19 @@ from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.outputs import Results
 
 _INTERRUPTED = 130  # exit status, as of a shell's command
+_RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors.png',
+            'coverage.png', 'time.png')
 
 
 @click.command()
-@click.argument('captures', type=click.Path(exists=True, file_okay=False, path_type=Path))
+@click.argument('captures', type=Needed('pmcl scenes render makes captures with truth: '
+                                        'docs/howto/evaluation.md', folder=True))
 @click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
               help='Calibration of the camera of raw pictures, YAML, or the name of that camera.')
-@click.option('--white', type=PATH, help='White image, or a folder of such; default: the one in '
+@click.option('--white', type=WHITE, help='White image, or a folder of such; default: the one in '
               'CAPTURES/white.')
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Without --calibration: inner corners of the checkerboard in CAPTURES.')
@@ -66,11 +79,12 @@ _INTERRUPTED = 130  # exit status, as of a shell's command
 @click.option('--out', type=FOLDER, help='Folder for all trials (results.csv), tables '
               "(results.md), poses in BOP's format (bop_*.csv), charts (PNG) and what they were "
               'made with (settings.json).')
+@FORCE
 def evaluate(captures: Path, calibration: Path | None, white: Path | None, corners: str,
              square: float, modes: str, changes: tuple[str, ...], sweeps: tuple[str, ...],
              trials: int, only: tuple[str, ...], wrong_objects: bool,
              object_ids: tuple[int, ...], views: int | None, targets: Path | None,
-             processes: int | None, out: Path | None) -> None:
+             processes: int | None, out: Path | None, force: bool) -> None:
     """Localise CAPTURES (subfolders with a picture, model.obj, truth.json), and report the errors.
 
     CAPTURES may be of a BOP data set too: a scene with scene_camera.json and scene_gt.json, or a
@@ -85,8 +99,9 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     others = _find(captures, (), views, None) if wrong_objects else []
     variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
                 *(row for each in sweeps for row in sweep(each))]
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)  # first: the rest takes minutes
+    results = None if out is None else results_in(out, force)
+    if results is not None:  # first: the rest takes minutes
+        results.reserve(*_RESULTS, *(_bop_name(each.name) for each in variants))
     camera = _camera(captures, chosen, calibration, white, corners, square)
     plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)), tuple(others))
     jobs = plan.jobs()
@@ -95,14 +110,14 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     started = time.perf_counter()
     try:
         with _interruptible() as stop:
-            _run(jobs, camera, count, stop.is_set, done, out)
+            _run(jobs, camera, count, stop.is_set, done, results)
     finally:
         if done:
-            _report(plan, done, out)
-            if out is not None:
+            _report(plan, done, results)
+            if results is not None:
                 files = [each for each in (calibration, white) if each is not None]
                 used = settings(plan, files, count, time.perf_counter() - started)
-                (out / 'settings.json').write_text(json.dumps(used, indent=1) + '\n')
+                results.path('settings.json').write_text(json.dumps(used, indent=1) + '\n')
     if stop.is_set():
         STDERR.print(f'interrupted after {len(done)} of {len(jobs)} trials')
         raise SystemExit(_INTERRUPTED)
@@ -155,13 +170,14 @@ def _camera(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
 
 
 def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Callable[[], bool],
-         done: list[Trial], out: Path | None) -> None:
+         done: list[Trial], results: Results | None) -> None:
     """Do all jobs; append each trial to `done`, and to results.csv."""
     columns = (*Progress.get_default_columns()[:3], MofNCompleteColumn(), TimeRemainingColumn())
     with contextlib.ExitStack() as stack:
         bar = stack.enter_context(Progress(*columns, console=STDERR, transient=True))
         task = bar.add_task('', total=len(jobs))
-        file = None if out is None else stack.enter_context(TrialsFile(out / 'results.csv'))
+        file = None if results is None else stack.enter_context(
+            TrialsFile(results.path('results.csv')))
         trials = run_jobs(jobs, camera, processes, stopped)
         for trial in stack.enter_context(contextlib.closing(trials)):
             done.append(trial)
@@ -170,22 +186,22 @@ def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Ca
                 file.add(trial)
 
 
-def _report(plan: Plan, done: list[Trial], out: Path | None) -> None:
+def _report(plan: Plan, done: list[Trial], results: Results | None) -> None:
     """Print the tables; write all files, in an order that does not depend on the processes."""
     modes = [each.name for each in plan.variants]
     done.sort(key=lambda each: (each.capture, modes.index(each.mode), each.wrong, each.seed))
     table = markdown(done)
     click.echo(table)
-    if out is not None:
-        (out / 'results.md').write_text(table + '\n')
-        with TrialsFile(out / 'results.csv') as file:
+    if results is not None:
+        results.path('results.md').write_text(table + '\n')
+        with TrialsFile(results.path('results.csv')) as file:
             for each in done:
                 file.add(each)
         for mode, rows in by_row(done).items():
-            write_bop(out / f'bop_{_file_name(mode)}.csv', rows, plan)
+            write_bop(results.path(_bop_name(mode)), rows, plan)
         for name, picture in pictures(done, plan.variants).items():
-            write_png(out / f'{name}.png', picture)
+            write_png(results.path(f'{name}.png'), picture)
 
 
-def _file_name(mode: str) -> str:
-    return ''.join(each if each.isalnum() or each in '.-=' else '_' for each in mode)
+def _bop_name(mode: str) -> str:
+    return f'bop_{"".join(c if c.isalnum() or c in ".-=" else "_" for c in mode)}.csv'

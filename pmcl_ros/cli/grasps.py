@@ -7,7 +7,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from pmcl_ros.cli.base import FILE, FORCE
+from pmcl_ros.cli.base import FILE, FORCE, OBJECT
 from pmcl_ros.drawing.grasp_picture import grasp_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.grasps.clearance import Clearance, surface_points
@@ -22,7 +22,7 @@ _SIGMAS = (0.002, 0.005)  # m: of the position, for the probability that a grasp
 
 
 @click.command()
-@click.argument('object_file', metavar='OBJECT', type=FILE)
+@click.argument('object_file', metavar='OBJECT', type=OBJECT)
 @click.option('--gripper', type=FILE, help="The gripper's sizes, YAML; default: a Fetch's.")
 @click.option('--out', type=click.Path(dir_okay=False, path_type=Path),
               help='Write the grasps, for grasp_node, to this YAML file.')

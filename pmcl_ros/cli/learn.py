@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
 
-from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.captures import Capture, find_captures
@@ -29,6 +29,7 @@ from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.outputs import refuse_existing
 
 _LARGEST = 0.14  # m: radius of any generated object
 _FALSE_ALARMS = 0.05
@@ -56,8 +57,9 @@ _DIGITS = 2  # of the numbers that are printed and written
               help='Write what is learned to this file, as config/learned/contour.yaml (with '
               '--creases: creases.yaml; --map: contour_map_evidence.yaml; --posed: views.yaml), '
               'which is read at start.')
+@FORCE
 def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, posed: bool,
-          out: Path | None) -> None:
+          out: Path | None, force: bool) -> None:
     """Learn the contour evidence from captures with truth, as `pmcl scenes render` makes.
 
     Prints the profile across contours, the support and evidence below which an object is lost, and
@@ -66,6 +68,7 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     """
     if creases + of_map + posed > 1:
         raise click.UsageError('--creases, --map and --posed are learned one after the other')
+    refuse_existing([] if out is None else [out], force)
     captures = find_captures(folder)
     command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
                f'{" --map" * of_map} --out {out}')

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from pmcl_ros.cli.base import FOLDER
+from pmcl_ros.cli.base import FOLDER, FORCE, results_in
 
 
 @click.command()
@@ -22,8 +22,9 @@ from pmcl_ros.cli.base import FOLDER
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
+@FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
-              bfloat16: bool) -> None:
+              bfloat16: bool, force: bool) -> None:
     """Train the network of the contour map on labelled pictures, and calibrate it.
 
     Needs TensorFlow: pip install '.[learn]' in the source tree. It uses a GPU where it sees one.
@@ -31,6 +32,8 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
     """
     if crop % 16:
         raise click.BadParameter(f'{crop} is no multiple of 16', param_hint='--crop')
+    results_in(out, force).reserve('contour_map.onnx', 'contour_map.yaml', 'reliability.png',
+                                   'training.npz')
     try:
         from pmcl_ros.learning.contour_net.learn import learn
         from pmcl_ros.learning.contour_net.training import Plan

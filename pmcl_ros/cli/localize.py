@@ -10,7 +10,7 @@ import click
 import numpy as np
 from rich.progress import Progress, track
 
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, Opened, source_options
 from pmcl_ros.drawing.pictures import depth_picture, displayed, outlines, overlay, write_png
@@ -27,11 +27,12 @@ from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
+from pmcl_ros.runtime.outputs import Results
 
 
 @click.command()
 @source_options
-@click.option('--object', 'objects', multiple=True, type=FILE,
+@click.option('--object', 'objects', multiple=True, type=OBJECT,
               help='A mesh, or an object YAML; several are found together.')
 @click.option('--object-id', type=click.IntRange(0), metavar='N', help='Of a BOP scene, in place '
               "of --object: the data set's object N, models/obj_00000N.ply in millimetres.")
@@ -46,10 +47,12 @@ from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
               help='The same seed gives the same pose.')
 @click.option('--json', 'as_json', is_flag=True, help='Print one JSON object on standard output.')
 @click.option('--out', type=FOLDER, help='Folder for pictures.')
-@click.option('--truth', type=FILE, help='A truth.json to compare with.')
+@click.option('--truth', type=TRUTH, help='A truth.json to compare with.')
+@FORCE
 def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | None,
              region: GivenRegion, mode: Mode, kind: EvidenceKind | None, changes: tuple[str, ...],
-             seed: int, as_json: bool, out: Path | None, truth: Path | None) -> None:
+             seed: int, as_json: bool, out: Path | None, truth: Path | None,
+             force: bool) -> None:
     """Find the object's pose in SOURCE: a raw picture, a light field or an ordinary picture.
 
     A raw picture is a .RAW, .RAW.xz (with its .TXT) or .LFP; it needs --calibration and --white. A
@@ -59,6 +62,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     poses of the cameras, the region and the pose are in their reference frame. A bag is one of raw
     pictures, of views, of posed views, or a robot's of images, camera_info and poses.
     """
+    results = None if out is None else results_in(out, force)
     if (object_id is None) == (not objects):
         raise click.UsageError('say which object: --object with its mesh (docs/howto/object.md), '
                                'or --object-id of a BOP scene')
@@ -84,44 +88,45 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
         pictures = [replace(source, source=each) for each in alone]
         model = load(objects[0])
         settings, _ = settled(settings, pictures[0].open().read, model.radius)
-        _localize_each(pictures, model, settings, dict(of_volume), as_json, out)
+        _localize_each(pictures, model, settings, dict(of_volume), as_json, results)
         return
     opened = source.open()
     model = load(objects[0])
     if len(objects) > 1:
         if truth is not None:
             raise click.UsageError('--truth is of one object: give one --object')
-        _localize_several(opened, objects, settings, dict(of_volume), as_json, out)
+        _localize_several(opened, objects, settings, dict(of_volume), as_json, results)
         return
     settings, read = settled(settings, opened.read, model.radius)
     pipeline = Pipeline.for_object(model, settings, dict(of_volume), '--set', opened.posed)
-    run = _run(pipeline, read, seed, with_volume=out is not None)
+    run = _run(pipeline, read, seed, with_volume=results is not None)
     estimate = run.estimate
     _print(estimate, _seconds(run), as_json)
     if truth is not None:
         error = pose_error(estimate.pose, Truth.load(truth).pose, model.symmetry)
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    if results is not None:
         if run.volume is not None:
-            write_png(out / 'depth.png', depth_picture(
+            write_png(results.path('depth.png'), depth_picture(
                 run.volume.depth_map(), run.settings.near, run.settings.far))
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
-                write_png(out / f'overlay_{number:03d}.png', overlay_in_view(
+                write_png(results.path(f'overlay_{number:03d}.png'), overlay_in_view(
                     view, model, estimate.pose, settings.interface))
             click.echo(f'pictures in {out}', err=True)
             return
         picture = displayed(run.source)
-        write_png(out / 'centre.png', picture)
+        write_png(results.path('centre.png'), picture)
         seen = as_it_appears(model, estimate.pose, settings.interface)
-        write_png(out / 'overlay.png', overlay(picture, run.source.pinhole, seen, estimate.pose))
+        write_png(results.path('overlay.png'), overlay(
+            picture, run.source.pinhole, seen, estimate.pose))
         click.echo(f'pictures in {out}', err=True)
 
 
 def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings: PmclSettings,
-                   of_volume: dict[str, Any], as_json: bool, out: Path | None) -> None:
+                   of_volume: dict[str, Any], as_json: bool, results: Results | None
+                   ) -> None:
     """Find an object in each picture by itself, and print a pose a picture, in its camera."""
     found: list[dict[str, Any]] = []
     with Pipeline.for_object(model, settings, of_volume, '--set') as pipeline:
@@ -133,11 +138,10 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
                              | _as_dict(run.estimate, _seconds(run)))
             else:
                 click.echo(f'{name.name}: {run.estimate.describe()}')
-            if out is not None:
+            if results is not None:
                 assert isinstance(run.source, PosedView)
-                out.mkdir(parents=True, exist_ok=True)
                 seen = as_it_appears(model, run.estimate.pose, settings.interface)
-                write_png(out / f'overlay_{name.stem}.png', overlay(
+                write_png(results.path(f'overlay_{name.stem}.png'), overlay(
                     displayed(run.source), run.source.pinhole, seen, run.estimate.pose))
     if as_json:
         click.echo(json.dumps({'pictures': found}))
@@ -145,7 +149,7 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
 
 def _localize_several(opened: Opened, objects: Sequence[Path],
                       settings: PmclSettings, of_volume: dict[str, Any], as_json: bool,
-                      out: Path | None) -> None:
+                      results: Results | None) -> None:
     """Find objects together, print their poses, and draw their outlines.
 
     objects: meshes or object YAMLs; a file that is given twice stands for two copies.
@@ -158,18 +162,18 @@ def _localize_several(opened: Opened, objects: Sequence[Path],
     scene = run.estimate
     _print(scene, {'dlv': run.seconds['views'] + run.seconds['evidence'],
                    'pmcl': run.seconds['pose']}, as_json)
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    if results is not None:
         there = [(model, each.pose, name) for model, each, name
                  in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
-                write_png(out / f'overlay_{number:03d}.png', outlines_in_view(
+                write_png(results.path(f'overlay_{number:03d}.png'), outlines_in_view(
                     view, there, settings.interface))
-            click.echo(f'pictures in {out}', err=True)
+            click.echo(f'pictures in {results.folder}', err=True)
             return
-        write_png(out / 'overlay.png', outlines(displayed(run.source), run.source.pinhole, there))
-        click.echo(f'picture in {out}', err=True)
+        write_png(results.path('overlay.png'), outlines(
+            displayed(run.source), run.source.pinhole, there))
+        click.echo(f'picture in {results.folder}', err=True)
 
 
 def _run(pipeline: Pipeline[Estimate], read: Callable[[], Source], seed: int,

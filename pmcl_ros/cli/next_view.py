@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from pmcl_ros.cli.base import FILE
+from pmcl_ros.cli.base import FILE, OBJECT
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -20,7 +20,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 
 @click.command('next-view')
 @view_options
-@click.option('--object', 'object_path', required=True, type=FILE,
+@click.option('--object', 'object_path', required=True, type=OBJECT,
               help='A mesh, or an object YAML.')
 @region_options
 @click.option('--candidates', type=FILE, help='YAML with `poses`: cameras to the reference frame, '

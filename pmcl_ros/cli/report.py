@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.progress import Progress
 
-from pmcl_ros.cli.base import FILE, STDERR
+from pmcl_ros.cli.base import FORCE, OBJECT, STDERR, TRUTH, results_in
 from pmcl_ros.cli.region import GivenRegion, region_options, settled
 from pmcl_ros.cli.sources import GivenSource, source_options
 from pmcl_ros.evaluation.report.localization import localize
@@ -20,24 +20,26 @@ from pmcl_ros.runtime.resources import resolve
 
 @click.command()
 @source_options
-@click.option('--object', 'object_path', type=FILE, help='A mesh, or an object YAML; '
+@click.option('--object', 'object_path', type=OBJECT, help='A mesh, or an object YAML; '
               'default: model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
 @region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='The same seed gives the same pose.')
-@click.option('--truth', 'truth_path', type=FILE, help='A truth.json to compare with; default: '
+@click.option('--truth', 'truth_path', type=TRUTH, help='A truth.json to compare with; default: '
               'the one beside SOURCE, if there is one and no other --object is looked for.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
               default=Path('report.html'), show_default=True, help='The page, one HTML file.')
+@FORCE
 def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
-           mode: str, seed: int, truth_path: Path | None, out: Path) -> None:
+           mode: str, seed: int, truth_path: Path | None, out: Path, force: bool) -> None:
     """Find the object's pose in SOURCE and write a page about it.
 
     SOURCE is what `pmcl localize` takes. Without --roi, --depths or --table the region is that of
     the truth.json beside it.
     """
+    written = results_in(out.parent, force).path(out.name)
     path = source.source
     folder = path if path.is_dir() else path.parent
     beside = folder / 'truth.json' if (folder / 'truth.json').is_file() else None
@@ -62,8 +64,7 @@ def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
         bar.update(task, description='page')
         text = page(run)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding='utf-8')
+        written.write_text(text, encoding='utf-8')
     except OSError as error:
         raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
     STDERR.print(run.estimate.describe(), markup=False, soft_wrap=True)

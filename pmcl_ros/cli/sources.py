@@ -10,7 +10,7 @@ import click
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.cli.base import FILE, OF_CAMERA, PATH, STDERR, calibration_type
+from pmcl_ros.cli.base import FILE, OF_CAMERA, SOURCE, STDERR, WHITE, calibration_type
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
@@ -37,11 +37,11 @@ _OF_RAW = (
     click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
                  help="Of a raw picture: the camera's calibration, YAML, or the name that pmcl "
                  'calibrate --camera gave it.'),
-    click.option('--white', type=PATH, help="Of a raw picture: the camera's white image, "
+    click.option('--white', type=WHITE, help="Of a raw picture: the camera's white image, "
                  'RAW[.xz] with its TXT, or a folder of white images: the one that fits '
                  'the picture is chosen.'))
 _OF_VIEWS = (
-    click.argument('source', type=PATH),
+    click.argument('source', type=SOURCE),
     click.option('--every', type=click.IntRange(1), default=1, metavar='K',
                  help='Of a light field: each K-th view alone.'),
     click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',

@@ -11,7 +11,8 @@ import click
 import numpy as np
 from rich import progress
 
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.base import CAMERA as ORDINARY
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
@@ -39,6 +40,7 @@ from pmcl_ros.evaluation.studies.view_gain import view_gain as in_one_scene
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings
+from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
@@ -71,12 +73,15 @@ def coverage(trials: int, seed: int, near: bool) -> None:
 @click.argument('folder', type=FOLDER)
 @click.option('--only', type=click.Choice(list(FIGURES)), help='Only this drawing.')
 @click.option('--tables', is_flag=True, help='Print their numbers too, as Markdown.')
-def figures(folder: Path, only: str | None, tables: bool) -> None:
+@FORCE
+def figures(folder: Path, only: str | None, tables: bool, force: bool) -> None:
     """Draw the documentation's figures into FOLDER, as PNG."""
+    files = {name: folder / f'{name}.png' for name in ([only] if only else FIGURES)}
+    refuse_existing(files.values(), force)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in [only] if only else FIGURES:
-        write_png(folder / f'{name}.png', FIGURES[name]())
-        click.echo(folder / f'{name}.png')
+    for name, file in files.items():
+        write_png(file, FIGURES[name]())
+        click.echo(file)
         if tables and name in TABLES:
             click.echo(TABLES[name]())
 
@@ -85,24 +90,24 @@ def figures(folder: Path, only: str | None, tables: bool) -> None:
 @click.option('--count', type=click.IntRange(1), default=20, show_default=True, help='Vessels.')
 @click.option('--seed', type=click.IntRange(0), default=0, show_default=True,
               help='Vessel k is that of seed + k.')
-@click.option('--camera', type=FILE, help='As of `pmcl scenes render`; default: 640x480 px, fx '
-              '600.')
+@click.option('--camera', type=ORDINARY, help='As of `pmcl scenes render`; default: 640x480 px, '
+              'fx 600.')
 @click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
               help='Rays per pixel.')
 @click.option('--cad', is_flag=True, help='Find them with their true meshes too.')
 @click.option('--height', is_flag=True, help='Tell their heights, with errors of 0.5 mm.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for the table (profile_errors.md).')
+@FORCE
 def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad: bool,
-                   height: bool, processes: int, out: Path | None) -> None:
+                   height: bool, processes: int, out: Path | None, force: bool) -> None:
     """Measure generated vessels as `pmcl profile`, and find them by that in other scenes.
 
     Prints a row for each vessel: largest and mean deviation of the profile and its standard
     deviation that is told [mm]; the errors of its pose in three views of another scene, with the
     measured mesh and, with --cad, the true one, in brackets where it is lost.
     """
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    written = None if out is None else results_in(out, force).path('profile_errors.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     run = partial(profile_trial, of=ProfileStudy(
         ordinary, samples, with_cad=cad, with_height=height))
@@ -110,8 +115,8 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
                                console=STDERR, transient=True, description='vessels'):
         done = sorted([*done, each], key=lambda one: one.seed)
-        if out is not None:
-            (out / 'profile_errors.md').write_text(summary_of_profiles(done) + '\n')
+        if written is not None:
+            written.write_text(summary_of_profiles(done) + '\n')
     click.echo(summary_of_profiles(done))
 
 
@@ -131,8 +136,9 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
               'px, as of `pmcl scenes render`: arc:3:40; else in a light field.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for a picture of each scene, and the table.')
+@FORCE
 def together(count: int, seed: int, objects: int, views: int, size: int, samples: int,
-             cameras: str | None, processes: int, out: Path | None) -> None:
+             cameras: str | None, processes: int, out: Path | None, force: bool) -> None:
     """Localise the objects of scenes in which some hide others: jointly, and each alone.
 
     Prints a row for each scene: errors of the origins in mm, in brackets where the object is
@@ -140,18 +146,18 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
     """
     settings = SceneSettings.make({'views': views, 'size': size, 'near': 0.5, 'far': 0.8},
                                   'pmcl together')
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    results, seeds = None if out is None else results_in(out, force), range(seed, seed + count)
+    if results is not None:
+        results.reserve('results.md', *(f'{each:06d}.png' for each in seeds))
     run = partial(in_scene, count=objects, settings=settings, samples=samples,
                   plan=None if cameras is None else CameraPlan.parse(cameras))
-    seeds = range(seed, seed + count)
     done: list[Together] = []
     for each in progress.track(_all(run, seeds, processes), total=count, console=STDERR,
                                transient=True, description='scenes'):
         done = sorted([*done, each], key=lambda one: one.seed)
-        if out is not None:
-            write_png(out / f'{each.seed:06d}.png', each.picture)
-            (out / 'results.md').write_text(summary(done) + '\n')
+        if results is not None:
+            write_png(results.path(f'{each.seed:06d}.png'), each.picture)
+            results.path('results.md').write_text(summary(done) + '\n')
     click.echo(summary(done))
 
 
@@ -172,8 +178,8 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
               help='Scene k is that of seed + k.')
 @click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS), default=['glass'],
               show_default=True, help='Of the scenes; may be repeated.')
-@click.option('--camera', type=FILE, help='As of `pmcl scenes render`; default: 640x480 px, fx '
-              '600.')
+@click.option('--camera', type=ORDINARY, help='As of `pmcl scenes render`; default: 640x480 px, '
+              'fx 600.')
 @click.option('--samples', type=click.IntRange(1), default=3, show_default=True,
               help='Rays per pixel.')
 @click.option('--apart', type=click.FloatRange(0, 180, min_open=True), default=10.0,
@@ -184,9 +190,10 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
               show_default=True, help='On this cap.')
 @click.option('--processes', type=click.IntRange(1, 64), default=1, show_default=True)
 @click.option('--out', type=FOLDER, help='Folder for the table (view_gain.md).')
+@FORCE
 def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None, samples: int,
-              apart: float, cap: float, candidates: int, processes: int, out: Path | None
-              ) -> None:
+              apart: float, cap: float, candidates: int, processes: int, out: Path | None,
+              force: bool) -> None:
     """Look at generated scenes twice, then from where `pmcl next-view` says, and anywhere else.
 
     Prints a row for each scene: the error by two views, by these and the best candidate, and by
@@ -194,8 +201,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     that which was expected before the view was taken [mm]. Candidates beyond the table or the
     wall are left out.
     """
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    written = None if out is None else results_in(out, force).path('view_gain.md')
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     scenes = SceneSettings.make({'kinds': kinds, 'empty': 0.0, 'views': 3,
                                  'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
@@ -205,8 +211,8 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
     for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
                                console=STDERR, transient=True, description='scenes'):
         done = sorted([*done, each], key=lambda one: one.seed)
-        if out is not None:
-            (out / 'view_gain.md').write_text(summary_of_gains(done) + '\n')
+        if written is not None:
+            written.write_text(summary_of_gains(done) + '\n')
     click.echo(summary_of_gains(done))
 
 
@@ -231,8 +237,10 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
               default=_FIELDS['camera_speed'].default, help=_FIELDS['camera_speed'].description)
 @click.option('--out', type=FOLDER, help='Folder for the table (track.md) and a drawing of the '
               'errors over frames for each sequence.')
+@FORCE
 def track(count: int, seed: int, model: str, every: int, frames: int, occluded: int,
-          size: int, object_speed: float, camera_speed: float, out: Path | None) -> None:
+          size: int, object_speed: float, camera_speed: float, out: Path | None,
+          force: bool) -> None:
     """Track an object through generated sequences (`pmcl scenes sequence`); print the errors.
 
     Errors, shares and times of single shots are of the frames that were localised both ways.
@@ -240,8 +248,9 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
     settings = SequenceSettings.make(
         {'frames': frames, 'occluded': occluded, 'size': size, 'object_speed': object_speed,
          'camera_speed': camera_speed}, 'pmcl track')
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+    results = None if out is None else results_in(out, force)
+    if results is not None:
+        results.reserve('track.md', *(f'track_{k:03d}.png' for k in range(seed, seed + count)))
     rows: list[dict[str, str]] = []
     played: list[list[Trial]] = []
     columns = (*progress.Progress.get_default_columns()[:3], progress.MofNCompleteColumn(),
@@ -261,7 +270,7 @@ def track(count: int, seed: int, model: str, every: int, frames: int, occluded: 
             shown = [*rows, row('all', played)]
             text = '\n\n'.join([table(list(shown[0]), [list(line.values()) for line in shown]),
                                 recoveries([recovery(each) for each in played])])
-            if out is not None:  # at once: a sequence takes minutes
-                write_png(out / f'track_{number:03d}.png', picture(name, trials))
-                (out / 'track.md').write_text(text + '\n')
+            if results is not None:  # at once: a sequence takes minutes
+                write_png(results.path(f'track_{number:03d}.png'), picture(name, trials))
+                results.path('track.md').write_text(text + '\n')
     click.echo(text)

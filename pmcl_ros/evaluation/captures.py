@@ -79,9 +79,10 @@ class Capture:
         return other.source == self.source
 
     def files(self) -> list[Path]:
-        """All files of the capture, and of its picture where that lies elsewhere."""
+        """All files, none hidden, of the capture, and of its picture where that is elsewhere."""
         return [each for folder in dict.fromkeys([self.source, self.folder])
-                for each in sorted(folder.iterdir()) if each.is_file()]
+                for each in sorted(folder.iterdir())
+                if each.is_file() and not each.name.startswith('.')]
 
     @property
     def picture(self) -> Path | None:

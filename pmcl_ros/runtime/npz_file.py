@@ -37,6 +37,8 @@ def read_arrays(path: Path | str, most: int) -> dict[str, NDArray[Any]]:
         raise FileError(f'{path}: {error}') from None
     except OSError as error:
         raise FileError(f'cannot read {path}: {error.strerror or error}') from None
+    except MemoryError:
+        raise
     except Exception as error:  # zipfile, zlib, lzma and numpy's parser of headers have their own
         raise FileError(f'cannot read {path}: {error or type(error).__name__}; expected an NPZ '
                         'file') from None

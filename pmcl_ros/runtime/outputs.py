@@ -1,14 +1,103 @@
 """Files that a command writes: none that is there already is overwritten unasked."""
 
+import hashlib
+import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from pmcl_ros.runtime.errors import OutputError
+from pmcl_ros.runtime.text_file import read_json
+
+_NOTE = '.pmcl_results.json'
+_BLOCK = 2 ** 20  # bytes
 
 
 def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
     """Raise OutputError, which names the first of `paths` that is there, unless `force`."""
     for path in () if force else paths:
-        if path.exists() or path.is_symlink():
+        if _is_there(path):
             raise OutputError(f'{path} is there already: give another name, or --force to '
                               'overwrite it')
+
+
+class Results:
+    """What a command writes into a folder. It overwrites what it wrote in earlier runs only.
+
+    A hidden file of the folder, `.pmcl_results.json`, has the SHA-256 of each result by command
+    and name. One that has changed since is somebody's own. While a command runs it has null in
+    place of them, so that a run that was killed can be repeated.
+    """
+
+    def __init__(self, folder: Path, command: str, force: bool = False) -> None:
+        self.folder, self._command, self._force = folder, command, force
+        self._before: dict[str, str] = {}  # of the names given: digest of another's file, or ''
+        self._is_new = not folder.exists()
+
+    def __enter__(self) -> 'Results':
+        return self
+
+    def path(self, name: str) -> Path:
+        """Where to write a result; its folder is made.
+
+        name: below the folder. Raises OutputError where a file is there that no earlier run
+        wrote, unless `force`; FileError where `.pmcl_results.json` is damaged.
+        """
+        path = self.folder / name
+        if name in self._before:
+            return path
+        own = self._own()
+        is_own = not _is_there(path) or (name in own and own[name] in (None, _digest(path)))
+        if not (is_own or self._force):
+            raise OutputError(f'{path} is there already, and it is not what an earlier run wrote: '
+                              'give another folder, or --force to overwrite it')
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._before[name] = '' if is_own else _digest(path)
+        self._note(own | {name: None})
+        return path
+
+    def reserve(self, *names: str) -> None:
+        """As `path` of each, before work that takes long."""
+        for name in names:
+            self.path(name)
+
+    def __exit__(self, *_: object) -> None:
+        """Note what was written; a folder that was made for nothing goes."""
+        if self._before:
+            now = {name: _digest(self.folder / name) for name in self._before}
+            others = {name: each for name, each in self._own().items() if name not in now}
+            self._note(others | {name: each for name, each in now.items()
+                                 if each != self._before[name]})
+            if self._is_new and not any(self.folder.iterdir()):
+                self.folder.rmdir()
+
+    def _own(self) -> dict[str, Any]:
+        note = self.folder / _NOTE
+        own = read_json(note).get(self._command, {}) if note.exists() else {}
+        if not isinstance(own, dict):
+            raise OutputError(f'{note} is damaged: delete it')
+        return own
+
+    def _note(self, own: dict[str, Any]) -> None:
+        note, part = self.folder / _NOTE, self.folder / f'{_NOTE}.part'
+        noted = {**(read_json(note) if note.exists() else {}), self._command: own}
+        if any(noted.values()):
+            part.write_text(json.dumps(noted, indent=1) + '\n')
+            part.replace(note)
+        else:
+            note.unlink(missing_ok=True)
+
+
+def _is_there(path: Path) -> bool:
+    return path.exists() or path.is_symlink()
+
+
+def _digest(path: Path) -> str:
+    """SHA-256; '' where there is no file."""
+    if not path.is_file():
+        return ''
+    digest = hashlib.sha256()
+    with path.open('rb') as file:
+        while block := file.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,4 +1,7 @@
-"""Writes generated captures and sequences to disk, with their truth."""
+"""Writes generated captures and sequences to disk, with their truth.
+
+Files that are there and that no earlier run wrote raise OutputError, unless `force`.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +23,7 @@ from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record
 from pmcl_ros.pmcl.region import Region
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
 from pmcl_ros.simulation.card import with_card
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, seen_from
@@ -27,10 +31,12 @@ from pmcl_ros.simulation.scenes.scene import Scene, Target
 from pmcl_ros.simulation.sequence import Sequence as MovingScene
 
 FIXED_FRAME = 'odom'
+_COMMAND = 'scenes'  # of whom a capture is the result: it may be begun and ended by several
 _STEP = 2.0 ** -10  # of a view's values: far below their noise, and half the bytes on disk
 
 
-def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: int) -> None:
+def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: int,
+                  force: bool = False) -> None:
     """Write views.npz, model.obj, truth.json, centre.png, depth.npz into a folder.
 
     model.obj and truth.json are of the first target; those of other targets lie in numbered
@@ -38,65 +44,72 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
     A target with discrete symmetries has a model.yaml too.
     Views are kept with 11 bits of precision, far below their noise.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     light_field = capture.light_field
-    write_npz(folder / 'views.npz', replace(light_field, views=light_field.views.astype('f2')))
-    write_png(folder / 'centre.png', light_field.picture())
-    np.savez_compressed(folder / 'depth.npz', depth=capture.depth, labels=capture.labels)
-    _write_targets(folder, scene, seed)
+    with Results(folder, _COMMAND, force) as out:
+        write_npz(out.path('views.npz'),
+                  replace(light_field, views=light_field.views.astype('f2')))
+        write_png(out.path('centre.png'), light_field.picture())
+        np.savez_compressed(out.path('depth.npz'), depth=capture.depth, labels=capture.labels)
+        _write_targets(out, scene, seed)
 
 
-def write_raw(folder: Path, scene: Scene, frame: RawFrame, seed: int) -> None:
+def write_raw(folder: Path, scene: Scene, frame: RawFrame, seed: int, force: bool = False
+              ) -> None:
     """Write IMG.RAW, IMG.TXT, model.obj, truth.json into a folder, as `write_capture` does."""
-    folder.mkdir(parents=True, exist_ok=True)
-    write_raw_frame(folder / 'IMG.RAW', frame, force=True)
-    _write_targets(folder, scene, seed)
+    with Results(folder, _COMMAND, force) as out:
+        out.reserve('IMG.TXT')
+        write_raw_frame(out.path('IMG.RAW'), frame, force=True)
+        _write_targets(out, scene, seed)
 
 
 def write_view(folder: Path, scene: Scene, picture: NDArray[np.uint8],
-               camera: posed_views.ViewCamera, seed: int) -> None:
+               camera: posed_views.ViewCamera, seed: int, force: bool = False) -> None:
     """Write view.png, views.yaml, model.obj, truth.json into a folder, as `write_capture` does.
 
     picture: (height, width, 3) RGB of the camera.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    write_png(folder / 'view.png', picture)
-    _write_views(folder, camera, [{'file': 'view.png'}])
-    _write_targets(folder, scene, seed)
+    with Results(folder, _COMMAND, force) as out:
+        write_png(out.path('view.png'), picture)
+        _write_views(out, camera, [{'file': 'view.png'}])
+        _write_targets(out, scene, seed)
 
 
 def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]],
-                camera: posed_views.ViewCamera, plan: CameraPlan, seed: int) -> None:
+                camera: posed_views.ViewCamera, plan: CameraPlan, seed: int, force: bool = False
+                ) -> None:
     """Write 000.png, ..., views.yaml, model.obj, truth.json into a folder.
 
     pictures: (height, width, 3) RGB each, from the plan's poses. The reference frame is that of
     the room (`in_room`), the region of interest a box along its axes. The errors of the poses in
     views.yaml and the views that a card hides are drawn from the seed.
     """
-    folder.mkdir(parents=True, exist_ok=True)
     cameras = plan.cameras(scene)
     rng = np.random.default_rng([seed, len(cameras)])
     told = in_room(scene, plan.told(cameras, rng))
     hidden = rng.permutation(len(cameras))[:plan.hidden]
     entries: list[dict[str, Any]] = []
+    shown: list[NDArray[np.uint8]] = []
     for number, (picture, pose) in enumerate(zip(pictures, told, strict=True)):
         if number in hidden:
             seen = seen_from(scene, cameras[number]).targets[0]
             corners = seen.vertices @ seen.pose[:3, :3].T + seen.pose[:3, 3]
             picture = with_card(picture, camera.pinhole.project(corners), rng)
-        write_png(folder / f'{number:03d}.png', picture)
+        shown.append(picture)
         entry = {'file': f'{number:03d}.png', 'camera_to_reference': pose.ravel().tolist()}
         if plan.stated and (plan.sigma_mm or plan.sigma_deg):
             entry |= {'sigma_mm': plan.sigma_mm, 'sigma_deg': plan.sigma_deg}
             if plan.common:
                 entry |= {'group': 'arm', 'common': plan.common}
         entries.append(entry)
-    _write_views(folder, camera, entries, 'room')
     room = in_room(scene, np.eye(4))
     targets = tuple(replace(
         each, pose=room @ each.pose,
         roi_center=_triple(room[:3, :3] @ each.roi_center)) for each in scene.targets)
-    _write_targets(folder, replace(scene, targets=targets), seed, 'object_to_reference')
+    with Results(folder, _COMMAND, force) as out:
+        for entry, picture in zip(entries, shown, strict=True):
+            write_png(out.path(entry['file']), picture)
+        _write_views(out, camera, entries, 'room')
+        _write_targets(out, replace(scene, targets=targets), seed, 'object_to_reference')
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -104,7 +117,7 @@ def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _write_views(folder: Path, camera: posed_views.ViewCamera, entries: list[dict[str, Any]],
+def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dict[str, Any]],
                  reference: str | None = None) -> None:
     values = camera.model_dump(mode='json', exclude_none=True,
                                include=set(posed_views.ViewCamera.model_fields))
@@ -112,22 +125,21 @@ def _write_views(folder: Path, camera: posed_views.ViewCamera, entries: list[dic
                'views': [{'camera': 'camera'} | each for each in entries]}
     if reference is not None:
         written['reference'] = reference
-    (folder / posed_views.NAME).write_text(
+    out.path(posed_views.NAME).write_text(
         yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
 
 
-def _write_targets(folder: Path, scene: Scene, seed: int, key: str = 'object_to_camera') -> None:
+def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_camera') -> None:
     """key: of the pose, after its frame."""
     for number, target in enumerate(scene.targets):
-        place = folder if number == 0 else folder / str(number)
-        place.mkdir(exist_ok=True)
+        place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
-        mesh.export(place / 'model.obj', digits=7)
+        mesh.export(out.path(f'{place}model.obj'), digits=7)
         if len(target.discrete) > 1:
-            (place / 'model.yaml').write_text(yaml.safe_dump(_object(target)))
+            out.path(f'{place}model.yaml').write_text(yaml.safe_dump(_object(target)))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
         truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target, key)
-        (place / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+        out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
 
 
 def _object(target: Target) -> dict[str, Any]:

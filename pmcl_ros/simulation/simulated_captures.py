@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from pmcl_ros.runtime.errors import FileError
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.files import write_capture, write_raw, write_view, write_views
@@ -53,32 +54,35 @@ def is_there(folder: Path) -> bool:
 
 
 def simulate(seed: int, folder: Path, of: Simulation,
-             progress: Callable[[float], None] = lambda _: None) -> Path:
+             progress: Callable[[float], None] = lambda _: None, force: bool = False) -> Path:
     """Write the capture of a seed into folder/SEED, unless it is there; returns that folder.
 
     It has the files of `pmcl scenes render`. progress: called with the share done. The same seed
-    gives the same capture. Raises SimulationError as the renderer does.
+    gives the same capture. Raises SimulationError as the renderer does, OutputError where a file
+    is there that no earlier run wrote, unless `force`.
     """
     place = place_of(seed, folder)
     if is_there(place):
         return place
-    (place / 'trials.json').unlink(missing_ok=True)  # of a picture that is made anew
+    with Results(place, 'feasibility', force) as trials:  # of a picture that is made anew
+        trials.path('trials.json').unlink(missing_ok=True)
     rng = np.random.default_rng(seed)
     scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
     if of.camera is None:
-        write_capture(place, scene, render(scene, rng, of.samples, progress, of.renderer), seed)
+        write_capture(place, scene, render(scene, rng, of.samples, progress, of.renderer), seed,
+                      force)
     elif isinstance(of.camera, LytroCamera):
         frame = raw_picture(of.camera, of.along(scene), rng, of.samples, scene.sensor.level,
                             progress=progress)
-        write_raw(place, scene, frame, seed)
+        write_raw(place, scene, frame, seed, force)
     elif of.plan is None:
         picture = take_picture(scene, of.camera, rng, of.samples, of.renderer)
-        write_view(place, scene, picture, of.camera, seed)
+        write_view(place, scene, picture, of.camera, seed, force)
     else:
         pictures = []
         for pose in (poses := of.plan.cameras(scene)):
             pictures.append(take_picture(seen_from(scene, pose), of.camera, rng, of.samples,
                                          of.renderer))
             progress(len(pictures) / len(poses))
-        write_views(place, scene, pictures, of.camera, of.plan, seed)
+        write_views(place, scene, pictures, of.camera, of.plan, seed, force)
     return place

@@ -57,7 +57,7 @@ def test_number_and_size_of_the_views_are_chosen(files, tmp_path):
     (['--views', '4'], 1, '4 views of a row: their number must be odd'),
     (['--size', '40'], 2, "'40' is no size; expected width x height"),
     (['--size', '0x40'], 2, "'0x40' is no size"),
-    (['--size', '9999x9999'], 1, 'take 90.5 GiB'),
+    (['--size', '9999x9999'], 1, 'take 92679 MiB'),
     (['--compare', 'broken.npz'], 1, 'broken.npz holds no ideal views'),
     (['--out', 'broken.npz/out'], 1, 'Not a directory'),
 ])

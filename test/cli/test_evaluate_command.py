@@ -49,6 +49,7 @@ def test_all_that_a_run_writes(captures, tmp_path):
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert {each.name for each in tmp_path.iterdir()} == {
+        '.pmcl_results.json',
         'results.csv', 'results.md', 'settings.json', 'success.png', 'errors.png', 'coverage.png',
         'time.png', *(f'bop_{name}.csv' for name in (
             'centre', 'particles=8', 'particles=16', paper.replace(',', '_')))}

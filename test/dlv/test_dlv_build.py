@@ -198,5 +198,5 @@ def test_too_few_labels_for_a_wide_baseline_are_told_once(caplog):
 def test_a_volume_that_fits_no_memory_is_refused():
     grid = make_grid((1, 2), (2000, 2000), 0.0001)
     field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
-    with pytest.raises(VolumeError, match=r'300 labels of 2000x2000 px take 4\.5 GiB, more'):
+    with pytest.raises(VolumeError, match=r'300 labels of 2000x2000 px need 13\.4 GiB, more'):
         build_volume(field, DlvSettings(labels=300))

@@ -1,7 +1,11 @@
 """The player publishes what was recorded, byte for byte, when somebody listens."""
 
+import os
 import re
+import shutil
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -216,6 +220,35 @@ def test_what_cannot_be_played_is_told(tmp_path, bag, arguments, status, reason)
     player = Process(tmp_path, REPLAY, *(bag if each == 'BAG' else each for each in arguments))
     assert player.popen.wait(PATIENCE) == status
     assert re.search(reason, player.log), player.log
+
+
+@pytest.mark.parametrize(('what', 'reason'), [
+    ('cut', 'it was cut short, or is damaged'), ('metadata', r'metadata\.yaml is not valid YAML'),
+    ('flipped', 'the checksum of the chunk at byte .* is wrong')])
+def test_a_damaged_bag_is_told_in_one_line_soon_and_in_little_memory(tmp_path, what, reason):
+    bag = tmp_path / 'wine_glass'
+    shutil.copytree(ROOT / 'bags' / 'wine_glass', bag)
+    file = bag / 'wine_glass.mcap'
+    data = bytearray(file.read_bytes())
+    if what == 'cut':
+        file.write_bytes(data[:len(data) // 2])
+    elif what == 'metadata':
+        (bag / 'metadata.yaml').write_text('[')
+    else:
+        data[len(data) // 2] ^= 1
+        file.write_bytes(data)
+    # Not Process: its wait has no usage of the processor and the memory.
+    with (tmp_path / 'log').open('w+') as log:
+        player = subprocess.Popen([sys.executable, '-m', REPLAY, bag, '--subscribers', '0'],
+                                  stdout=log, stderr=log)
+        _, status, used = os.wait4(player.pid, 0)
+        player.returncode = os.waitstatus_to_exitcode(status)
+        log.seek(0)
+        line, = log.read().splitlines()
+    assert player.returncode == 1
+    assert re.match(f'pmcl_replay: .*{reason}', line), line
+    assert used.ru_utime + used.ru_stime < 5  # s, of a machine that others use too
+    assert used.ru_maxrss < 1e6  # kB
 
 
 UNKNOWN = bags.VOLATILE._replace(

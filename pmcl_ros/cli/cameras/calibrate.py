@@ -10,7 +10,7 @@ from rich.progress import Progress
 
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
 from pmcl_ros.camera.white_images import choose_white
-from pmcl_ros.cli.base import FILE, FORCE, PATH, STDERR
+from pmcl_ros.cli.base import FORCE, STDERR, TRUTH, WHITE, Needed
 from pmcl_ros.drawing.calibration_report import numbers, picture, summary, tables
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
@@ -20,12 +20,13 @@ from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.runtime.resources import cameras_folder
 
 _OUT = click.Path(dir_okay=False, path_type=Path)
+_BOARDS = Needed('pmcl camera capture takes raw pictures: docs/howto/camera.md', folder=True)
 
 
 @click.command()
-@click.option('--white', required=True, type=PATH, help='White image of the camera, or a folder '
+@click.option('--white', required=True, type=WHITE, help='White image of the camera, or a folder '
               'of white images: the one that fits the first picture is chosen.')
-@click.option('--boards', required=True, type=click.Path(exists=True, path_type=Path),
+@click.option('--boards', required=True, type=_BOARDS,
               help='Folder with pictures of the board, searched with its subfolders.')
 @click.option('--corners', required=True, metavar='COLUMNSxROWS',
               help='Inner corners of the board, as 10x7.')
@@ -89,8 +90,8 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
 
 
 @click.command('calibration-from-truth')
-@click.argument('capture', type=FILE)
-@click.argument('white', type=FILE)
+@click.argument('capture', type=TRUTH)
+@click.argument('white', type=TRUTH)
 @click.option('--serial', default='', help='Serial number of the camera.')
 @click.option('--out', required=True, type=_OUT)
 @FORCE

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.cli.base import FORCE, PATH, STDERR
+from pmcl_ros.cli.base import FORCE, STDERR, Needed
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
@@ -23,7 +23,8 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
 
 
 @click.command('handeye')
-@click.argument('source', type=PATH, required=False)
+@click.argument('source', required=False, type=Needed(
+    'SOURCE is a views.yaml with mount_to_base: docs/howto/hand_eye.md', folder=True))
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Inner corners of the checkerboard; one number odd, the other even.')
 @click.option('--square', default=0.011, show_default=True, type=float,
@@ -90,7 +91,10 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool) -> HandEye
     if len(pinholes) > 1:
         raise LightFieldError(f'{path} has pictures of {len(pinholes)} cameras; give those of one')
     sigma = views[0].sigma if all(min(view.sigma) > 0 for view in views) else None
-    return hand_eye(pictures, board.points, views[0].pinhole, sigma, fixed_camera)
+    try:
+        return hand_eye(pictures, board.points, views[0].pinhole, sigma, fixed_camera)
+    except LightFieldError as error:
+        raise LightFieldError(f'{path}: {error}') from None
 
 
 def _print(found: HandEye, fixed: bool, parent: str) -> None:

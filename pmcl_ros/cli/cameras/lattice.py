@@ -7,7 +7,7 @@ import numpy as np
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.mosaic_image import is_mosaic_image, read_mosaic_image
-from pmcl_ros.cli.base import FILE, FOLDER
+from pmcl_ros.cli.base import FOLDER, FORCE, RAW, results_in
 from pmcl_ros.drawing.lattice_picture import lattice_picture
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.lattice import predicted_lattice
@@ -16,17 +16,20 @@ from pmcl_ros.lightfield.white_image import is_white_image, unevenness
 
 
 @click.command()
-@click.argument('raw', type=FILE)
+@click.argument('raw', type=RAW)
 @click.option('--out', required=True, type=FOLDER, help='Folder for lattice.yaml, lattice.png.')
 @click.option('--as', 'kind', type=click.Choice(['white', 'picture']),
               help='Kind of RAW; default: detected.')
 @click.option('--gain', type=float, default=1.0, show_default=True,
               help='Of a PNG or JPEG: factor applied to its intensity.')
-def lattice(raw: Path, out: Path, kind: str | None, gain: float) -> None:
+@FORCE
+def lattice(raw: Path, out: Path, kind: str | None, gain: float, force: bool) -> None:
     """Estimate the lattice of lenslets from RAW: a white image, or a picture if there is none.
 
     RAW: .RAW or .RAW.xz with its .TXT, .LFP, or the sensor's mosaic as an 8-bit PNG or JPEG.
     """
+    results = results_in(out, force)
+    values, drawing = map(results.path, ('lattice.yaml', 'lattice.png'))
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
     if kind is None:
         kind = 'white' if is_white_image(frame) else 'picture'
@@ -50,8 +53,7 @@ def lattice(raw: Path, out: Path, kind: str | None, gain: float) -> None:
         click.echo(f'the metadata say pitch {predicted.pitch_px:.5f} px, row step '
                    f'{predicted.row_step_px:.5f} px, rotation {predicted.rotation:.6f} rad: '
                    f'their centres are off by {np.median(apart):.2f} px (median)')
-    out.mkdir(parents=True, exist_ok=True)
-    found.save(out / 'lattice.yaml', f'From {raw.name}, a {kind} (pmcl lattice): {fit.lenslets} '
+    found.save(values, f'From {raw.name}, a {kind} (pmcl lattice): {fit.lenslets} '
                f'lenslets, measured centres within {fit.p95_px:.3f} px (95 %).')
-    write_png(out / 'lattice.png', lattice_picture(frame, fit))
+    write_png(drawing, lattice_picture(frame, fit))
     click.echo(f'lattice.yaml and lattice.png in {out}', err=True)

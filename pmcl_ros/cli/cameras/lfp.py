@@ -13,7 +13,7 @@ from pmcl_ros.camera.files import (
 )
 from pmcl_ros.camera.lfp import LARGEST_RAW, Container, file_set, is_file_set
 from pmcl_ros.camera.metadata import CameraMetadata
-from pmcl_ros.cli.base import FILE, FOLDER, FORCE
+from pmcl_ros.cli.base import FOLDER, FORCE, RAW
 from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.outputs import refuse_existing
 
@@ -24,7 +24,7 @@ def lfp() -> None:
 
 
 @lfp.command()
-@click.argument('raw', type=FILE)
+@click.argument('raw', type=RAW)
 @click.argument('out', type=click.Path(dir_okay=False, path_type=Path))
 @FORCE
 def pack(raw: Path, out: Path, force: bool) -> None:
@@ -37,7 +37,7 @@ def pack(raw: Path, out: Path, force: bool) -> None:
 
 
 @lfp.command()
-@click.argument('file', type=FILE)
+@click.argument('file', type=RAW)
 @click.argument('out', type=FOLDER)
 @click.option('--only', default='*', show_default=True,
               help="Of the camera's own files: those of this name pattern, as 'MOD_*'.")
@@ -68,7 +68,7 @@ def unpack(file: Path, out: Path, only: str, force: bool) -> None:
 
 
 @lfp.command()
-@click.argument('file', type=FILE)
+@click.argument('file', type=RAW)
 def info(file: Path) -> None:
     """Describe FILE and list its sections, each with its verified SHA-1."""
     container = Container.open(file)

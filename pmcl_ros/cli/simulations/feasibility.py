@@ -6,7 +6,7 @@ from typing import Any
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.cli.simulations.options import Simulated, minutes, simulation_options
 from pmcl_ros.evaluation.feasibility.findings import HEAD, Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
@@ -38,8 +38,9 @@ NAME = 'feasibility.html'
 @click.option('--share', type=click.FloatRange(0, 1, min_open=True), default=Aim().share,
               show_default=True, help='Share of the scenes that has to be good enough.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')
+@FORCE
 def feasibility(count: int, millimetres: float, degrees: float, share: float, out: Path, seed: int,
-                plan: str | None, camera: str, thing: Path, **options: Any) -> None:
+                plan: str | None, camera: str, thing: Path, force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT, localise it in each, and write one page.
 
     The page says how often and how exactly it is found, by number of views and how far they are
@@ -53,6 +54,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     wanted = None if camera == 'f01' else plan or _PLAN
     simulated = Simulated.from_options(wanted, thing=thing, camera=camera, seed=seed, **options)
     of = simulated.simulation
+    written = results_in(out, force).path(NAME)
     model, sets = ObjectModel.load(thing), view_sets(of.plan)
     searches = _SEARCH * len(sets)
     scenes = out / 'scenes'
@@ -66,13 +68,13 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('scenes', total=count)
         for number in range(count):
-            place = simulate(seed + number, scenes, of)
-            for each in scene_trials(place, model, sets):
+            place = simulate(seed + number, scenes, of, force=force)
+            for each in scene_trials(place, model, sets, force):
                 trials[each.mode].append(each)
             bar.advance(task)
     about = simulated.about | {'seeds': f'{seed} to {seed + count - 1}'}
     study = Feasibility(model, about, sets, trials, Aim(millimetres, degrees, share), scenes)
-    (out / NAME).write_text(page_of(study), encoding='utf-8')
+    written.write_text(page_of(study), encoding='utf-8')
     click.echo(table(HEAD, study.rows()))
     click.echo(f'\n{study.recommendation}')
-    click.echo(f'{out / NAME}')
+    click.echo(written)

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
 from pmcl_ros.evaluation.manipulation.page import page
 from pmcl_ros.evaluation.manipulation.series import Series
@@ -38,8 +38,9 @@ _CAMERA = 'package://pmcl_ros/config/manipulation/camera.yaml'
 @click.option('--undeclared', is_flag=True, help='Do not tell pmcl_node where the surface of the '
               'water is.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the trials.')
+@FORCE
 def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, renderer: str,
-               samples: int | None, undeclared: bool, out: Path) -> None:
+               samples: int | None, undeclared: bool, out: Path, force: bool) -> None:
     """Let a simulated robot take an object out of water, and count.
 
     sink: a glass, which it puts upright on a tray. tank: a floating bottle, which it lifts.
@@ -52,12 +53,16 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
     name, mass = OBJECTS[place]
     if camera not in (F01, F01_RAW):
         camera = str((Path(camera) if camera else resolve(_CAMERA, 'camera')).resolve())
+        if not Path(camera).is_file():
+            raise click.BadParameter(f'there is no file {camera}. {CAMERA.how}',
+                                     param_hint='--camera')
     load_camera(camera)  # said at once where it is none
     samples = samples or (1 if camera == F01_RAW else 4)
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
     series = Series(place, thing, mass, camera, renderer, samples, out.resolve(),
-                    not undeclared)
+                    not undeclared, force)
     series.claim()
+    written = results_in(out, force).path(NAME)
     seeds = range(seed, seed + count)
     seen, told = [], []
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
@@ -75,8 +80,8 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
              'pictures': f'{renderer}, {samples} samples of a pixel',
              'water': 'not declared' if undeclared else 'declared',
              'seeds': f'{seed} to {seed + count - 1}'}
-    (out / NAME).write_text(page(
+    written.write_text(page(
         f'{name.capitalize()} out of a {place}', about, seen, told,
         [series.file(each).parent for each in seeds], ObjectModel.load(series.thing),
         series.pinhole, [series.water(each) for each in seeds]))
-    click.echo(out / NAME)
+    click.echo(written)

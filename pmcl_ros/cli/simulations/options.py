@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from pmcl_ros import __version__
-from pmcl_ros.cli.base import FILE
+from pmcl_ros.cli.base import OBJECT
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
@@ -46,7 +46,7 @@ _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
 
 _OPTIONS = (
-    click.argument('thing', metavar='OBJECT', type=FILE),
+    click.argument('thing', metavar='OBJECT', type=OBJECT),
     click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as of '
                  f'`pmcl scenes render`; or {_F01}: light fields of a camera like it; or '
                  f'{_RAW}: its raw pictures.'),

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FILE, FOLDER, STDERR
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR
+from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.files import write_capture, write_sequence, write_view, write_views
 from pmcl_ros.simulation.labelled_pictures import PictureSettings, write_many
@@ -34,7 +35,7 @@ def scenes() -> None:
               help='Scene k is that of seed + k.')
 @click.option('--kind', 'kinds', multiple=True, type=click.Choice(KINDS),
               help='Only this kind; may be repeated.')
-@click.option('--camera', type=FILE, help='An ordinary camera, YAML: width, height, fx, cx, cy, '
+@click.option('--camera', type=CAMERA, help='An ordinary camera, YAML: width, height, fx, cx, cy, '
               'and as you like fy, model, distortion, gamma, noise, blur. It takes one picture of '
               'each scene; default: a light-field camera.')
 @click.option('--cameras', 'plan', metavar='PLAN', help='Of --camera: pictures of each scene from '
@@ -55,9 +56,11 @@ def scenes() -> None:
               show_default=True, help='Distributions: broad ones have other surroundings, clutter '
               'and cameras, as those of `pmcl scenes pictures`.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene.')
+@FORCE
 def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None,
                   plan: str | None, views: int | None, size: int | None, targets: int,
-                  samples: int | None, noise: float, preset: str, out: Path) -> None:
+                  samples: int | None, noise: float, preset: str, out: Path, force: bool
+                  ) -> None:
     """Render scenes into --out, as captures that `pmcl evaluate` and `pmcl localize` read."""
     given = {'views': views, 'size': size, 'kinds': kinds}
     values = {'targets': targets, 'noise': noise} | {
@@ -88,17 +91,17 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
 
             if ordinary is None:
                 capture = render(scene, rng, samples or 2, show)
-                write_capture(folder, scene, capture, seed + number)
+                write_capture(folder, scene, capture, seed + number, force)
             elif placed is None:
                 picture = take_picture(scene, ordinary, rng, samples or 16)
-                write_view(folder, scene, picture, ordinary, seed + number)
+                write_view(folder, scene, picture, ordinary, seed + number, force)
             else:
                 taken: list[NDArray[np.uint8]] = []
                 for pose in (poses := placed.cameras(scene)):
                     taken.append(take_picture(seen_from(scene, pose), ordinary, rng,
                                               samples or 16))
                     show(len(taken) / len(poses))
-                write_views(folder, scene, taken, ordinary, placed, seed + number)
+                write_views(folder, scene, taken, ordinary, placed, seed + number, force)
             click.echo(f'{folder}: {scene.name}')
 
 
@@ -146,14 +149,16 @@ def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: st
               show_default=True, help=_SEQUENCE['size'].description)
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; it gets bag/, model.obj, '
               'truth.json and parameters.yaml.')
+@FORCE
 def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_speed: float,
-             camera_speed: float, views: int, size: int, out: Path) -> None:
+             camera_speed: float, views: int, size: int, out: Path, force: bool) -> None:
     """Write a bag of a moving object before a moving camera, with the truth of every frame.
 
     Its views are those of textured layers. `pmcl_replay OUT/bag --preset views --in-step` plays
     them to the nodes that `pmcl_bringup --params-file OUT/parameters.yaml --without lytro_driver
     --without subaperture_node` starts.
     """
+    refuse_existing([out / each for each in ('model.obj', 'truth.json', 'parameters.yaml')], force)
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
               'camera_speed': camera_speed, 'views': views, 'size': size}
     kinds = {'kinds': [kind]} if kind else {}

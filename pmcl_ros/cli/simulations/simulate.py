@@ -7,7 +7,7 @@ from typing import Any
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
 from pmcl_ros.cli.simulations.options import Simulated, simulation_options
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -29,8 +29,9 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
               'workers write to the same folder.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a subfolder per scene. '
               'Scenes that it has are kept.')
+@FORCE
 def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Path, seed: int,
-             **options: Any) -> None:
+             force: bool, **options: Any) -> None:
     """Simulate scenes with OBJECT (YAML, or a mesh) into --out, with the true poses.
 
     `pmcl evaluate` and `pmcl localize` read them; `pmcl bag record` makes bags of them.
@@ -39,11 +40,11 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
     simulation = simulated.simulation
     simulated.claim(out)
     if isinstance(simulation.camera, LytroCamera):
-        write_calibration_pictures(out, simulation.camera)
+        write_calibration_pictures(out, simulation.camera, force)
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),
                   TimeRemainingColumn(), console=STDERR, transient=True) as bar:
         task = bar.add_task('scenes', total=count)
-        one = partial(simulate_one, folder=out.resolve(), of=simulation)
+        one = partial(simulate_one, folder=out.resolve(), of=simulation, force=force)
         for place in run_all(one, range(seed, seed + count), jobs, backend, scheduler):
             bar.advance(task)
             click.echo(place)

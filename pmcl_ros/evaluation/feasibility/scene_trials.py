@@ -24,19 +24,21 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import FileError
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'trials.json'
 
 
-def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> list[Trial]:
+def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], force: bool = False
+                 ) -> list[Trial]:
     """The trials of a scene, one for each set, as last time where folder/trials.json has them.
 
     folder: of a capture with truth. The search has the seed of the scene. Extra of a trial:
     `distance`, of the object from the camera of the first set [m]; `across_mm`, the error across
     the line of sight; `gap`, evidence of the pose found less that of the true one [nat]; `truth`,
     (12,) the true pose in the frame of `pose`; `picture`, the number of the picture whose frame
-    that is.
+    that is. Raises OutputError where trials.json is not of an earlier run, unless `force`.
     """
     kept = _read(folder / NAME)
     source, truth = read_source(folder), Truth.load(folder / 'truth.json')
@@ -44,7 +46,8 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet]) -> l
     for each in sets:
         if each.name not in kept:
             kept[each.name] = asdict(_trial(source, truth, model, each, seed))
-            (folder / NAME).write_text(json.dumps(kept, indent=1) + '\n')
+            with Results(folder, 'feasibility', force) as out:
+                out.path(NAME).write_text(json.dumps(kept, indent=1) + '\n')
     trials = [Trial(**kept[each.name] | {'pose': tuple(kept[each.name]['pose'])})
               for each in sets]
     distance = trials[0].extra['distance']

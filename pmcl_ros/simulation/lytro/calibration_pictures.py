@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.scenes.environment import Environment
@@ -21,6 +22,7 @@ from pmcl_ros.simulation.scenes.textures import SIZE, Texture
 from pmcl_ros.simulation.simulated_captures import is_there
 
 BOARD = Checkerboard(10, 7, 0.011)  # as of `pmcl evaluate`
+_COMMAND = 'simulate'  # of whom the files are the results
 _DARK, _LIGHT, _WALL = 0.08, 0.6, 0.75  # reflectances; the room is one even grey
 _BEHIND = 1e-4  # m: of the board's white margin
 _LEVEL = 0.75  # of a white image
@@ -76,36 +78,39 @@ def board_poses(camera: LytroCamera, board: Checkerboard = BOARD) -> Iterator[ND
         yield pose
 
 
-def write_calibration(folder: Path, camera: LytroCamera) -> None:
+def write_calibration(folder: Path, camera: LytroCamera, force: bool = False) -> None:
     """Write what a decoder needs into a folder: calibration.yaml, the exact one, and white/.
 
-    white/ has IMG.RAW, IMG.TXT, truth.json; one that is there is kept.
+    white/ has IMG.RAW, IMG.TXT, truth.json; one that is there is kept. Raises OutputError where a
+    file is there that no earlier run wrote, unless `force`.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    camera.calibration.save(folder / 'calibration.yaml', 'Of a simulated camera: exact.')
+    with Results(folder, _COMMAND, force) as out:
+        camera.calibration.save(out.path('calibration.yaml'), 'Of a simulated camera: exact.')
     lattice = camera.lattice.model_dump(mode='json')
     if not is_there(folder / 'white'):
         _write(folder / 'white', white_picture(camera, np.random.default_rng(0)),
-               {'lattice': lattice})
+               {'lattice': lattice}, force)
 
 
-def write_calibration_pictures(folder: Path, camera: LytroCamera) -> None:
+def write_calibration_pictures(folder: Path, camera: LytroCamera, force: bool = False) -> None:
     """Write white/, board1/ ... board8/ and calibration.yaml, the exact one, into a folder.
 
-    Each has IMG.RAW, IMG.TXT, truth.json; those that are there are kept.
+    Each has IMG.RAW, IMG.TXT, truth.json; those that are there are kept. Raises as
+    `write_calibration`.
     """
-    write_calibration(folder, camera)
+    write_calibration(folder, camera, force)
     for number, pose in enumerate(board_poses(camera), 1):
         place = folder / f'board{number}'
         if not is_there(place):
             frame = board_picture(camera, BOARD, pose, np.random.default_rng(number))
-            _write(place, frame, {'board_to_camera': pose.tolist()})
+            _write(place, frame, {'board_to_camera': pose.tolist()}, force)
 
 
-def _write(folder: Path, frame: RawFrame, truth: dict[str, object]) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    write_raw_frame(folder / 'IMG.RAW', frame, force=True)
-    (folder / 'truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+def _write(folder: Path, frame: RawFrame, truth: dict[str, object], force: bool) -> None:
+    with Results(folder, _COMMAND, force) as out:
+        out.reserve('IMG.TXT')
+        write_raw_frame(out.path('IMG.RAW'), frame, force=True)
+        out.path('truth.json').write_text(json.dumps(truth, indent=1) + '\n')
 
 
 def _scene(camera: LytroCamera, sheets: tuple[Sheet, ...]) -> Scene:

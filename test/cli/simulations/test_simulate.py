@@ -62,8 +62,13 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
     (capture.folder / '000.png').write_bytes(b'kept')
     assert run(tumbler, 'simulate', *options).exit_code == 0  # what is there is kept
     assert (capture.folder / '000.png').read_bytes() == b'kept'
-    if renderer == 'fast':  # and made again where it is not whole
+    if renderer == 'fast':  # and made again where it is not whole, but for what is not its own
         (capture.folder / 'truth.json').unlink()
+        refused = run(tumbler, 'simulate', *options)
+        assert refused.exit_code == 1
+        assert '000.png is there already' in refused.output
+        assert (capture.folder / '000.png').read_bytes() == b'kept'
+        (capture.folder / '000.png').write_bytes(kept)
         assert run(tumbler, 'simulate', *options).exit_code == 0
         assert (capture.folder / '000.png').read_bytes() == kept
 

@@ -1,0 +1,107 @@
+"""A command overwrites its own results, and nobody else's files."""
+
+import json
+
+import pytest
+
+from pmcl_ros.runtime.errors import FileError, OutputError
+from pmcl_ros.runtime.outputs import Results
+
+NOTE = '.pmcl_results.json'
+
+
+def write(folder, text, command='decode', force=False, name='a.txt'):
+    with Results(folder, command, force) as results:
+        results.path(name).write_text(text)
+
+
+def test_own_results_are_written_again(tmp_path):
+    folder = tmp_path / 'new' / 'out'
+    for text in ('one', 'two', 'three'):
+        write(folder, text, name='0/a.txt')
+        assert (folder / '0' / 'a.txt').read_text() == text
+
+
+def test_what_another_wrote_is_refused_and_kept(tmp_path):
+    file = tmp_path / 'a.txt'
+    file.write_text('mine')
+    for _ in range(2):
+        with pytest.raises(OutputError, match=r'a\.txt is there already.*--force'):
+            write(tmp_path, 'result')
+    assert file.read_text() == 'mine'
+    write(tmp_path, 'result', force=True)
+    write(tmp_path, 'result of another run')  # its own by now
+    with pytest.raises(OutputError):
+        write(tmp_path, 'result', command='lattice')
+    file.write_text('changed by hand')
+    with pytest.raises(OutputError):
+        write(tmp_path, 'result')
+    assert file.read_text() == 'changed by hand'
+
+
+@pytest.mark.parametrize('there', ['folder', 'link'])
+def test_what_is_no_file_is_refused(tmp_path, there):
+    path = tmp_path / 'a.txt'
+    if there == 'folder':
+        path.mkdir()
+    else:
+        path.symlink_to(tmp_path / 'nowhere')
+    with pytest.raises(OutputError):
+        write(tmp_path, 'result')
+    assert not (tmp_path / 'nowhere').exists()
+
+
+def test_a_run_that_wrote_nothing_makes_nothing_its_own(tmp_path):
+    (tmp_path / 'a.txt').write_text('mine')
+    with Results(tmp_path, 'decode', force=True) as results:
+        results.reserve('a.txt', 'b.txt')
+    (tmp_path / 'b.txt').write_text('mine')
+    for name in ('a.txt', 'b.txt'):
+        with pytest.raises(OutputError):
+            write(tmp_path, 'result', name=name)
+
+
+def test_a_folder_that_was_made_for_nothing_goes(tmp_path):
+    for folder in (tmp_path, tmp_path / 'new'):
+        with Results(folder, 'decode') as results:
+            results.reserve('a.txt')
+            assert (folder / NOTE).exists()
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_was_killed_is_repeated(tmp_path):
+    Results(tmp_path, 'decode').path('a.txt').write_text('half')  # it never ended
+    write(tmp_path, 'whole')
+    assert (tmp_path / 'a.txt').read_text() == 'whole'
+
+
+def test_a_run_that_failed_is_repeated(tmp_path):
+    def fail():
+        with Results(tmp_path, 'decode') as results:
+            results.path('a.txt').write_text('half')
+            raise ArithmeticError
+
+    with pytest.raises(ArithmeticError):
+        fail()
+    write(tmp_path, 'whole')
+    (tmp_path / 'a.txt').write_text('mine')
+    with pytest.raises(OutputError):
+        write(tmp_path, 'result')
+
+
+def test_commands_share_a_folder(tmp_path):
+    with Results(tmp_path, 'decode') as one, Results(tmp_path, 'localize') as other:
+        one.path('a.txt').write_text('a')
+        other.path('b.txt').write_text('b')
+    assert {name: list(each) for name, each in json.loads(
+        (tmp_path / NOTE).read_text()).items()} == {'decode': ['a.txt'], 'localize': ['b.txt']}
+    write(tmp_path, 'aa')
+    write(tmp_path, 'bb', command='localize', name='b.txt')
+
+
+@pytest.mark.parametrize(('text', 'error'), [
+    ('[', FileError), ('[]', FileError), ('{"decode": 1}', OutputError)])
+def test_a_damaged_note_is_told(tmp_path, text, error):
+    (tmp_path / NOTE).write_text(text)
+    with pytest.raises(error, match=r'\.pmcl_results\.json'):
+        write(tmp_path, 'result')
