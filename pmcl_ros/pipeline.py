@@ -45,6 +45,8 @@ from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
 from pmcl_ros.pmcl.region import Region, regions_before, size_in_view
+from pmcl_ros.pmcl.render.raster import check_size
+from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
@@ -266,13 +268,16 @@ class Pipeline(Generic[Estimate]):
 
         progress('views', 0.0)
         source = read()
-        self._check_region(source)  # first: evidence of large pictures takes time and memory
-        finished('views')
-        progress('evidence', 0.0)
+        self._windows(source)  # is it in view at all? Evidence takes time and memory
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
         source = fitting(source, settings)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
+        if (kind == 'map' or isinstance(source, PosedViews)) and not any(settings.crop):
+            for each in self._windows(source):
+                check_size(each)
+        finished('views')
+        progress('evidence', 0.0)
         evidence = build_evidence(
             source, settings, self.mode, kind,
             *(() if self._model is None else [size_in(self._model, self._settings)]))
@@ -294,10 +299,15 @@ class Pipeline(Generic[Estimate]):
         finished('pose')
         return Run(source, settings, evidence, volume, estimate, seconds)
 
-    def _check_region(self, source: Source) -> None:
-        """Raise LocalizationError unless the object can be seen somewhere in the region."""
-        settings = self._settings
-        if isinstance(source, PosedViews):
-            regions_before(cameras_of(source), settings, self._radius, source.header.frame_id)
-        else:
-            Region(settings.roi_center, settings.roi_size).window(source.pinhole, self._radius)
+    def _windows(self, source: Source) -> list[Window]:
+        """What the object can cover of each picture that sees the region of interest.
+
+        Raises LocalizationError where none does.
+        """
+        settings, radius = self._settings, self._radius
+        if not isinstance(source, PosedViews):
+            region = Region(settings.roi_center, settings.roi_size)
+            return [region.window(source.pinhole, radius)]
+        seen = regions_before(cameras_of(source), settings, radius, source.header.frame_id)
+        return [region.window(source.views[number].pinhole, radius)
+                for number, region in seen.items()]

@@ -190,6 +190,13 @@ def test_pictures_that_evidence_is_made_of(tmp_path, given, told):
                            BOTTLE, *OUTSIDE)
 
 
+def test_a_region_that_covers_large_pictures(tmp_path):
+    folder = views(tmp_path / 'views', 2048, 2048, 8)
+    line = refused(tmp_path, 'localize', folder, '--object', BOTTLE, *ROI)
+    assert 'window of 2048x2048 pixels is drawn on the processor up to 1800 a side' in line
+    assert 'choose a smaller region of interest, or larger pixels (--shrink 2)' in line
+
+
 @pytest.mark.parametrize(('kind', 'height', 'width', 'roi', 'told'), [
     ('f4', 2600, 2600, ROI, '6 arrays of 696 MiB, at most 1000 of 385 are read'),
     ('f2', 2600, 2600, ROI, '3x3 views of 2600x2600 px need 696 MiB, more than 384'),

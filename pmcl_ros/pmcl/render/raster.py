@@ -15,7 +15,7 @@ from numba import int32, int64
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.render.refraction import apparent
-from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import CORES, compiled
 
@@ -50,10 +50,7 @@ class Drawing(NamedTuple):
     @classmethod
     def from_scene(cls, scene: Scene) -> 'Drawing':
         """Raises RenderError when the window is too large."""
-        if max(scene.window.size) > LARGEST:
-            width, height = scene.window.size
-            raise RenderError(f'a window of {width}x{height} pixels is drawn on the processor up '
-                              f'to {LARGEST} a side; choose a smaller region of interest')
+        check_size(scene.window)
         camera, interface = scene.camera, scene.interface
         water = np.zeros((0, 5), np.float32)
         if interface is not None and (interface.heights > 0).any():
@@ -64,6 +61,16 @@ class Drawing(NamedTuple):
                    np.ascontiguousarray(scene.model.faces, np.int32), scene.model.closed,
                    np.array([camera.fx, camera.fy, camera.cx, camera.cy], np.float32),
                    *scene.window.size, float(scene.near), float(scene.far), water)
+
+
+def check_size(window: Window) -> None:
+    """Raise RenderError for a window that is too large to draw."""
+    width, height = window.size
+    if max(width, height) > LARGEST:
+        raise RenderError(
+            f'a window of {width}x{height} pixels is drawn on the processor up to {LARGEST} a '
+            'side; choose a smaller region of interest, or larger pixels (--shrink '
+            f'{-(-max(width, height) // LARGEST)})')
 
 
 class Room(NamedTuple):
