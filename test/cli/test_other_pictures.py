@@ -154,7 +154,7 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
     done = pmcl('localize', scene, '--object-id', 3, *roi, '--json', '--out', tmp_path / 'out')
     assert done.output.count('no camera poses: each picture is localised alone') == 1
     assert 'obj_000003.ply, in millimetres' in done.output
-    assert {each.name for each in (tmp_path / 'out').iterdir()} == {
+    assert {each.name for each in (tmp_path / 'out').glob('[!.]*')} == {
         'overlay_000000.png', 'overlay_000001.png'}
     pictures = json.loads(done.stdout.splitlines()[-1])['pictures']
     assert [each['file'] for each in pictures] == ['rgb/000000.png', 'rgb/000001.png']

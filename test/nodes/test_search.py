@@ -150,7 +150,7 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user, small_volu
     read = edges_from_likelihood(small_volume)
     assert (float(values['support']) < read.least_support
             or float(values['evidence']) < read.profile.least)
-    assert 'lost: no wine_glass in capture 8' in process.log
+    user.wait(lambda: 'lost: no wine_glass in capture 8' in process.log, 'the log')
     assert user.change('pmcl_node', DEACTIVATE)
     assert poses == []
 
