@@ -9,7 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from pmcl_ros.runtime.errors import PmclError, SettingsError, told
+from pmcl_ros.runtime.errors import PmclError, SettingsError, is_of_memory, told
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import calibration_file
 
@@ -106,10 +106,14 @@ class Commands(click.Group):
         """Run the command; print errors of the package without a traceback."""
         try:
             return super().invoke(ctx)
-        except (PmclError, MemoryError) as error:
-            raise click.ClickException(told(error)) from error
+        except PmclError as error:
+            raise click.ClickException(str(error)) from error
         except OSError as error:  # a folder that cannot be made or written, a full disk
             if error.errno == errno.EPIPE:  # the reader of the output has gone: click ends
                 raise
             where = f'{error.filename}: ' if error.filename else ''
             raise click.ClickException(f'{where}{error.strerror or error}') from error
+        except Exception as error:
+            if not is_of_memory(error):
+                raise
+            raise click.ClickException(told(error)) from error

@@ -129,6 +129,8 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
                    ) -> None:
     """Find an object in each picture by itself, and print a pose a picture, in its camera."""
     found: list[dict[str, Any]] = []
+    if results is not None:
+        results.reserve(*(f'overlay_{each.source.stem}.png' for each in sources))
     with Pipeline.for_object(model, settings, of_volume, '--set') as pipeline:
         for each in track(sources, 'pictures', console=STDERR, transient=True):
             run = pipeline.run(each.open().read, np.random.default_rng(settings.seed))

@@ -20,7 +20,7 @@ from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)
-_MOST_BYTES = 2 ** 30  # of a volume and what it is made of: about thrice as much as it alone
+_MOST_BYTES = 3 * 2 ** 30  # of a volume and what it is made of: about thrice as much as it alone
 
 
 def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
@@ -45,8 +45,8 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
     if size > _MOST_BYTES:
         raise VolumeError(
             f'{count} {name} of {pinhole.width}x{pinhole.height} px need {size / 2 ** 30:.1f} GiB,'
-            f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or shrink the views '
-            f'(--shrink {math.ceil(math.sqrt(size / _MOST_BYTES))})')
+            f' more than {_MOST_BYTES / 2 ** 30:.0f}: choose fewer {name}, or make '
+            f'pixels {math.ceil(math.sqrt(size / _MOST_BYTES))} times as large (--shrink)')
     needed = pairs.labels_needed(settings.near, settings.far)
     if count < needed:
         _warn_of_few_labels(name, count, needed)

@@ -21,7 +21,7 @@ Source = TypeVar('Source', bound=LightField | PosedView | PosedViews)
 # search draws on the processor (`raster.LARGEST`). A pixel's evidence takes 200 bytes, its blurred
 # forms included.
 MOST_PIXELS, _LONGEST = 2 ** 22, 1800
-_MOST_BYTES, _BYTES = 2 ** 30, 100  # of all evidence; of a pixel at one depth
+_MOST_BYTES, _BYTES = 3 * 2 ** 30, 100  # of all evidence; of a pixel at one depth
 _SEARCHED = 160.0  # px: size of an object in the pictures that the search is made for
 
 
@@ -40,18 +40,25 @@ def reduced(view: PosedView, larger: int) -> PosedView:
 def fitting(source: Source, settings: DlvSettings) -> Source:
     """What evidence is made of: pictures of more than `MOST_PIXELS` with larger pixels.
 
-    As it is where the settings cut out a part, whose numbers are of these pixels.
+    So have views so many that all would take too much memory. As it is where the settings cut out
+    a part, whose numbers are of these pixels.
     """
     if any(settings.crop) or isinstance(source, LightField):
         return source
     if isinstance(source, PosedViews):
-        return replace(source, views=tuple(fitting(each, settings) for each in source.views))
-    width, height = source.pinhole.width, source.pinhole.height
-    if width * height <= MOST_PIXELS:
-        return source
-    larger = max(_needed(width * height, MOST_PIXELS), math.ceil(max(width, height) / _LONGEST))
+        most = _MOST_BYTES // (2 * _BYTES * len(source.views))
+        return replace(source, views=tuple(_fitting(each, most) for each in source.views))
+    return cast(Source, _fitting(source, MOST_PIXELS))
+
+
+def _fitting(view: PosedView, most: int) -> PosedView:
+    width, height = view.pinhole.width, view.pinhole.height
+    if width * height <= min(most, MOST_PIXELS):
+        return view
+    larger = max(_needed(width * height, min(most, MOST_PIXELS)),
+                 math.ceil(max(width, height) / _LONGEST))
     _tell(width, height, larger)
-    return cast(Source, reduced(source, larger))
+    return reduced(view, larger)
 
 
 @lru_cache(maxsize=16)  # logged once, not at every picture
@@ -66,8 +73,8 @@ def check_memory(lattice: PixelGrid, depths: int) -> None:
     if size > _MOST_BYTES:
         raise VolumeError(
             f'evidence of {lattice.width}x{lattice.height} px at {depths} depths needs '
-            f'{size / 2 ** 30:.1f} GiB, more than {_MOST_BYTES / 2 ** 30:.0f}: make pixels larger '
-            f'(--shrink {_needed(size, _MOST_BYTES)}), or take a smaller part of them')
+            f'{size / 2 ** 30:.1f} GiB, more than {_MOST_BYTES / 2 ** 30:.0f}: make pixels '
+            f'{_needed(size, _MOST_BYTES)} times as large (--shrink), or take a smaller part')
 
 
 def _needed(size: int, most: int) -> int:

@@ -284,6 +284,8 @@ class PmclNode(StageNode):
         if self._settings.tracking != 'none' or self._posed:
             sigma = position_sigma(estimate.covariance)
             self.health.extra['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'
+        if self.object_frame is not None:
+            self.object_frame.broadcast(estimate)
         if estimate.lost:
             self.health.count('lost')
             x, y, z = estimate.pose[:3, 3]
@@ -295,8 +297,6 @@ class PmclNode(StageNode):
             messages = estimate_to_messages(estimate)
             for publisher, message in zip(self._poses, messages, strict=True):
                 publisher.publish(message)
-            if self.object_frame is not None:
-                self.object_frame.broadcast(estimate)
             if isinstance(given, PosedViews):
                 self._overlays.publish_views(given, lambda view: overlay_in_view(
                     view, self._model, estimate.pose, self._settings.interface))

@@ -40,7 +40,7 @@ from pmcl_ros.runtime.errors import BagError, SettingsError
 
 _PICTURES = 4  # kept
 # Latched; but tf2's listeners are volatile: to them what was sent before they came is not sent.
-_TF = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+_TF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 T = TypeVar('T')
 Draw = Callable[[NDArray[np.uint8], Pinhole], NDArray[np.uint8]]
@@ -64,7 +64,10 @@ class ObjectFrame:
         self._publisher = node.publisher(self._class, '/tf', _TF, self._repeat)
 
     def broadcast(self, estimate: PoseEstimate) -> None:
-        """Send the object's pose at the capture's time; a lost object is not broadcast."""
+        """Send the object's pose at the capture's time; of a lost object none, later neither."""
+        if estimate.lost:
+            self._last = None
+            return
         self._last = self._class(transforms=[estimate_to_transform(estimate, self._name)])
         self._publisher.publish(self._last)
 
@@ -184,13 +187,13 @@ class SeveralObjects:
                         'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
         for k, (name, each) in enumerate(zip(self.names, scene.estimates, strict=True)):
             health.extra[name] = 'lost' if each.lost else f'score {each.score:.0f}'
+            if self._frames:
+                self._frames[k].broadcast(each)
             if each.lost:
                 continue
             for publisher, message in zip(self._poses[k], estimate_to_messages(each),
                                           strict=False):
                 publisher.publish(message)
-            if self._frames:
-                self._frames[k].broadcast(each)
         self._list.publish(self.names, scene.estimates)
         there = [(model, each.pose, name) for model, each, name
                  in zip(self.models, scene.estimates, self.names, strict=True) if not each.lost]

@@ -4,6 +4,7 @@ Messages say what is wrong, with the values, and what to do.
 """
 
 
+_NO_MEMORY = -4  # cv2.Error.StsNoMem
 _LONGEST = 2000  # characters of a message: files and libraries have a say in them
 
 
@@ -22,7 +23,12 @@ def one_line(text: str, longest: int = _LONGEST) -> str:
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
-def told(error: 'PmclError | MemoryError') -> str:
+def is_of_memory(error: Exception) -> bool:
+    """Whether the system gave no more memory, to Python or to OpenCV (cv2.error)."""
+    return isinstance(error, MemoryError) or getattr(error, 'code', None) == _NO_MEMORY
+
+
+def told(error: Exception) -> str:
     """In one line what is wrong and what to do, also where the system gives no more memory."""
     why = one_line(str(error))
     if isinstance(error, PmclError):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,8 @@ class Results:
 
     def __init__(self, folder: Path, command: str, force: bool = False) -> None:
         self.folder, self._command, self._force = folder, command, force
-        self._before: dict[str, str] = {}  # of the names given: digest of another's file, or ''
+        # Of the names given: which file was there, and when it was written, if it is another's.
+        self._before: dict[str, tuple[str, int] | None] = {}
         self._is_new = not folder.exists()
 
     def __enter__(self) -> 'Results':
@@ -44,15 +46,15 @@ class Results:
         wrote, unless `force`; FileError where `.pmcl_results.json` is damaged.
         """
         path = self.folder / name
-        if name in self._before:
-            return path
+        if name in self._before or (path.exists() and not (path.is_file() or path.is_dir())):
+            return path  # a device keeps nothing
         own = self._own()
         is_own = not _is_there(path) or (name in own and own[name] in (None, _digest(path)))
         if not (is_own or self._force):
             raise OutputError(f'{path} is there already, and it is not what an earlier run wrote: '
                               'give another folder, or --force to overwrite it')
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._before[name] = '' if is_own else _digest(path)
+        self._before[name] = None if is_own else _written(path)
         self._note(own | {name: None})
         return path
 
@@ -66,8 +68,8 @@ class Results:
         if self._before:
             now = {name: _digest(self.folder / name) for name in self._before}
             others = {name: each for name, each in self._own().items() if name not in now}
-            self._note(others | {name: each for name, each in now.items()
-                                 if each != self._before[name]})
+            self._note(others | {name: each for name, each in now.items() if each
+                                 and _written(self.folder / name) != self._before[name]})
             if self._is_new and not any(self.folder.iterdir()):
                 self.folder.rmdir()
 
@@ -79,7 +81,7 @@ class Results:
         return own
 
     def _note(self, own: dict[str, Any]) -> None:
-        note, part = self.folder / _NOTE, self.folder / f'{_NOTE}.part'
+        note, part = self.folder / _NOTE, self.folder / f'{_NOTE}.{os.getpid()}.part'
         noted = {**(read_json(note) if note.exists() else {}), self._command: own}
         if any(noted.values()):
             part.write_text(json.dumps(noted, indent=1) + '\n')
@@ -90,6 +92,11 @@ class Results:
 
 def _is_there(path: Path) -> bool:
     return path.exists() or path.is_symlink()
+
+
+def _written(path: Path) -> tuple[str, int]:
+    """SHA-256 of a file, and when it was written [ns]."""
+    return _digest(path), path.stat().st_mtime_ns if path.is_file() else 0
 
 
 def _digest(path: Path) -> str:

@@ -179,11 +179,11 @@ def views(folder, width, height, count=1, distortion=()):
 
 
 @pytest.mark.parametrize(('given', 'told'), [
-    ((8190, 8190), 'have up to 67.1 million pixels and need 768 MiB, more than 17 or 384'),
+    ((8190, 8190), '67.1 million pixels, at most 33.6 are read, and need 768 MiB, at most 768'),
     ((4090, 4090), 'is outside the image (4090x4090)'),
     ((4090, 4090, 1, (0.1, 0, 0, 0)), 'is outside the image (4090x4090)'),
     ((4090, 4090, 2), 'none of the 2 views sees the region of interest'),
-    ((4032, 3024, 3), 'shrink them (--shrink 2), or take fewer'),
+    ((4032, 3024, 6), 'shrink them (--shrink 2), or take fewer'),
 ], ids=str)
 def test_pictures_that_evidence_is_made_of(tmp_path, given, told):
     assert told in refused(tmp_path, 'localize', views(tmp_path / 'views', *given), '--object',
@@ -191,16 +191,16 @@ def test_pictures_that_evidence_is_made_of(tmp_path, given, told):
 
 
 def test_a_region_that_covers_large_pictures(tmp_path):
-    folder = views(tmp_path / 'views', 2048, 2048, 8)
+    folder = views(tmp_path / 'views', 2048, 2048, 2)
     line = refused(tmp_path, 'localize', folder, '--object', BOTTLE, *ROI)
     assert 'window of 2048x2048 pixels is drawn on the processor up to 1800 a side' in line
-    assert 'choose a smaller region of interest, or larger pixels (--shrink 2)' in line
+    assert 'or make pixels 2 times as large (--shrink)' in line
 
 
 @pytest.mark.parametrize(('kind', 'height', 'width', 'roi', 'told'), [
-    ('f4', 2600, 2600, ROI, '6 arrays of 696 MiB, at most 1000 of 385 are read'),
-    ('f2', 2600, 2600, ROI, '3x3 views of 2600x2600 px need 696 MiB, more than 384'),
-    ('f4', 1900, 1900, ROI, '24 edge_labels of 1900x1900 px need 2.9 GiB'),
+    ('f4', 2800, 2800, ROI, '6 arrays of 807 MiB, at most 1000 of 769 are read'),
+    ('f2', 2800, 2800, ROI, '3x3 views of 2800x2800 px need 807 MiB, more than 768'),
+    ('f4', 2100, 2100, ROI, '24 edge_labels of 2100x2100 px need 3.5 GiB'),
     ('f2', 1900, 1900, OUTSIDE, 'is outside the image (1900x1900)'),
     ('f8', 1300, 1400, OUTSIDE, 'is outside the image (1400x1300)'),
 ])

@@ -216,7 +216,7 @@ def test_an_edge_volume_that_fits_no_memory_is_refused():
     grid = make_grid((1, 2), (2000, 2000), 0.0001)
     field = LightField(Header(), np.zeros((1, 2, 2000, 2000, 3), np.float32), grid)
     with pytest.raises(VolumeError, match=r'50 edge_labels of 2000x2000 px need 6\.7 GiB, more '
-                       r'than 1: .*--shrink 3'):
+                       r'than 3: .* 2 times as large'):
         build_edges(field, DlvSettings(edge_labels=50, stride=4))
 
 

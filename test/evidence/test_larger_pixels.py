@@ -49,17 +49,24 @@ def test_each_of_several_views_is_made_to_fit():
     assert found.views[1].pinhole == reduced(large, 3).pinhole
 
 
+def test_many_views_are_made_to_fit_together():
+    one = view(1280, 960)
+    assert fitting(PosedViews((one,) * 13), SETTINGS).views == (one,) * 13
+    found = fitting(PosedViews((one,) * 14), SETTINGS)
+    assert [each.pinhole for each in found.views] == [one.pinhole.resized(640, 480)] * 14
+
+
 def test_a_part_that_was_cut_out_keeps_its_pixels():
     seen = view(2500, 1800)
     assert fitting(seen, SETTINGS.model_copy(update={'crop': (10, 20, 640, 480)})) is seen
 
 
 def test_what_does_not_fit_is_refused_before_it_is_made():
-    seen = view(3000, 2000)
+    seen = view(6000, 3000)
     for build in (build_map, view_edges):
-        with pytest.raises(VolumeError, match=r'3000x2000 px at 2 depths needs 1\.1 GiB, more '
-                           r'than 1: .*--shrink 2'):
+        with pytest.raises(VolumeError, match=r'6000x3000 px at 2 depths needs 3\.4 GiB, more '
+                           r'than 3: make pixels 2 times as large'):
             build(seen, SETTINGS)
     part = SETTINGS.model_copy(update={'crop': (0, 0, 64, 64)})
     assert build_map(seen, part).tensor.shape == (64, 64, 2, 5)
-    check_memory(replace(PixelGrid.from_crop(seen.pinhole, (0, 0, 0, 0), 1), width=1500), 3)
+    check_memory(replace(PixelGrid.from_crop(seen.pinhole, (0, 0, 0, 0), 1), width=3000), 3)

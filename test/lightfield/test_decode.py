@@ -160,7 +160,7 @@ def test_impossible_numbers_of_views_are_refused(camera, views):
 
 
 @pytest.mark.parametrize(('size', 'reason'), [((4, 40), '9x9 views of 4x40 px .* 8 px or more'),
-                                              ((1100, 1100), 'take 1122 MiB; .* 384 MiB at most')])
+                                              ((1100, 1100), 'take 1122 MiB; .* 768 MiB at most')])
 def test_impossible_sizes_of_views_are_refused(camera, size, reason):
     with pytest.raises(LightFieldError, match=reason):
         Decoder(camera.calibration, camera.white(), size=size)

@@ -1,6 +1,7 @@
 """A command overwrites its own results, and nobody else's files."""
 
 import json
+import os
 
 import pytest
 
@@ -37,6 +38,13 @@ def test_what_another_wrote_is_refused_and_kept(tmp_path):
     with pytest.raises(OutputError):
         write(tmp_path, 'result')
     assert file.read_text() == 'changed by hand'
+
+
+def test_what_is_forced_is_its_own_also_where_it_is_the_same(tmp_path):
+    (tmp_path / 'a.txt').write_text('result')
+    os.utime(tmp_path / 'a.txt', (0, 0))
+    write(tmp_path, 'result', force=True)
+    write(tmp_path, 'result')
 
 
 @pytest.mark.parametrize('there', ['folder', 'link'])

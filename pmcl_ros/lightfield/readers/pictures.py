@@ -14,7 +14,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import LightFieldError, PictureError
 from pmcl_ros.runtime.picture_file import read_picture_file
 
-MOST_BYTES = 3 * 2 ** 27  # of views as float32; evidence takes a GiB more at most
+MOST_BYTES = 3 * 2 ** 28  # of views as float32
 _HALF = 3  # pixels each side: a polynomial of the fifth degree through six
 
 

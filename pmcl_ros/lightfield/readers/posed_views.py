@@ -20,7 +20,7 @@ from pmcl_ros.runtime.settings import Settings
 
 NAME = 'views.yaml'
 _NPZ = '.npz'
-_MOST_PIXELS = 2 ** 24  # of a picture
+_MOST_PIXELS = 2 ** 25  # of a picture
 _ROWS = 4
 
 
@@ -137,8 +137,8 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
     if excess > 1:
         raise LightFieldError(
             f'{name}: its {len(of.views)} pictures have up to {max(pixels) / 1e6:.1f} million '
-            f'pixels and need {size / 2 ** 20:.0f} MiB, more than {_MOST_PIXELS / 1e6:.0f} or '
-            f'{MOST_BYTES // 2 ** 20}: shrink them (--shrink '
+            f'pixels, at most {_MOST_PIXELS / 1e6:.1f} are read, and need {size / 2 ** 20:.0f} '
+            f'MiB, at most {MOST_BYTES // 2 ** 20}: shrink them (--shrink '
             f'{math.ceil(shrink * math.sqrt(excess))})' + (', or take fewer' * (len(pixels) > 1)))
     return tuple(_view(folder, each, of, reduction) for each in of.views)
 

@@ -101,13 +101,14 @@ class ViewCollection:
             apart = distance(frame, other, self._settings.near)
             if own != spot or (self._planned is None and apart >= self._settings.apart):
                 continue
-            blurred = bool((other.sharpness < self._settings.sharpness * frame.sharpness).any())
-            worse, better = (other, frame) if blurred else (frame, other)
+            replaced = self._is_blurred(other, frame) or (
+                self._rolling and self._newest is not other and not self._is_blurred(frame, other))
+            worse, better = (other, frame) if replaced else (frame, other)
             self.leave_out(worse.name, f'{better.name} is there, {1e3 * apart:.1f} mm beside it',
                            True)
-            if blurred:
+            if replaced:
                 self.frames[number], self._views[number] = frame, self._view(frame)
-            return blurred
+            return replaced
         if self._rolling and self.filled == self.cells:
             self._forget_oldest()
         if self.complete:
@@ -135,6 +136,13 @@ class ViewCollection:
         self.leave_out(frame.name, f'it is at no planned pose: pose {spot + 1} is the nearest, '
                        f'{1e3 * away[spot]:.0f} mm away')
         return None
+
+    def _is_blurred(self, frame: SweepFrame, beside: SweepFrame) -> bool:
+        return bool((frame.sharpness < self._settings.sharpness * beside.sharpness).any())
+
+    @property
+    def _newest(self) -> SweepFrame:
+        return max(self.frames, key=lambda each: each.stamp_ns)
 
     def _forget_oldest(self) -> None:
         """Of an object that moves, the newest views tell where it is."""

@@ -69,8 +69,8 @@ def check_size(window: Window) -> None:
     if max(width, height) > LARGEST:
         raise RenderError(
             f'a window of {width}x{height} pixels is drawn on the processor up to {LARGEST} a '
-            'side; choose a smaller region of interest, or larger pixels (--shrink '
-            f'{-(-max(width, height) // LARGEST)})')
+            'side; choose a smaller region of interest, or make pixels '
+            f'{-(-max(width, height) // LARGEST)} times as large (--shrink)')
 
 
 class Room(NamedTuple):

@@ -250,7 +250,8 @@ def test_too_many_pictures_are_refused_before_they_are_read(tmp_path):
     values['cameras']['one'] |= {'width': 20000, 'height': 15000}
     path.write_text(yaml.safe_dump(values))
     with pytest.raises(LightFieldError, match=r'its 3 pictures have up to 300\.0 million '
-                       'pixels and need 10300 MiB, more than 17 or 384: .*--shrink 6.* fewer'):
+                       r'pixels, at most 33\.6 are read, and need 10300 MiB, at most 768: '
+                       '.*--shrink 4.* fewer'):
         read_source(path)
 
 

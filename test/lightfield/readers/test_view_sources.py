@@ -235,9 +235,9 @@ def test_too_much_is_refused_with_advice_before_it_is_read(tmp_path):
         (tmp_path / f'{number}.png').hardlink_to(tmp_path / '0.png')
     (tmp_path / 'light_field.yaml').write_text('{fx: 100, rows: 17, columns: 17, baseline: 1}')
     with pytest.raises(LightFieldError, match=r'17x17 views of 1024x1024 px need 3468 MiB, more '
-                       r'than 384: .*--every 4.*--shrink 4'):
+                       r'than 768: .*--every 3.*--shrink 3'):
         read_light_field(tmp_path)
-    Reduction(4).check_memory(5, 5, 1024, 1024)  # as advised
+    Reduction(3).check_memory(6, 6, 1024, 1024)  # as advised
     Reduction(1, 4).check_memory(17, 17, 1024, 1024)
 
 
@@ -331,9 +331,9 @@ def test_an_array_whose_header_lies(tmp_path, header):
 
 def test_arrays_that_unpack_to_more_than_is_read(tmp_path):
     with zipfile.ZipFile(tmp_path / 'a.npz', 'w', zipfile.ZIP_DEFLATED) as file:
-        for number in range(4):
+        for number in range(5):
             file.writestr(f'{number}.npy', bytes(2 ** 26 * 3 + 1))
-    with pytest.raises(LightFieldError, match='4 arrays of 768 MiB, at most 1000 of 385'):
+    with pytest.raises(LightFieldError, match='5 arrays of 960 MiB, at most 1000 of 769'):
         read_light_field(tmp_path / 'a.npz')
 
 

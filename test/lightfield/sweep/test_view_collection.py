@@ -74,6 +74,10 @@ def test_of_what_drifts_the_newest_views_stay():
     assert [str(each) for each in made.left_out] == [
         '0: it is the oldest of an object that drifts',
         '1: it is the oldest of an object that drifts', 'beside: 4 is there, 10.0 mm beside it']
+    # Where the camera was before, it sees where the object is now.
+    assert made.add(frame('again', 0.31, at=6))
+    assert not made.add(frame('blurred', 0.21, image=BLURRED, at=7))
+    assert [each.name for each in made.frames] == ['2', 'again', '4']
 
 
 def planned(*places, **changes):
