@@ -25,11 +25,11 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.binning import binned_to_fit
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.evidence.larger_pixels import fitting
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
@@ -98,7 +98,7 @@ def make_scene_localizer(models: Sequence[ObjectModel], settings: PmclSettings,
 def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
                    kind: EvidenceKind = 'edges',
                    size_in: Callable[[PosedView], float] = lambda _: 0.0) -> Evidence:
-    """What the localizer of a mode reads of a capture, `fitting` the memory.
+    """What the localizer of a mode reads of a capture, `binned_to_fit`.
 
     size_in: how large the object is in an ordinary picture, as of `build_map`.
     Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
@@ -108,7 +108,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
             return build_volume(source, settings)
         raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
                           'default')
-    source = fitting(source, settings)
+    source = binned_to_fit(source, settings)
     if isinstance(source, PosedViews):
         return ViewsEvidenceBuilder(settings, kind == 'map', size_in).build(source)
     if kind == 'map':
@@ -183,7 +183,7 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
 class Run(Generic[Estimate]):
     """One capture's way through the pipeline.
 
-    source: in which the pose was searched: large pictures have larger pixels (`fitting`).
+    source: in which the pose was searched: large pictures are `binned_to_fit`.
     settings: of evidence and volume. volume: None where nothing asked for it, or where one
     picture alone shows the region.
     seconds: wall time of the stages 'views', 'evidence', 'volume' if made, 'pose' [s].
@@ -270,7 +270,7 @@ class Pipeline(Generic[Estimate]):
         source = read()
         self._windows(source)  # is it in view at all? Evidence takes time and memory
         settings = self.settings_for(source.grid if isinstance(source, LightField) else None)
-        source = fitting(source, settings)
+        source = binned_to_fit(source, settings)
         kind: EvidenceKind = ('edges' if isinstance(self.localizer, SceneLocalizer)
                               else evidence_kind(self._settings, source))
         if (kind == 'map' or isinstance(source, PosedViews)) and not any(settings.crop):

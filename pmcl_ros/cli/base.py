@@ -9,7 +9,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from pmcl_ros.runtime.errors import PmclError, SettingsError, is_of_memory, told
+from pmcl_ros.runtime.errors import PmclError, SettingsError, error_line, is_out_of_memory
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import calibration_file
 
@@ -45,7 +45,8 @@ CAMERA = Needed('A camera is a YAML file with width, height, fx, cx, cy: '
                 'docs/howto/one_picture.md')
 TRUTH = Needed('pmcl scenes render and pmcl simulate make captures with a truth.json: '
                'docs/howto/scenes.md')
-RAW = Needed('pmcl camera capture takes raw pictures, pmcl bag extract has those of a bag')
+_RAW = 'pmcl camera capture takes raw pictures, pmcl bag extract has those of a bag'
+RAW, RAW_FOLDER = Needed(_RAW), Needed(_RAW, folder=True)
 WHITE = Needed(OF_CAMERA, folder=True)
 SOURCE = Needed('Pictures of ordinary cameras have a views.yaml beside them: '
                 'docs/howto/one_picture.md; pmcl camera capture takes raw ones', folder=True)
@@ -114,6 +115,6 @@ class Commands(click.Group):
             where = f'{error.filename}: ' if error.filename else ''
             raise click.ClickException(f'{where}{error.strerror or error}') from error
         except Exception as error:
-            if not is_of_memory(error):
+            if not is_out_of_memory(error):
                 raise
-            raise click.ClickException(told(error)) from error
+            raise click.ClickException(error_line(error)) from error

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.evidence.binning import bin_side, binned, check_memory
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_net import ContourNet, contour_net
-from pmcl_ros.evidence.larger_pixels import check_memory, larger_pixels, reduced
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
@@ -61,7 +61,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
                       _reduced(source, settings, net, numbers, min(
-                          larger_pixels(size), min(lattice.width, lattice.height) // _LEAST)))
+                          bin_side(size), min(lattice.width, lattice.height) // _LEAST)))
 
 
 def _reduced(source: LightField | PosedView, settings: DlvSettings, net: ContourNet,
@@ -70,7 +70,7 @@ def _reduced(source: LightField | PosedView, settings: DlvSettings, net: Contour
     if larger < 2 or isinstance(source, LightField):
         return None
     crop = settings.crop and tuple(each // larger for each in settings.crop)
-    return build_map(reduced(source, larger), settings.model_copy(update={'crop': crop}), net,
+    return build_map(binned(source, larger), settings.model_copy(update={'crop': crop}), net,
                      numbers)
 
 

@@ -6,10 +6,10 @@ from collections.abc import Callable
 import numpy as np
 
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.binning import binned_to_fit
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
-from pmcl_ros.evidence.larger_pixels import fitting
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 
@@ -27,8 +27,8 @@ class ViewsEvidenceBuilder:
         self._kept: dict[bytes, EvidenceVolume] = {}  # of the last views, by their pictures
 
     def build(self, views: PosedViews) -> ViewsEvidence:
-        """The evidence of each view, `fitting` the memory. Raises as `build_map`."""
-        views = fitting(views, self._settings)
+        """The evidence of each view, `binned_to_fit`. Raises as `build_map`."""
+        views = binned_to_fit(views, self._settings)
         keys = [_key(each) for each in views.views]
         self._kept = {key: self._kept.get(key) or self._build(view)
                       for key, view in zip(keys, views.views, strict=True)}

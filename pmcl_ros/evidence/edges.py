@@ -17,9 +17,9 @@ from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import mirrored
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume, checked_labels, depth_labels
+from pmcl_ros.evidence.binning import check_memory
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import Box, EvidenceVolume
-from pmcl_ros.evidence.larger_pixels import check_memory
 from pmcl_ros.evidence.learned import learned_contour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.refocusing import refocused

@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.pmcl.mesh_size import MeshSize, mesh_size
 from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
+from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
 

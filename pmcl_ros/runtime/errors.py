@@ -23,12 +23,12 @@ def one_line(text: str, longest: int = _LONGEST) -> str:
     return ''.join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
-def is_of_memory(error: Exception) -> bool:
+def is_out_of_memory(error: Exception) -> bool:
     """Whether the system gave no more memory, to Python or to OpenCV (cv2.error)."""
     return isinstance(error, MemoryError) or getattr(error, 'code', None) == _NO_MEMORY
 
 
-def told(error: Exception) -> str:
+def error_line(error: Exception) -> str:
     """In one line what is wrong and what to do, also where the system gives no more memory."""
     why = one_line(str(error))
     if isinstance(error, PmclError):

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.binning import bin_side
 from pmcl_ros.evidence.build_map import REFOCUSED, build_map
 from pmcl_ros.evidence.contour_map import harmonics
-from pmcl_ros.evidence.larger_pixels import larger_pixels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
@@ -97,7 +97,7 @@ def test_of_a_large_object_there_is_a_map_with_larger_pixels_too(light_field):
     assert 64 <= least.width < 128  # the object is mostly out of view
     fine = build_map(view, SETTINGS, size=330.0)
     np.testing.assert_array_equal(fine.tensor, build_map(view, SETTINGS).tensor)
-    assert larger_pixels(330.0) == 2
+    assert bin_side(330.0) == 2
     half = view.picture.reshape(SIDE // 2, 2, SIDE // 2, 2, 3).mean(axis=(1, 3))
     pinhole = view.pinhole.resized(SIDE // 2, SIDE // 2)
     halved = PosedView(view.header, np.clip(half, 0, 1), pinhole)

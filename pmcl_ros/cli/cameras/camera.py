@@ -25,7 +25,7 @@ from pmcl_ros.camera.simulated.camera import SimulatedCamera
 from pmcl_ros.camera.simulated.card import Card
 from pmcl_ros.camera.simulated.faults import HELP, Faults
 from pmcl_ros.camera.simulated.server import READY, CameraServer, announced
-from pmcl_ros.cli.base import FILE, FOLDER, FORCE, STDERR, Needed
+from pmcl_ros.cli.base import FILE, FOLDER, FORCE, RAW_FOLDER, STDERR
 from pmcl_ros.runtime.errors import CameraError, LinkError, PmclError
 from pmcl_ros.runtime.outputs import refuse_existing
 
@@ -40,8 +40,7 @@ def camera() -> None:
 
 
 @camera.command(epilog='\b\nFaults:\n' + HELP)
-@click.option('--pictures', required=True, type=Needed(
-    'pmcl camera capture takes raw pictures, pmcl bag extract has those of a bag', folder=True),
+@click.option('--pictures', required=True, type=RAW_FOLDER,
               help='Folder of RAW[.xz] with TXT, or of LFP, also in subfolders. White images '
               '(modulationFrame) become the calibration files.')
 @click.option('--host', default='127.0.0.1', show_default=True, help='Address to listen at.')

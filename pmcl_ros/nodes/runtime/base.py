@@ -31,7 +31,7 @@ from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.losses import SequenceGaps
 from pmcl_ros.runtime import kernels
-from pmcl_ros.runtime.errors import PmclError, told
+from pmcl_ros.runtime.errors import PmclError, error_line
 from pmcl_ros.runtime.settings import Settings
 
 # Both ends of every big topic: best effort loses messages of this size; only the newest counts.
@@ -158,7 +158,7 @@ class StageNode(LifecycleNode):
         try:
             yield problems
         except (PmclError, MemoryError) as error:
-            problems.append(told(error))
+            problems.append(error_line(error))
             self.get_logger().error(f'{what}: {problems[0]}')
         except Exception as error:
             problems.append(f'{type(error).__name__}: {error}')
@@ -263,7 +263,7 @@ class StageNode(LifecycleNode):
         try:
             step()
         except (PmclError, MemoryError) as error:
-            self.get_logger().error(f'cannot {transition}: {told(error)}')
+            self.get_logger().error(f'cannot {transition}: {error_line(error)}')
             released = self._leave(transition, scope)
             return Result.FAILURE if released == Result.SUCCESS else released
         except Exception:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
-from pmcl_ros.evidence.larger_pixels import larger_pixels
+from pmcl_ros.evidence.binning import bin_side
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import retract, rotate_covariance
 from pmcl_ros.pmcl.estimate import PoseEstimate
@@ -93,7 +93,7 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
     size = max(size_in_view(model.diameter, about.roi_center, each.evidence.pinhole,
                             each.camera_to_reference) for each in evidence.views)
     made = region_volume(evidence, model, about, {
-        'window': _WINDOW, 'stride': _STRIDE * larger_pixels(size)}, beyond=_BEYOND,
+        'window': _WINDOW, 'stride': _STRIDE * bin_side(size)}, beyond=_BEYOND,
         pose=estimate.pose)
     if made is None:
         return estimate

@@ -33,7 +33,7 @@ def first(evidence, count):
 
 def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search, caplog):
     caplog.set_level(logging.INFO)
-    sigmas = []
+    sigmas, bounds = [], []
     for count in range(1, len(ANGLES) + 1):
         estimate = search.localize(first(evidence, count), np.random.default_rng(count))
         whole = found(CUP, first(evidence, count))
@@ -46,8 +46,11 @@ def test_each_view_makes_the_pose_surer_for_less_than_a_search(evidence, search,
             assert caplog.messages.count('searched with views added (1) from the last pose') == (
                 count - 1)
         sigmas.append(np.sqrt(np.trace(estimate.covariance[:3, :3])))
+        with MultiViewLocalizer(CUP, settings()) as localizer:
+            bounds.append(np.trace(localizer.bound(first(evidence, count), truth_of(CUP))[:3, :3]))
+    assert all(after < before for before, after in pairwise(bounds))
     # The model error follows how far the views disagree, which some views tell roughly.
-    assert all(after < 1.4 * before for before, after in pairwise(sigmas))
+    assert all(after < 1.3 * before for before, after in pairwise(sigmas))
     assert sigmas[-1] < 0.8 * sigmas[1] < 0.2 * sigmas[0]
     assert sigmas[-1] < 0.3 * sigmas[0]
 

@@ -7,9 +7,9 @@ import pytest
 
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.binning import MOST_PIXELS, binned, binned_to_fit, check_memory
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import view_edges
-from pmcl_ros.evidence.larger_pixels import MOST_PIXELS, check_memory, fitting, reduced
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
@@ -27,16 +27,16 @@ def view(width, height):
 
 def test_a_picture_that_fits_is_left_as_it_is():
     seen = view(MOST_PIXELS // 1024, 1024)
-    assert fitting(seen, SETTINGS) is seen
+    assert binned_to_fit(seen, SETTINGS) is seen
 
 
 def test_a_larger_picture_shows_the_same_with_fewer_pixels():
     seen = view(2500, 1800)
-    found = fitting(seen, SETTINGS)
+    found = binned_to_fit(seen, SETTINGS)
     assert found.pinhole == seen.pinhole.resized(1250, 900)
     np.testing.assert_allclose(found.picture[7, :, 1], seen.picture[0].mean(axis=1).reshape(
         -1, 2).mean(axis=1), atol=1e-6)
-    assert fitting(found, SETTINGS) is found
+    assert binned_to_fit(found, SETTINGS) is found
     point = np.array([[0.1, 0.2, 0.9]])
     np.testing.assert_allclose(found.pinhole.project(point) + 0.5,
                                (seen.pinhole.project(point) + 0.5) / 2)
@@ -44,21 +44,21 @@ def test_a_larger_picture_shows_the_same_with_fewer_pixels():
 
 def test_each_of_several_views_is_made_to_fit():
     small, large = view(640, 480), view(4032, 3024)
-    found = fitting(PosedViews((small, large)), SETTINGS)
+    found = binned_to_fit(PosedViews((small, large)), SETTINGS)
     assert found.views[0] is small
-    assert found.views[1].pinhole == reduced(large, 3).pinhole
+    assert found.views[1].pinhole == binned(large, 3).pinhole
 
 
 def test_many_views_are_made_to_fit_together():
     one = view(1280, 960)
-    assert fitting(PosedViews((one,) * 13), SETTINGS).views == (one,) * 13
-    found = fitting(PosedViews((one,) * 14), SETTINGS)
+    assert binned_to_fit(PosedViews((one,) * 13), SETTINGS).views == (one,) * 13
+    found = binned_to_fit(PosedViews((one,) * 14), SETTINGS)
     assert [each.pinhole for each in found.views] == [one.pinhole.resized(640, 480)] * 14
 
 
 def test_a_part_that_was_cut_out_keeps_its_pixels():
     seen = view(2500, 1800)
-    assert fitting(seen, SETTINGS.model_copy(update={'crop': (10, 20, 640, 480)})) is seen
+    assert binned_to_fit(seen, SETTINGS.model_copy(update={'crop': (10, 20, 640, 480)})) is seen
 
 
 def test_what_does_not_fit_is_refused_before_it_is_made():

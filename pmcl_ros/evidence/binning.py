@@ -1,4 +1,4 @@
-"""Pictures with larger pixels: where the object is large in them, or memory would not suffice."""
+"""Pictures binned: where the object is large in them, or memory would not suffice."""
 
 import logging
 import math
@@ -25,19 +25,19 @@ _MOST_BYTES, _BYTES = 3 * 2 ** 30, 100  # of all evidence; of a pixel at one dep
 _SEARCHED = 160.0  # px: size of an object in the pictures that the search is made for
 
 
-def larger_pixels(size: float) -> int:
+def bin_side(size: float) -> int:
     """Side of the squares of pixels that make an object of this size [px] `_SEARCHED` large."""
     return max(1, round(size / _SEARCHED))
 
 
-def reduced(view: PosedView, larger: int) -> PosedView:
+def binned(view: PosedView, larger: int) -> PosedView:
     """A view in which squares of `larger` pixels are one."""
     reduction = Reduction(1, larger)
     picture = np.clip(reduction.shrunk(view.picture), 0, 1)
     return replace(view, picture=picture, pinhole=reduction.pinhole(view.pinhole))
 
 
-def fitting(source: Source, settings: DlvSettings) -> Source:
+def binned_to_fit(source: Source, settings: DlvSettings) -> Source:
     """What evidence is made of: pictures of more than `MOST_PIXELS` with larger pixels.
 
     So have views so many that all would take too much memory. As it is where the settings cut out
@@ -47,23 +47,23 @@ def fitting(source: Source, settings: DlvSettings) -> Source:
         return source
     if isinstance(source, PosedViews):
         most = _MOST_BYTES // (2 * _BYTES * len(source.views))
-        return replace(source, views=tuple(_fitting(each, most) for each in source.views))
-    return cast(Source, _fitting(source, MOST_PIXELS))
+        return replace(source, views=tuple(_binned_to_fit(each, most) for each in source.views))
+    return cast(Source, _binned_to_fit(source, MOST_PIXELS))
 
 
-def _fitting(view: PosedView, most: int) -> PosedView:
+def _binned_to_fit(view: PosedView, most: int) -> PosedView:
     width, height = view.pinhole.width, view.pinhole.height
     if width * height <= min(most, MOST_PIXELS):
         return view
     larger = max(_needed(width * height, min(most, MOST_PIXELS)),
                  math.ceil(max(width, height) / _LONGEST))
     _tell(width, height, larger)
-    return reduced(view, larger)
+    return binned(view, larger)
 
 
 @lru_cache(maxsize=16)  # logged once, not at every picture
 def _tell(width: int, height: int, larger: int) -> None:
-    _LOG.info('pictures of %dx%d px are searched with squares of %dx%d pixels as one', width,
+    _LOG.info('pictures of %dx%d px are binned %dx%d', width,
               height, larger, larger)
 
 

@@ -3,7 +3,7 @@
 import pytest
 import trimesh
 
-from pmcl_ros.pmcl.mesh_size import mesh_size
+from pmcl_ros.runtime.mesh_size import mesh_size
 
 BALL = trimesh.creation.icosphere(2)
 
