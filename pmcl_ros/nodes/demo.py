@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
 from rich.console import Console
+from rich.markup import escape
 from sensor_msgs.msg import Image
 from std_srvs.srv import Trigger
 
@@ -32,6 +33,7 @@ from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.lifecycle import Lifecycle
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.ros_domain import own_domain
 from pmcl_ros.warm_up import compile_ahead
@@ -39,6 +41,7 @@ from pmcl_ros.warm_up import compile_ahead
 _ROOT = Path(__file__).parents[2]
 _PATIENCE = 300.0  # s: for the nodes, and the pose; the first run compiles its kernels
 _CONSOLE = Console()
+_PICTURES = ('centre.png', 'depth.png', 'overlay.png')
 
 
 class DemoError(PmclError):
@@ -113,14 +116,17 @@ def _simulate(stack: ExitStack, bag: Path) -> str:
     return address.text
 
 
-def show(bag: Path, out: Path, simulate: bool) -> None:
+def show(bag: Path, out: Path, simulate: bool, force: bool = False) -> None:
     """Run the chain on a bag, print its pose beside the truth, write the pictures.
 
     simulate: a simulated camera is triggered and takes the picture that is in the bag. Else the
-    bag is replayed.
+    bag is replayed. Raises OutputError where a picture is there that no earlier run wrote, unless
+    `force`.
     """
     truth = Truth.load(bag / 'truth.json')
     with ExitStack() as stack:
+        results = stack.enter_context(Results(out, 'demo', force))
+        results.reserve(*_PICTURES)
         stack.callback(try_shutdown)
         rclpy.init()
         watcher = Watcher()
@@ -159,12 +165,12 @@ def show(bag: Path, out: Path, simulate: bool) -> None:
                 raise DemoError(f'no pose after {_PATIENCE:.0f} s; got {list(watcher.pictures)}')
         _say('received the pose')
         assert watcher.pose is not None
-        _report(watcher, watcher.pose, bag, truth.pose, out)
+        _report(watcher, watcher.pose, bag, truth.pose, results)
         _say('stopping the nodes')
 
 
 def _report(watcher: Watcher, found: PoseStamped, bag: Path, truth: NDArray[np.float64],
-            out: Path) -> None:
+            results: Results) -> None:
     model = ObjectModel.load(_mesh(bag))
     _, pose = pose_from(found)
     error = pose_error(pose, truth, model.symmetry)
@@ -176,14 +182,14 @@ def _report(watcher: Watcher, found: PoseStamped, bag: Path, truth: NDArray[np.f
     _CONSOLE.print(f'    error: [bold]{1e3 * error.translation:.1f} mm[/], '
                    f'[bold]{np.rad2deg(error.rotation):.1f} degrees[/] (of the symmetry axis)',
                    highlight=False)
-    out.mkdir(parents=True, exist_ok=True)
     depth = depth_from(watcher.pictures['dlv/depth'])
     near, far = np.nanpercentile(depth, [1, 99])
-    write_png(out / 'centre.png', picture_from(watcher.pictures['center/image']))
-    write_png(out / 'depth.png', depth_picture(depth, near, far))
-    write_png(out / 'overlay.png', picture_from(watcher.pictures['overlay']))
-    _CONSOLE.print(f' pictures: {out}/centre.png, {out}/depth.png (most likely depth), '
-                   f'{out}/overlay.png (estimate on the centre view)', highlight=False)
+    centre, likely, overlay = (results.path(name) for name in _PICTURES)
+    write_png(centre, picture_from(watcher.pictures['center/image']))
+    write_png(likely, depth_picture(depth, near, far))
+    write_png(overlay, picture_from(watcher.pictures['overlay']))
+    _CONSOLE.print(f' pictures: {centre}, {likely} (most likely depth), {overlay} (estimate on '
+                   'the centre view)', highlight=False)
     _CONSOLE.rule()
 
 
@@ -195,13 +201,15 @@ def main() -> int:
     parser.add_argument('--out', type=Path, default=Path('out'), help='folder for the pictures')
     parser.add_argument('--camera', choices=['', 'simulated'], default='', help='simulated: a '
                         'camera made of software takes the picture; else the bag is replayed')
+    parser.add_argument('--force', action='store_true',
+                        help='overwrite files that are there already')
     options = parser.parse_args()
     own_domain()
     try:
         compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
-        show(options.bag, options.out, options.camera == 'simulated')
+        show(options.bag, options.out, options.camera == 'simulated', options.force)
     except PmclError as error:
-        _CONSOLE.print(f'[red]the demo failed:[/] {error}')
+        _CONSOLE.print(f'[red]the demo failed:[/] {escape(str(error))}', soft_wrap=True)
         return 1
     except KeyboardInterrupt:
         return 130

@@ -28,6 +28,11 @@ def is_out_of_memory(error: Exception) -> bool:
     return isinstance(error, MemoryError) or getattr(error, 'code', None) == _NO_MEMORY
 
 
+def is_foreseen(error: Exception) -> bool:
+    """Whether `error_line` says all that a user needs: no traceback is due."""
+    return isinstance(error, PmclError) or is_out_of_memory(error)
+
+
 def error_line(error: Exception) -> str:
     """In one line what is wrong and what to do, also where the system gives no more memory."""
     why = one_line(str(error))

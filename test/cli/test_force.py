@@ -2,6 +2,8 @@
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -156,3 +158,14 @@ def test_a_command_knows_its_own_results(files, tmp_path, name):
     path.write_text('mine')
     assert str(path) in call(name, arguments, values, status=1).stderr.replace('\n', '')
     assert path.read_text() == 'mine'
+
+
+@pytest.mark.parametrize(('module', 'of'), [('nodes.demo', 'overlay.png'),
+                                            ('evaluation.bench.soak', 'soak.md')])
+def test_what_is_there_stays_beside_a_graph(tmp_path, module, of):
+    (tmp_path / of).write_text('mine')
+    done = subprocess.run([sys.executable, '-m', f'pmcl_ros.{module}', '--out', tmp_path],
+                          capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert 'is there already' in done.stdout + done.stderr
+    assert [each.name for each in tmp_path.iterdir()] == [of]

@@ -41,6 +41,7 @@ from pmcl_ros.nodes.bench.running_graph import (
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError
+from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.ros_domain import own_domain
 
 _ROOT = Path(__file__).parents[3]
@@ -249,6 +250,8 @@ def main() -> int:
                         help='what the camera sees, with its truth.json and models/NAME.obj')
     parser.add_argument('--out', type=Path, default=Path('out') / 'soak',
                         help='folder for soak.json, soak.md and graph.log')
+    parser.add_argument('--force', action='store_true',
+                        help='overwrite files that are there already')
     options = parser.parse_args()
     if options.disturbances < 0 or (options.disturbances and not options.processes):
         parser.error('--disturbances is a number of times and needs --processes: a node is killed '
@@ -260,21 +263,23 @@ def main() -> int:
         if options.full_disks and not _in_small_disks():
             _mount_small_disks()
         own_domain()
-        options.out.mkdir(parents=True, exist_ok=True)
-        result = soak(options.captures, options.bag, ['--processes'] if options.processes else [],
-                      options.quick, options.flood, options.out / 'graph.log',
-                      options.disturbances, {
-                          'shared memory is full': _SHARED, 'the disk is full': _LOGS,
-                      } if options.full_disks else {})
+        with Results(options.out, 'soak', options.force) as out:
+            log, page, record = (out.path(name) for name in
+                                 ('graph.log', 'soak.md', 'soak.json'))
+            result = soak(options.captures, options.bag,
+                          ['--processes'] if options.processes else [],
+                          options.quick, options.flood, log, options.disturbances, {
+                              'shared memory is full': _SHARED, 'the disk is full': _LOGS,
+                          } if options.full_disks else {})
+            violations = result.violations(options.flood)
+            report = [*result.markdown(), '', *(violations or ['All as it must be.'])]
+            page.write_text('\n'.join(report) + '\n')
+            record.write_text(json.dumps(
+                asdict(result) | {'violations': violations, 'arguments': sys.argv[1:],
+                                  'began_ns': began, 'processors': os.cpu_count()}, indent=1))
     except PmclError as error:
-        _CONSOLE.print(f'pmcl_soak: {error}', markup=False)
+        _CONSOLE.print(f'pmcl_soak: {error}', markup=False, soft_wrap=True)
         return 1
-    violations = result.violations(options.flood)
-    report = [*result.markdown(), '', *(violations or ['All as it must be.'])]
-    (options.out / 'soak.md').write_text('\n'.join(report) + '\n')
-    (options.out / 'soak.json').write_text(json.dumps(
-        asdict(result) | {'violations': violations, 'arguments': sys.argv[1:],
-                          'began_ns': began, 'processors': os.cpu_count()}, indent=1))
     Console().print('\n'.join(report), markup=False, soft_wrap=True)
     return int(bool(violations))
 

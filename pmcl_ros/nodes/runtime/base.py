@@ -31,7 +31,7 @@ from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.losses import SequenceGaps
 from pmcl_ros.runtime import kernels
-from pmcl_ros.runtime.errors import PmclError, error_line
+from pmcl_ros.runtime.errors import PmclError, error_line, is_foreseen
 from pmcl_ros.runtime.settings import Settings
 
 # Both ends of every big topic: best effort loses messages of this size; only the newest counts.
@@ -157,12 +157,13 @@ class StageNode(LifecycleNode):
         problems: list[str] = []
         try:
             yield problems
-        except (PmclError, MemoryError) as error:
-            problems.append(error_line(error))
-            self.get_logger().error(f'{what}: {problems[0]}')
         except Exception as error:
-            problems.append(f'{type(error).__name__}: {error}')
-            self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
+            if is_foreseen(error):
+                problems.append(error_line(error))
+                self.get_logger().error(f'{what}: {problems[0]}')
+            else:
+                problems.append(f'{type(error).__name__}: {error}')
+                self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
         if problems:
             self.health.failed(f'{what}: {problems[0]}')
             self.publish_diagnostics()
@@ -262,11 +263,11 @@ class StageNode(LifecycleNode):
     def _enter(self, transition: str, scope: ExitStack, step: Callable[[], None]) -> Result:
         try:
             step()
-        except (PmclError, MemoryError) as error:
-            self.get_logger().error(f'cannot {transition}: {error_line(error)}')
-            released = self._leave(transition, scope)
-            return Result.FAILURE if released == Result.SUCCESS else released
-        except Exception:
+        except Exception as error:
+            if is_foreseen(error):
+                self.get_logger().error(f'cannot {transition}: {error_line(error)}')
+                released = self._leave(transition, scope)
+                return Result.FAILURE if released == Result.SUCCESS else released
             self.get_logger().error(f'cannot {transition}: unexpected error\n'
                                     f'{traceback.format_exc()}')
             return Result.ERROR  # on_error releases

@@ -4,6 +4,8 @@ import re
 import threading
 from itertools import count
 
+import cv2
+import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -131,10 +133,18 @@ def test_parameters_are_read_again_at_each_configure(probe):
     assert probe.settings.size == 1.5
 
 
+def of_opencv():
+    """What OpenCV raises where it gets no memory."""
+    with pytest.raises(cv2.error) as problem:
+        cv2.copyMakeBorder(np.zeros((1, 1), np.uint8), 0, 2 ** 30, 0, 2 ** 16, cv2.BORDER_CONSTANT)
+    return problem.value
+
+
 @pytest.mark.parametrize(('problem', 'told'), [
     (PmclError('no such mesh; give its path'), 'no such mesh; give its path'),
     (MemoryError('Unable to allocate 9 GiB'),
-     'there is not enough memory: Unable to allocate 9 GiB; make pixels larger')])
+     'there is not enough memory: Unable to allocate 9 GiB; make pixels larger'),
+    (of_opencv(), 'there is not enough memory: OpenCV')])
 def test_what_a_user_can_mend_is_one_line(probe, capfd, problem, told):
     probe.wrong['set_up'] = problem
     assert probe.trigger_configure() == Result.FAILURE
