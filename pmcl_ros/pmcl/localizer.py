@@ -169,11 +169,11 @@ class Localizer:
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
             if edges.coarser is None:
-                poses = search.find(start, rng, stages, watch)
+                poses = search.find(start, rng, stages, watch).poses
             else:
                 coarser = replace(self._evidence(edges.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
-                poses = search.sharpen(first.find(start, rng, stages, watch), watch)
+                poses = search.sharpen(first.find(start, rng, stages, watch).poses, watch).poses
                 optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimator.from_posterior(

@@ -17,6 +17,9 @@ from pmcl_ros.runtime.progress import Progress
 # Numbers of poses refined by coarse contours, by fine ones, by those of the image, kept, and modes
 # at the end.
 _LIKELY, _HOPEFUL, _JUDGED, _LEFT, _MODES = 100, 32, 12, 4, 3
+# nat behind the best pose: from there on a mode has no share in the posterior, also where the
+# points of contours are so dependent that a twentieth of the evidence counts.
+_HOPELESS = 400.0
 _CHALLENGED = 2  # best poses whose ambiguous poses are tried
 # Random restarts about each pose that is left: their number, the motion of the contour in each
 # direction of freedom [image px, rms], the largest deviation [m, rad].
@@ -61,8 +64,8 @@ class ContourSearch:
     posterior: Modes
 
     def find(self, start: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
-             watch: Watch | None = None) -> NDArray[np.float64]:
-        """(n, 4, 4) the best poses, best first, from proposals (k, 4, 4).
+             watch: Watch | None = None) -> 'Judged':
+        """The best poses from proposals (k, 4, 4).
 
         stages: of the search, 0 to 0.5; once it is stopped what was found so far is returned.
         watch: called with the poses after each refinement.
@@ -82,24 +85,22 @@ class ContourSearch:
                 judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
         if stages.go_on(0.5):
             judged = self._judged(self._scattered(judged.poses, rng), judged, 'scattered', watch)
-        return (judged.poses[:_MODES] if len(judged.poses)
-                else self.finest(found[:_MODES])[0])
+        return judged.first(_MODES) if len(judged.poses) else Judged(*self.finest(found[:_MODES]))
 
     def find_near(self, poses: NDArray[np.float64], watch: Watch | None = None
-                  ) -> NDArray[np.float64]:
-        """(n, 4, 4) the best poses from those of a posterior by less evidence (k, 4, 4)."""
+                  ) -> 'Judged':
+        """The best poses from those of a posterior by less evidence (k, 4, 4)."""
         found = self._refined(self.coarse, poses, _HOPEFUL, 'coarse', watch)
         judged = self._judged(found, _NONE, 'fine', watch)
         others = ambiguous_poses(self.posterior.model, judged.poses[0])
         if len(others):
             judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
-        return judged.contenders[:_MODES]
+        return judged.first(_MODES)
 
-    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None
-                ) -> NDArray[np.float64]:
-        """(n, 4, 4) the best of poses found with larger pixels, refined with these."""
+    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None) -> 'Judged':
+        """The best of poses (k, 4, 4) that were found with larger pixels, refined with these."""
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
-        return self._judged(found, _NONE, 'sharpened', watch).poses[:_MODES]
+        return self._judged(found, _NONE, 'sharpened', watch).first(_MODES)
 
     def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                watch: Watch | None = None) -> Posterior:
@@ -122,8 +123,8 @@ class ContourSearch:
         poses = poses[np.argsort(-values, kind='stable')]
         return poses[suppress_duplicates(poses, self.posterior.model.symmetry, count)]
 
-    def _judged(self, poses: NDArray[np.float64], kept: '_Judged', stage: Stage,
-                watch: Watch | None) -> '_Judged':
+    def _judged(self, poses: NDArray[np.float64], kept: 'Judged', stage: Stage,
+                watch: Watch | None) -> 'Judged':
         """The best `_LEFT` of those kept before and of poses, refined.
 
         Fine contours choose some; contours at the resolution of the image judge them, as these
@@ -136,7 +137,7 @@ class ContourSearch:
         if np.isfinite(values).any():  # fewer are left rather than one that is impossible
             best = best[np.isfinite(values[best])]
         best = best[suppress_duplicates(found[best], self.posterior.model.symmetry, _LEFT)]
-        return _Judged(found[best], values[best])
+        return Judged(found[best], values[best])
 
     def _scattered(self, poses: NDArray[np.float64], rng: np.random.Generator
                    ) -> NDArray[np.float64]:
@@ -160,7 +161,7 @@ class ContourSearch:
 
 
 @dataclass(frozen=True)
-class _Judged:
+class Judged:
     """Poses (n, 4, 4) and their evidence (n,) at the resolution of the image, best first."""
 
     poses: NDArray[np.float64]
@@ -168,11 +169,15 @@ class _Judged:
 
     @property
     def contenders(self) -> NDArray[np.float64]:
-        """(n, 4, 4) those with at least half of the best one's evidence."""
-        return self.poses[self.values >= self.values[0] / 2] if self.values[0] > 0 else self.poses
+        """(n, 4, 4) those that can have a share in the posterior."""
+        return self.poses[self.values >= self.values[0] - _HOPELESS]
+
+    def first(self, count: int) -> 'Judged':
+        """The best of them."""
+        return Judged(self.poses[:count], self.values[:count])
 
 
-_NONE = _Judged(np.zeros((0, 4, 4)), np.zeros(0))
+_NONE = Judged(np.zeros((0, 4, 4)), np.zeros(0))
 
 
 class Stages:

@@ -121,12 +121,12 @@ class MultiViewLocalizer:
         with contextlib.ExitStack() as stack:
             search, posterior, optimizers = self._opened(joint, stack)
             if asked.near is not None:
-                poses = search.find_near(np.linalg.inv(first) @ asked.near, watch)
+                judged = search.find_near(np.linalg.inv(first) @ asked.near, watch)
             elif found is None:
-                poses = search.find(self._begin(joint, first, asked), rng, stages, watch)
+                judged = search.find(self._begin(joint, first, asked), rng, stages, watch)
             else:
-                poses = search.sharpen(np.linalg.inv(first) @ found, watch)
-            sample = search.sample(poses, rng, stages, watch)
+                judged = search.sharpen(np.linalg.inv(first) @ found, watch)
+            sample = search.sample(judged.contenders, rng, stages, watch)
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
             modes = np.stack([each.pose for each in sample.modes])
@@ -148,7 +148,7 @@ class MultiViewLocalizer:
         begin = self._begin(joint, first, asked)
         with contextlib.ExitStack() as stack:
             search, _, optimizers = self._opened(joint, stack)
-            found = first @ search.find(begin, rng, stages, asked.watch)
+            found = first @ search.find(begin, rng, stages, asked.watch).poses
         return found, sum(each.evaluations for each in optimizers)
 
     def _begin(self, joint: JointEvidence, first: NDArray[np.float64], asked: '_Asked'
