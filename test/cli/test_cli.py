@@ -48,17 +48,12 @@ def captures(tmp_path_factory):
     return folder
 
 
-def localize(capture, *more, roi=None, status=0, call=pmcl):
+def test_localize_prints_one_json_object_with_the_pose(captures, tmp_path):
+    capture = captures / 'shaker'
     truth = Truth.load(capture / 'truth.json')
-    numbers = roi or [*truth.roi_center, *truth.roi_size]
-    return call('localize', capture / 'IMG.RAW', *CAMERA, '--object', capture / 'model.obj',
-                '--roi', *numbers, *more, status=status)
-
-
-@pytest.mark.parametrize(('name', 'call'), [*zip(NAMES, (pmcl_process, pmcl), strict=True)])
-def test_localize_prints_one_json_object_with_the_pose(captures, name, call, tmp_path):
-    capture = captures / name
-    done = localize(capture, '--seed', 3, '--json', '--out', tmp_path, call=call)
+    done = pmcl_process('localize', capture / 'IMG.RAW', *CAMERA, '--object',
+                        capture / 'model.obj', '--roi', *truth.roi_center, *truth.roi_size,
+                        '--seed', 3, '--json', '--out', tmp_path)
     result = json.loads(done.stdout)
     assert set(result) == {'position', 'orientation_xyzw', 'covariance', 'score', 'lost',
                            'modes', 'timings_ms'}
@@ -71,8 +66,7 @@ def test_localize_prints_one_json_object_with_the_pose(captures, name, call, tmp
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_quat(result['orientation_xyzw']).as_matrix()
     pose[:3, 3] = result['position']
-    error = pose_error(pose, Truth.load(capture / 'truth.json').pose,
-                       Symmetry(np.array([0, 0, 1.0])))
+    error = pose_error(pose, truth.pose, Symmetry(np.array([0, 0, 1.0])))
     assert error.translation < 0.02
     assert np.rad2deg(error.rotation) < 10
     for picture, size in (('centre', (328, 328)), ('overlay', (984, 984))):
@@ -80,23 +74,11 @@ def test_localize_prints_one_json_object_with_the_pose(captures, name, call, tmp
     assert (tmp_path / 'depth.png').exists()
 
 
-def test_a_region_where_nothing_is_is_lost_and_no_failure(captures):
-    # Beside and behind the glass: the table's pattern alone.
-    done = localize(captures / 'wine_glass', '--json', roi=[0.14, 0.02, 0.8, 0.04, 0.04, 0.04])
-    assert json.loads(done.stdout)['lost'] is True
-
-
-def test_negative_numbers_of_a_region_parse_in_every_notation(captures):
-    done = localize(captures / 'wine_glass', roi=['-1e-3', '-.002', '-3', '.1', '.1', '.1'],
-                    status=1)
-    assert 'in front of the camera' in done.stderr
-
-
 def test_errors_are_one_line_that_says_what_to_do(captures, tmp_path):
     shutil.copy(captures / 'wine_glass/IMG.TXT', tmp_path)
     cut = tmp_path / 'IMG.RAW'
     cut.write_bytes((captures / 'wine_glass/IMG.RAW').read_bytes()[:-1])
-    done = pmcl_process('decode', cut, *CAMERA, '--out', tmp_path / 'out', status=1)
+    done = pmcl('decode', cut, *CAMERA, '--out', tmp_path / 'out', status=1)
     assert '16137599 bytes, expected 16137600' in done.stderr
     assert not (tmp_path / 'out').exists()
 
@@ -124,22 +106,41 @@ def test_decode_writes_rectified_views(decoded):
     assert cv2.imread(str(decoded / 'views.png')) is not None
 
 
+@pytest.fixture(scope='module')
+def coarse(decoded, tmp_path_factory):
+    """The same capture with pixels of twice the size."""
+    folder = tmp_path_factory.mktemp('coarse') / 'coarse'
+    folder.mkdir()
+    write_npz(folder / 'views.npz', read_light_field(decoded, shrink=2))
+    for each in ('truth.json', 'model.obj'):
+        shutil.copy(decoded / each, folder)
+    return folder
+
+
+def localize(capture, *more, roi, status=0):
+    return pmcl('localize', capture, '--object', capture / 'model.obj', '--roi', *roi, *more,
+                status=status)
+
+
 def test_a_light_field_is_localised_in_without_a_calibration(decoded, tmp_path):
-    """An NPZ file: by localize, and as a capture by evaluate."""
     truth = Truth.load(decoded / 'truth.json')
-    done = pmcl('localize', decoded, '--shrink', 2, '--object', decoded / 'model.obj', '--roi',
-                *truth.roi_center, *truth.roi_size, '--json', '--out', tmp_path)
+    done = localize(decoded, '--shrink', 2, '--json', '--out', tmp_path,
+                    roi=[*truth.roi_center, *truth.roi_size])
     result = json.loads(done.stdout)
     assert result['lost'] is False
     assert np.linalg.norm(np.subtract(result['position'], truth.pose[:3, 3])) < 0.02
     assert cv2.imread(str(tmp_path / 'centre.png')).shape[:2] == (164, 164)
-    coarse = shutil.copytree(decoded, tmp_path / 'coarse')
-    write_npz(coarse / 'views.npz', read_light_field(decoded, shrink=4))
-    pmcl('evaluate', tmp_path, '--trials', 1, '--out', tmp_path)
-    with (tmp_path / 'results.csv').open() as stream:
-        row, = csv.DictReader(stream)
-    assert row['capture'] == 'coarse'
-    assert float(row['translation_mm']) < 50
+
+
+def test_a_region_where_nothing_is_is_lost_and_no_failure(coarse):
+    # Beside and behind the glass: the table's pattern alone.
+    done = localize(coarse, '--json', roi=[0.14, 0.02, 0.8, 0.04, 0.04, 0.04])
+    assert json.loads(done.stdout)['lost'] is True
+
+
+def test_negative_numbers_of_a_region_parse_in_every_notation(coarse):
+    done = localize(coarse, roi=['-1e-3', '-.002', '-3', '.1', '.1', '.1'], status=1)
+    assert 'in front of the camera' in done.stderr
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
@@ -158,16 +159,22 @@ def test_a_source_that_cannot_be_read_is_told(captures, arguments, status, reaso
     assert reason in ' '.join(done.stderr.split())
 
 
-def test_evaluate_tabulates_trials(captures, tmp_path):
-    done = pmcl('evaluate', captures, '--calibration', CAMERA[1], '--trials', 2, '--only',
-                'wine_glass', '--processes', 1, '--out', tmp_path)
-    with (tmp_path / 'results.csv').open() as stream:
+def test_evaluate_tabulates_trials(captures, coarse, tmp_path):
+    """Of a raw picture, and of a light field that needs no calibration."""
+    both = tmp_path / 'both'
+    for each in (captures / 'wine_glass', captures / 'white', coarse):
+        shutil.copytree(each, both / each.name)
+    out = tmp_path / 'out'
+    done = pmcl('evaluate', both, '--calibration', CAMERA[1], '--trials', 1, '--processes', 1,
+                '--out', out)
+    with (out / 'results.csv').open() as stream:
         rows = list(csv.DictReader(stream))
     assert [(row['capture'], row['mode'], row['seed']) for row in rows] == [
-        ('wine_glass', 'default', '0'), ('wine_glass', 'default', '1')]
+        ('coarse', 'default', '0'), ('wine_glass', 'default', '0')]
     assert all(float(row['translation_mm']) < 20 and row['lost'] == 'False' for row in rows)
-    assert (tmp_path / 'results.md').read_text() == done.stdout
-    assert '| wine_glass | default | 2 |' in done.stdout
+    assert (out / 'results.md').read_text() == done.stdout
+    for name in ('coarse', 'wine_glass'):
+        assert f'| {name} | default | 1 |' in done.stdout
 
 
 def test_calibration_from_truth_is_the_shipped_one(tmp_path):

@@ -41,13 +41,13 @@ def rows_of(path):
         return list(csv.DictReader(stream))
 
 
-def test_all_that_a_run_writes(captures, tmp_path):
+def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
     paper = 'row=faithful,faithful_particles=8,faithful_iterations=3'
-    done = subprocess.run(command(captures, '--modes', 'centre', '--set', paper, '--sweep',
-                                  'particles=8,16', '--trials', 1, '--only', 'glass', '--out',
-                                  tmp_path, '--processes', 1),
-                          capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    arguments = ('evaluate', captures, '--modes', 'centre', '--set', paper, '--sweep',
+                 'particles=8,16', '--trials', 1, '--only', 'glass', '--out', tmp_path,
+                 '--processes', 1)
+    monkeypatch.setattr(sys, 'argv', ['pmcl', *map(str, arguments)])
+    done = pmcl(*arguments)
     assert {each.name for each in tmp_path.iterdir()} == {
         '.pmcl_results.json',
         'results.csv', 'results.md', 'settings.json', 'success.png', 'errors.png', 'coverage.png',
@@ -58,7 +58,7 @@ def test_all_that_a_run_writes(captures, tmp_path):
     assert (tmp_path / 'results.md').read_text() == done.stdout
     settings = json.loads((tmp_path / 'settings.json').read_text())
     assert settings['rows']['particles=8']['search']['particles'] == 8
-    assert settings['command'][0] == 'evaluate'
+    assert settings['command'] == [*map(str, arguments)]
     for name in ('success', 'errors', 'coverage', 'time'):
         assert cv2.imread(str(tmp_path / f'{name}.png')) is not None
 
@@ -85,6 +85,7 @@ def test_an_interrupted_run_writes_what_it_has(captures, tmp_path, number, proce
     assert 'interrupted after' in stderr
     rows = rows_of(results)
     assert 1 <= len(rows) < 1000
+    assert len({(row['mode'], row['capture'], row['seed']) for row in rows}) == len(rows)
     assert (out / 'results.md').read_text() == stdout
     assert f'| glass | default | {len(rows)} |' in stdout
     assert (out / 'success.png').exists()

@@ -26,6 +26,7 @@ from pmcl_ros.messages.image import picture_to_message
 
 CAMERA = {'width': 240, 'height': 180, 'fx': 225.0, 'cx': 119.0, 'cy': 91.0}
 STEP = 100_000_000  # ns
+FEW = '--set', 'proposals=100,particles=64'
 
 
 @pytest.fixture(scope='module')
@@ -44,7 +45,7 @@ def region(capture):
 
 
 def localized(source, capture, *more):
-    done = pmcl('localize', source, *region(capture), '--json', *more)
+    done = pmcl('localize', source, *region(capture), '--json', *FEW, *more)
     return json.loads(next(line for line in done.output.splitlines() if line[:1] == '{'))
 
 
@@ -151,7 +152,8 @@ def in_first_camera(capture):
 
 def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture, tmp_path):
     roi, origin = in_first_camera(capture)
-    done = pmcl('localize', scene, '--object-id', 3, *roi, '--json', '--out', tmp_path / 'out')
+    known = scene, '--object-id', 3, *roi, *FEW
+    done = pmcl('localize', *known, '--json', '--out', tmp_path / 'out')
     assert done.output.count('no camera poses: each picture is localised alone') == 1
     assert 'obj_000003.ply, in millimetres' in done.output
     assert {each.name for each in (tmp_path / 'out').glob('[!.]*')} == {
@@ -161,7 +163,7 @@ def test_each_picture_of_a_scene_without_poses_is_localised_alone(scene, capture
     cameras = json.loads((scene / 'scene_camera.json').read_text())
     del cameras['0']
     (scene / 'scene_camera.json').write_text(json.dumps(cameras))
-    line, = pmcl('localize', scene, '--object-id', 3, *roi).stdout.splitlines()
+    line, = pmcl('localize', *known).stdout.splitlines()
     assert line.startswith('000001.png: ')
     x, y, z = pictures[1]['position']
     assert f'at ({x:.4f}, {y:.4f}, {z:.4f}) m' in line

@@ -48,7 +48,7 @@ def test_fast_cost_is_the_reference(views, size, baseline, jitter, color_cost, w
                                     interpolation):
     field = noise_field(make_grid(views, size, baseline, jitter))
     options = DlvSettings(color_cost=color_cost, window=window, interpolation=interpolation)
-    worst, best = assert_same(field, options, depth_labels(0.3, 0.9, 25))
+    worst, best = assert_same(field, options, depth_labels(0.3, 0.9, 12))
     assert worst > 0.999
     assert best > 0.999
 

@@ -225,7 +225,7 @@ def test_no_orientation_is_proposed_twice(name, share):
         assert np.rad2deg(np.arccos(nearest.min())) < 8
 
 
-SETTINGS = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.12, 0.12, 0.2), renderer='numba',
+SETTINGS = PmclSettings(roi_center=(0, 0, 0.39), roi_size=(0.1, 0.1, 0.1), renderer='numba',
                         proposals=24, particles=96)
 
 

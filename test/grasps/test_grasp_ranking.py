@@ -1,6 +1,7 @@
 """Ranking: equivalent under symmetry, safest first, and never what cannot be."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -16,14 +17,19 @@ PLACE = (0.72, 0.1, 0.75)
 SURE = np.diag([1e-6] * 3 + [1e-4] * 3)
 
 
-def ranker(vessels, made, name='cup', **changes):
-    return Ranker(vessels[name], FETCH, made[name], GraspSettings(**changes))
+@pytest.fixture(scope='module')
+def ranker(vessels, made):
+    """A function of an object's name and of settings -> what ranks its grasps, made once."""
+    @cache
+    def ranker(name='cup', **changes):
+        return Ranker(vessels[name], FETCH, made[name], GraspSettings(**changes))
+    return ranker
 
 
 @pytest.mark.parametrize('name', ['cup', 'lying cup'])
 @pytest.mark.parametrize('spin', [0.3, 2.0, -1.234])
-def test_a_spin_about_the_axis_changes_nothing(vessels, made, name, spin):
-    rank = ranker(vessels, made, name, most=1000, support=False).rank
+def test_a_spin_about_the_axis_changes_nothing(vessels, ranker, name, spin):
+    rank = ranker(name, most=1000, support=False).rank
     pose, axis = transform(PLACE, (0.05, -0.1, 0.7)), vessels[name].axis
     # not isotropic, and free about the axis, as an estimate tells it
     covariance = np.diag([1e-6, 9e-6, 3e-5, 1e-4, 2e-4, 1e-4])
@@ -45,18 +51,18 @@ def test_a_spin_about_the_axis_changes_nothing(vessels, made, name, spin):
 
 def test_the_best_approach_points_away_from_the_shoulder(vessels, made):
     sides = [each for each in made['cup'] if each.kind == 'side']
+    rank = Ranker(vessels['cup'], FETCH, sides, SETTINGS).rank
     for angle in (-0.8, 0.0, 0.6):
         place = np.array([0.7 * np.cos(angle), 0.7 * np.sin(angle), 0.75])
-        best = Ranker(vessels['cup'], FETCH, sides, SETTINGS).rank(
-            transform(place), SURE).candidates[0]
+        best = rank(transform(place), SURE).candidates[0]
         out = place[:2] - SETTINGS.shoulder[:2]
         # the closed form, not only the nearest of 24 turns
         assert best.pose[:2, 0] @ out / np.linalg.norm(out) == pytest.approx(1, abs=1e-9)
         assert best.pose[2, 2] == pytest.approx(1)  # z up
 
 
-def test_scores_fall_and_what_is_told_is_true(vessels, made):
-    ranking = ranker(vessels, made).rank(transform(PLACE), SURE)
+def test_scores_fall_and_what_is_told_is_true(ranker):
+    ranking = ranker().rank(transform(PLACE), SURE)
     scores = [each.score for each in ranking.candidates]
     assert (np.diff(scores) < 1e-8).all()
     assert len(ranking.candidates) <= SETTINGS.most
@@ -85,8 +91,8 @@ def test_the_fingers_close_where_the_pose_is_sure(vessels, made):
     assert worst.probability < best.probability - 0.05
 
 
-def test_a_pose_that_is_too_unsure_gets_no_grasp(vessels, made):
-    rank = ranker(vessels, made).rank
+def test_a_pose_that_is_too_unsure_gets_no_grasp(ranker):
+    rank = ranker().rank
     assert rank(transform(PLACE), SURE).candidates
     none = rank(transform(PLACE), np.diag([4e-4] * 3 + [1e-4] * 3))
     assert not none.candidates
@@ -98,18 +104,18 @@ def test_a_pose_that_is_too_unsure_gets_no_grasp(vessels, made):
                                rank(transform(PLACE), SURE).candidates} | {'none'})
 
 
-def test_what_is_out_of_reach_is_refused(vessels, made):
+def test_what_is_out_of_reach_is_refused(ranker):
     for place, nearest in (((2.0, 0, 0.7), 0.25), ((0.4, 0, 0.75), 0.75)):
-        ranking = ranker(vessels, made, support=False, nearest=nearest).rank(
+        ranking = ranker(support=False, nearest=nearest).rank(
             transform(place), SURE)
         assert not ranking.candidates
         assert 'out of reach' in ranking.describe()
 
 
-def test_the_gripper_stays_above_what_the_object_stands_on(vessels, made):
+def test_the_gripper_stays_above_what_the_object_stands_on(ranker):
     pose = transform(PLACE)
-    free = ranker(vessels, made, support=False, most=1000).rank(pose, SURE)
-    standing = ranker(vessels, made, most=1000).rank(pose, SURE)
+    free = ranker('cup', most=1000, support=False).rank(pose, SURE)
+    standing = ranker(most=1000).rank(pose, SURE)
     low = {each.grasp.name for each in free.candidates} - {
         each.grasp.name for each in standing.candidates}
     assert {'side_13mm', 'side_26mm'} <= low
@@ -118,8 +124,8 @@ def test_the_gripper_stays_above_what_the_object_stands_on(vessels, made):
         assert (corners @ each.pose[2, :3]).min() + each.pose[2, 3] >= PLACE[2]
 
 
-def test_upside_down_the_other_end_is_grasped(vessels, made):
-    ranking = ranker(vessels, made, most=1000).rank(
+def test_upside_down_the_other_end_is_grasped(ranker):
+    ranking = ranker(most=1000).rank(
         transform((0.6, 0, 0.7), (np.pi, 0, 0)), SURE)
     names = {each.grasp.name for each in ranking.candidates}
     assert 'over_base' in names

@@ -38,7 +38,7 @@ def test_exact_poses_are_not_off():
     assert adjusted.before < 0.2
 
 
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(2))
 def test_poses_that_are_off_are_brought_back_as_far_as_they_say(seed):
     rng = np.random.default_rng(seed)
     errors = rng.normal(size=(4, 6)) * np.repeat([0.0015, 0.005], 3)

@@ -11,15 +11,22 @@ import rclpy
 from harness import ROOT, User
 from rclpy.context import Context
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
 from synthetic_camera import SIDE, SyntheticCamera, waves
 
-from pmcl_ros.camera.files import write_raw_frame
+from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
+from pmcl_ros.messages import bags
+from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from
 from pmcl_ros.nodes.runtime.shared_memory import VARIABLE
 
 
@@ -80,6 +87,18 @@ def bag_parameters(parameters):
     cameras = ROOT / 'config' / 'cameras'
     return parameters | {'subaperture_node': {'calibration': f'{cameras}/demo.yaml',
                                               'white': f'{cameras}/demo_white.RAW.xz'}}
+
+
+@pytest.fixture(scope='session')
+def light_field():
+    """What the core, without ROS, decodes from bags/wine_glass."""
+    text, image = bags.read(ROOT / 'bags' / 'wine_glass')
+    frame = raw_frame_from(deserialize_message(image.cdr, Image),
+                           metadata_from(deserialize_message(text.cdr, String)))
+    cameras = ROOT / 'config' / 'cameras'
+    decoder = Decoder(Calibration.load(cameras / 'demo.yaml'),
+                      read_raw_frame(cameras / 'demo_white.RAW.xz'))
+    return decoder.decode(frame)
 
 
 @pytest.fixture(scope='session')

@@ -74,7 +74,9 @@ def test_all_nodes_become_active_and_a_signal_ends_them(tmp_path, user, write, h
               'the nodes to go')
 
 
-@pytest.mark.parametrize('how', [[], ['--processes']], ids=['one process', 'four'])
+@pytest.mark.parametrize('how', [
+    [], ['--processes', '--without', 'pmcl_node', '--without', 'subaperture_node']],
+    ids=['one process', 'two'])
 def test_the_node_that_fails_is_named(tmp_path, write, how):
     file = write({'dlv_node': {'near': 2.0}})
     with Process(tmp_path, BRINGUP, '--params-file', file, *how, status=1) as chain:

@@ -158,8 +158,7 @@ def test_a_camera_that_is_gone_is_told_and_used_again_when_it_is_back(card, driv
         assert not answer.success
         assert str(address) in answer.message
         told(user, states, 'link', 'lost')
-    with served(folder, '--empty', '--port', str(address.port), '--callback-port',
-                str(address.callback_port)):
+    with serving(folder, empty=True, at=address):
         states.clear()
         told(user, states, 'link', 'up')
         assert capture(user).success

@@ -1,35 +1,27 @@
 """Light fields that no Lytro took: dlv_node takes any grid, a bag of one is localised in."""
 
-import subprocess
-import sys
-
 import cv2
 import numpy as np
 import pytest
 import yaml
+from command_line import pmcl
 from geometry_msgs.msg import PoseStamped
 from harness import ACTIVATE, CONFIGURE, ROOT, Process
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
-from std_msgs.msg import Float32MultiArray, String
+from std_msgs.msg import Float32MultiArray
 
-from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.lightfield.calibration.calibration import Calibration
-from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.light_field import light_field_from, light_field_to_messages
 from pmcl_ros.messages.pose import pose_from
-from pmcl_ros.messages.raw_frame import metadata_from, raw_frame_from
 from pmcl_ros.messages.volume import edges_from, volume_from
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
 
-CAMERA = ROOT / 'config' / 'cameras'
 GRIDS = {(17, 17): (24, 20), (1, 5): (40, 30), (4, 6): (33, 21)}
 
 
@@ -68,13 +60,8 @@ def test_dlv_node_takes_views_of_any_number_and_size(tmp_path, user):
 
 
 @pytest.fixture(scope='module')
-def folder(tmp_path_factory):
+def folder(tmp_path_factory, light_field):
     """5x7 of the views of bags/wine_glass as pictures, with a light_field.yaml."""
-    text, image = bags.read(ROOT / 'bags' / 'wine_glass')
-    frame = raw_frame_from(deserialize_message(image.cdr, Image),
-                              metadata_from(deserialize_message(text.cdr, String)))
-    light_field = Decoder(Calibration.load(CAMERA / 'demo.yaml'),
-                          read_raw_frame(CAMERA / 'demo_white.RAW.xz')).decode(frame)
     folder = tmp_path_factory.mktemp('views')
     for row, column in np.ndindex(5, 7):
         encoded = np.clip(light_field.views[row + 2, column + 1], 0, 1) ** (1 / 2.2)
@@ -89,8 +76,7 @@ def folder(tmp_path_factory):
 
 def test_a_bag_of_a_folder_of_pictures_is_localised_in(tmp_path, user, truth, folder):
     bag = tmp_path / 'bag'
-    subprocess.run([sys.executable, '-m', 'pmcl_ros.cli', 'bag', 'record', folder, bag],
-                   cwd=ROOT, check=True)
+    pmcl('bag', 'record', folder, bag)
     assert [(each.name, each.messages) for each in bags.topics(bag)] == [
         ('/center/camera_info', 1), ('/center/image', 1), ('/views/camera_info', 1),
         ('/views/pupil', 1), ('/views', 1)]
@@ -102,7 +88,7 @@ def test_a_bag_of_a_folder_of_pictures_is_localised_in(tmp_path, user, truth, fo
             'object': f'{ROOT}/models/wine_glass.obj', 'roi_center': region['center'],
             'roi_size': region['size']}}}))
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', file, '--without',
-                 'lytro_driver', '--without', 'subaperture_node', checked=False) as chain:
+                 'lytro_driver', '--without', 'subaperture_node') as chain:
         poses = user.listen(PoseStamped, 'pose', SMALL)
         overlays = user.listen(Image, 'overlay', SMALL)
         with Process(tmp_path, 'pmcl_ros.nodes.replay', bag):

@@ -54,7 +54,7 @@ from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 
-CAMERA = '{width: 320, height: 240, fx: 300, cx: 161, cy: 119}'
+CAMERA = '{width: 240, height: 180, fx: 225, cx: 121, cy: 89}'
 TOPICS = ((CameraInfo, 'posed_views/camera_info', SMALL), (PoseArray, 'posed_views/poses', SMALL),
           (Image, 'posed_views/sigma', SMALL), (Image, 'posed_views', BIG))
 
@@ -91,7 +91,7 @@ def search(scene):
     """The parameters of pmcl_node; the region is in the base frame."""
     centre = BASE[:3, :3] @ Truth.load(scene / 'truth.json').roi_center + BASE[:3, 3]
     return {'object': str(scene / 'model.obj'), 'roi_center': centre.tolist(),
-            'roi_size': [0.12, 0.12, 0.12]}
+            'roi_size': [0.12, 0.12, 0.12], 'proposals': 60}
 
 
 def off(pose, truth):
@@ -179,9 +179,9 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
     error = off(found[-1][1], truth)
     assert error.translation < 4 * told[-1] < 0.02
     assert np.degrees(error.rotation) < 3
-    # four views of 320x240 px in two rows, three times enlarged
-    assert picture_from(pictures[2]).shape == (1440, 1920, 3)
-    assert picture_from(pictures[0]).shape == (720, 1920, 3)
+    # four views of 240x180 px in two rows, three times enlarged
+    assert picture_from(pictures[2]).shape == (1080, 1440, 3)
+    assert picture_from(pictures[0]).shape == (540, 1440, 3)
     drawn = [picture_from(each) for each in (*sigmas[:3], candidates[0])]
     assert all(each.std() > 10 for each in drawn)
     assert (drawn[2] != drawn[0]).any()
@@ -201,7 +201,7 @@ def test_each_picture_that_is_asked_for_makes_the_pose_surer(
 def test_a_bag_of_a_moving_arm_gives_the_views_where_it_rested(tmp_path, user, frames):
     record(tmp_path / 'bag', frames)
     settings = {'poses': 'topic', 'collect': 'rest', 'exposure': 0.1, 'most_views': 4}
-    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
         assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
         came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
         with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--rate', '2'):
@@ -225,8 +225,8 @@ def test_a_picture_that_was_asked_for_comes_or_the_log_says_why_not(tmp_path, us
     settings = {'poses': 'topic', 'collect': 'service', 'gap': 2.0, 'movement': 5.0,
                 'least_views': 1, 'most_views': 2, 'auto_finish': False}
     small = replace(frames[0], image=frames[0].image[::2, ::2],
-                    lens=Lens(frames[0].lens.pinhole.resized(160, 120)))
-    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+                    lens=Lens(frames[0].lens.pinhole.resized(120, 90)))
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
         assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
         views = user.listen(Image, 'posed_views', BIG)
         robot = Robot(user)
@@ -272,7 +272,7 @@ def test_a_plan_says_from_where_views_are_wanted(tmp_path, user, frames):
         'frame': 'base_link', 'poses': [each.pose.ravel().tolist() for each in planned]}))
     settings = {'poses': 'topic', 'collect': 'plan', 'plan': str(tmp_path / 'plan.yaml'),
                 'gap': 20.0, 'movement': 5.0, 'patience': 20.0}
-    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
         assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
         came = [user.listen(kind, topic, qos) for kind, topic, qos in TOPICS]
         states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
@@ -295,8 +295,8 @@ def test_a_picture_of_no_use_takes_nothing_from_the_one_before_it(tmp_path, user
     settings = {'poses': 'topic', 'collect': 'rest', 'gap': 20.0, 'movement': 5.0,
                 'least_views': 1, 'patience': 20.0}
     broken = replace(frames[0], stamp_ns=START + SECOND, image=frames[0].image[::2, ::2],
-                     lens=Lens(frames[0].lens.pinhole.resized(160, 120)))
-    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings, checked=False) as node:
+                     lens=Lens(frames[0].lens.pinhole.resized(120, 90)))
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
         assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
         views = user.listen(Image, 'posed_views', BIG)
         states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
@@ -335,14 +335,14 @@ def test_a_bag_of_posed_views_is_searched_in_step(tmp_path, user, scene, frames,
     assert [pose_from(each)[0].stamp_ns for each in poses] == [
         frames[1].stamp_ns, frames[3].stamp_ns]
     assert 'found model in 4 views' in node.log
-    # The same views by the pipeline, without ROS.
+    assert off(pose_from(poses[1])[1], truth).translation < 0.01
+    # The first views by the pipeline, without ROS.
     settings = PmclSettings(**search)
     with Pipeline.for_object(ObjectModel.load(scene / 'model.obj'), settings,
                              posed=True) as pipeline:
-        run = pipeline.run(lambda: posed_views_from(*sent_by(frames, 4)),
+        run = pipeline.run(lambda: posed_views_from(*sent_by(frames, 2)),
                            np.random.default_rng(settings.seed))
-    assert off(run.estimate.pose, truth).translation < 0.01
-    assert off(pose_from(poses[-1])[1], run.estimate.pose).translation < 1e-3
+    assert off(pose_from(poses[0])[1], run.estimate.pose).translation < 1e-6
 
 
 def test_fixed_cameras_follow_an_object(tmp_path, user, frames, truth, search):

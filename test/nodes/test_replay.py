@@ -73,7 +73,7 @@ def test_messages_come_in_order_and_at_the_rate(tmp_path, user, rate, recorded):
 
 
 @pytest.mark.parametrize('depth', [1, 5])
-@pytest.mark.parametrize('size', [3, 3_000_003], ids=['small', 'of many packets'])
+@pytest.mark.parametrize('size', [3, 1_000_003], ids=['small', 'of many packets'])
 def test_nothing_is_overwritten_before_it_has_arrived(tmp_path, user, depth, size):
     """Not even what is published before the subscriber knows of the player."""
     texts = [f'{number:0{size}}' for number in range(33)]  # as long as one that is not padded

@@ -42,13 +42,12 @@ BRACKET_POSE = pose_of(Rotation.from_euler('xyz', [2.2, 0.5, 0.8]), [-0.01, 0.00
 
 @pytest.mark.parametrize(('model', 'pose'), [(CUP, CUP_POSE), (BRACKET, BRACKET_POSE)],
                          ids=['cup', 'bracket'])
-@pytest.mark.parametrize('seed', [0, 1])
-def test_a_known_pose_is_found(model, pose, seed):
+def test_a_known_pose_is_found(model, pose):
     middle = pose[:3, 3] + [0.012, -0.01, 0.015]
     settings = PmclSettings(roi_center=tuple(middle), roi_size=(0.12, 0.12, 0.14),
                             renderer='numba')
     with Localizer(model, settings) as localizer:
-        found = localizer.localize(seen(model, pose), np.random.default_rng(seed))
+        found = localizer.localize(seen(model, pose), np.random.default_rng(0))
     error = pose_error(found.pose, pose, model.symmetry)
     assert not found.lost
     assert error.translation < 0.004
@@ -95,7 +94,7 @@ def test_a_pose_that_is_as_likely_as_another_is_lost():
     right = np.arange(camera.width) > camera.cx
     both = np.where(right[:, None, None], one.tensor, mirrored)
     settings = PmclSettings(roi_center=(0.0, -0.005, 0.45), roi_size=(0.12, 0.06, 0.1),
-                            renderer='numba')
+                            renderer='numba', proposals=100)
     for least, tensor, lost in ((0.9, both, True), (0.0, both, False), (0.9, one.tensor, False)):
         odds = replace(one, tensor=np.ascontiguousarray(tensor), numbers=NUMBERS.model_copy(
             update={'least_weight': least, 'inside_weight': 0.0}))

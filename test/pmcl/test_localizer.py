@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from pmcl_scenes import (
-    CAMERA,
+    COARSE,
     bracket,
     cup,
     depth_of,
@@ -38,14 +38,16 @@ CUP = model_of(cup(), [0, 0, 1])
 BRACKET = model_of(bracket())
 SETTINGS = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.1, 0.1, 0.16))
 REGION = Region(SETTINGS.roi_center, SETTINGS.roi_size)
-SMALL = SETTINGS.model_copy(update={'proposals': 8, 'particles': 32, 'moves': 1})
+# A search that is soon done, of a part of that region.
+SMALL = SETTINGS.model_copy(update={'roi_center': (0, 0, 0.35), 'roi_size': (0.1, 0.1, 0.06),
+                                    'proposals': 8, 'particles': 32, 'moves': 1})
 
 
 def scene(context, model, seed):
     """A pose, and a volume in which the object is seen there."""
     truth = random_poses(1, seed, depth=(0.34, 0.42))[0]
-    depth = depth_of(context, model, truth, CAMERA, 4)
-    edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius, strength=2.0)
+    depth = depth_of(context, model, truth, COARSE, 4)
+    edges = edges_seen(depth, COARSE, DEPTHS, 0.2 * model.radius, strength=2.0)
     # No picture is without any edges: faint ones, the same every way.
     tensor = edges.tensor + np.array([0.05, 0.05, 0], np.float32)
     return truth, replace(edges, tensor=tensor)
@@ -86,18 +88,16 @@ def assert_valid(estimate, model):
 
 def test_a_vessel_is_localised_whatever_the_seed(context):
     errors = []
-    for pose_seed in (0, 1, 2):
-        truth, volume = scene(context, CUP, pose_seed)
-        with Localizer(CUP, SETTINGS) as localizer:
-            for seed in (0, 1):
-                estimate = localizer.localize(volume, np.random.default_rng(seed))
-                assert_valid(estimate, CUP)
-                assert not estimate.lost
-                spindle = estimate.pose[:3, 2]
-                assert spindle @ estimate.covariance[3:, 3:] @ spindle == pytest.approx(
-                    np.pi ** 2 / 3, rel=0.01)
-                error = pose_error(estimate.pose, truth, CUP.symmetry)
-                errors.append((error.translation, error.rotation))
+    for seed in (0, 1, 2):
+        truth, volume = scene(context, CUP, seed)
+        estimate = localized(CUP, volume, seed)
+        assert_valid(estimate, CUP)
+        assert not estimate.lost
+        spindle = estimate.pose[:3, 2]
+        assert spindle @ estimate.covariance[3:, 3:] @ spindle == pytest.approx(
+            np.pi ** 2 / 3, rel=0.01)
+        error = pose_error(estimate.pose, truth, CUP.symmetry)
+        errors.append((error.translation, error.rotation))
     # The contour's pixels leave a millimetre or two along the line of sight.
     assert np.max(errors, axis=0)[0] < 0.005
     assert np.max(errors, axis=0)[1] < np.deg2rad(3)
@@ -105,10 +105,9 @@ def test_a_vessel_is_localised_whatever_the_seed(context):
     assert np.median(errors, axis=0)[1] < np.deg2rad(2)
 
 
-@pytest.mark.parametrize('seed', [0, 1])
-def test_an_object_without_symmetry_is_localised(context, seed):
-    truth, volume = scene(context, BRACKET, seed)
-    estimate = localized(BRACKET, volume, seed)
+def test_an_object_without_symmetry_is_localised(context):
+    truth, volume = scene(context, BRACKET, 0)
+    estimate = localized(BRACKET, volume)
     assert_valid(estimate, BRACKET)
     assert not estimate.lost
     error = pose_error(estimate.pose, truth, Symmetry())
@@ -118,17 +117,15 @@ def test_an_object_without_symmetry_is_localised(context, seed):
 
 def test_the_same_seed_gives_the_identical_pose_in_any_localizer(cup_volume, context):
     with Localizer(CUP, SMALL) as localizer:
-        first = localizer.localize(cup_volume, np.random.default_rng(5))
-        again = localizer.localize(cup_volume, np.random.default_rng(5))
         other = localizer.localize(cup_volume, np.random.default_rng(6))
+        again = localizer.localize(cup_volume, np.random.default_rng(5))
     fresh = localized(CUP, cup_volume, 5, SMALL)
-    for estimate in (again, fresh):
-        np.testing.assert_array_equal(estimate.pose, first.pose)
-        np.testing.assert_array_equal(estimate.particles, first.particles)
-        np.testing.assert_array_equal(estimate.log_weights, first.log_weights)
-        np.testing.assert_array_equal(estimate.covariance, first.covariance)
-        assert estimate.score == first.score
-    assert (other.pose != first.pose).any()
+    np.testing.assert_array_equal(again.pose, fresh.pose)
+    np.testing.assert_array_equal(again.particles, fresh.particles)
+    np.testing.assert_array_equal(again.log_weights, fresh.log_weights)
+    np.testing.assert_array_equal(again.covariance, fresh.covariance)
+    assert again.score == fresh.score
+    assert (other.particles != fresh.particles).any()
 
 
 def test_several_localizers_in_one_thread_do_not_meet(context, cup_volume):
@@ -156,7 +153,7 @@ def test_localizers_in_two_threads_at_once_do_not_meet(cup_volume):
 @pytest.mark.parametrize('level', [0.0, 1.0])
 def test_without_edges_the_object_is_lost(cup_volume, level):
     tensor = np.full_like(cup_volume.tensor, level) * np.array([1, 1, 0], np.float32)
-    volume = EdgeVolume(cup_volume.header, tensor, DEPTHS, CAMERA)
+    volume = EdgeVolume(cup_volume.header, tensor, DEPTHS, COARSE)
     estimate = localized(CUP, volume, 0, SMALL)
     assert estimate.lost
     assert_valid(estimate, CUP)
@@ -164,27 +161,26 @@ def test_without_edges_the_object_is_lost(cup_volume, level):
 
 def test_a_region_that_is_hardly_in_view_is_told_once(cup_volume, caplog):
     left, _, depth = SMALL.roi_center
-    aside = (left - (CAMERA.cx + 5) * depth / CAMERA.fx, 0.0, depth)  # its middle: 5 px beside
+    aside = (left - (COARSE.cx + 5) * depth / COARSE.fx, 0.0, depth)  # its middle: 5 px beside
     with Localizer(CUP, SMALL.model_copy(update={'roi_center': aside})) as localizer:
         for _ in range(2):
-            localizer.localize(cup_volume, np.random.default_rng(0))
+            localizer.localize(cup_volume, np.random.default_rng(0), lambda _: False)
     told, = (each.message for each in caplog.records if 'outside of the image' in each.message)
     assert 'x right, y down, z forward' in told
 
 
-@pytest.mark.parametrize('seed', range(2))
-def test_texture_everywhere_is_no_object(context, cup_volume, seed):
+def test_texture_everywhere_is_no_object(cup_volume):
     """It supports each part of some outline a little, which least_support may let pass."""
     settings = SMALL.model_copy(update={'least_support': -5})
-    picture = np.random.default_rng(seed).normal(size=(2, CAMERA.height, CAMERA.width))
-    across, along = (cv2.GaussianBlur(each, (0, 0), 2.0) for each in picture)
-    tensor = np.stack([across ** 2, along ** 2, across * along], axis=-1)
-    tensor = np.repeat(tensor[:, :, None] / tensor.mean(), len(DEPTHS), axis=2).astype(np.float32)
-    texture = replace(cup_volume, tensor=0.5 * tensor)
-    estimate = localized(CUP, texture, seed, settings)
-    assert estimate.lost
-    assert -5 < estimate.support < estimate.evidence < ContourProfile.learned().least
-    estimate = localized(CUP, cup_volume, seed, settings)
+    for seed in range(2):
+        picture = np.random.default_rng(seed).normal(size=(2, COARSE.height, COARSE.width))
+        across, along = (cv2.GaussianBlur(each, (0, 0), 2.0) for each in picture)
+        tensor = np.stack([across ** 2, along ** 2, across * along], axis=-1)[:, :, None]
+        tensor = np.repeat(tensor / tensor.mean(), len(DEPTHS), axis=2).astype(np.float32)
+        estimate = localized(CUP, replace(cup_volume, tensor=0.5 * tensor), seed, settings)
+        assert estimate.lost
+        assert -5 < estimate.support < estimate.evidence < ContourProfile.learned().least
+    estimate = localized(CUP, cup_volume, 0, settings)
     assert not estimate.lost
     assert estimate.evidence > ContourProfile.learned().least
 
@@ -200,7 +196,7 @@ def test_a_likelihood_alone_will_do(context, caplog):
     # What a message of the volume without its edges gives: high on contours at their depth.
     truth, volume = scene(context, CUP, 1)
     energy = volume.tensor[..., 0] + volume.tensor[..., 1]
-    bare = DepthLikelihoodVolume(volume.header, np.sqrt(energy), DEPTHS, CAMERA)
+    bare = DepthLikelihoodVolume(volume.header, np.sqrt(energy), DEPTHS, COARSE)
     with caplog.at_level(logging.INFO):
         estimate = localized(CUP, edges_from_likelihood(bare))
     assert 'no edge volume was given: contours are looked for in the likelihood' in caplog.text
@@ -214,7 +210,7 @@ def test_a_likelihood_alone_will_do(context, caplog):
 def test_a_volume_that_does_not_reach_the_region_is_refused(cup_volume, near, far, mode):
     depths = depth_labels(near, far, len(DEPTHS))
     edges = replace(cup_volume, depths=depths)
-    likelihood = DepthLikelihoodVolume(edges.header, edges.tensor[..., 0].copy(), depths, CAMERA)
+    likelihood = DepthLikelihoodVolume(edges.header, edges.tensor[..., 0].copy(), depths, COARSE)
     settings = SMALL.model_copy(update={'mode': mode})
     with make_localizer(CUP, settings) as localizer, pytest.raises(
             LocalizationError, match=r'the depth labels span .* set near and far'):

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of, random_poses
+from pmcl_scenes import COARSE, bracket, cup, depth_of, edges_seen, model_of, random_poses
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
@@ -31,6 +31,7 @@ BRACKET = model_of(bracket())
 UP = np.array([0.2, -0.9, 0.3])
 FLIP = np.diag([1.0, -1, -1, 1])
 REGION = Region((0, 0, 0.4), (0.1, 0.1, 0.16))
+QUICK = {'proposals': 100, 'particles': 64, 'moves': 1}  # of a search
 AWAY = np.array([0, -1.0, 0])  # upright in a picture
 
 
@@ -71,6 +72,7 @@ def test_what_is_not_possible_is_turned_as_little_as_makes_it_so(tilt, seed):
                                np.abs(np.clip(angles, *tilt) - angles), atol=2e-6)
 
 
+@settings(max_examples=30)
 @given(bounds.filter(lambda pair: pair[1] - pair[0] > 0.01))
 def test_rotations_are_drawn_uniformly_from_those_that_are_possible(tilt):
     _, orientation = given_by(tuple(tilt))
@@ -141,7 +143,7 @@ def test_upright_on_a_table_needs_no_direction():
 @pytest.mark.parametrize('model', [CUP, BRACKET], ids=['cup', 'bracket'])
 def test_all_proposals_are_possible_and_one_is_near_the_pose(context, model):
     truth = random_poses(1, 4, depth=(0.34, 0.46))[0]
-    edges = edges_seen(depth_of(context, model, truth, CAMERA, 4), CAMERA, DEPTHS,
+    edges = edges_seen(depth_of(context, model, truth, COARSE, 4), COARSE, DEPTHS,
                        0.2 * model.radius)
     up = truth[:3, :3] @ Rotation.from_rotvec([0.25, 0, 0]).as_matrix()[:, 2]
     proposals = Proposals(NumbaRenderer(), model, REGION)
@@ -166,8 +168,8 @@ def two_cups(context):
     lying[:3, 3] = -0.03, -0.01, 0.46
 
     def seen(camera):
-        one, other = (edges_seen(depth_of(context, CUP, np.linalg.inv(camera) @ pose, CAMERA, 4),
-                                 CAMERA, DEPTHS, 0.2 * CUP.radius, strength=strength)
+        one, other = (edges_seen(depth_of(context, CUP, np.linalg.inv(camera) @ pose, COARSE, 4),
+                                 COARSE, DEPTHS, 0.2 * CUP.radius, strength=strength)
                       for pose, strength in ((standing, 1.3), (lying, 2.0)))
         faint = np.array([0.05, 0.05, 0], np.float32)
         return replace(one, tensor=np.maximum(one.tensor, other.tensor) + faint)
@@ -182,15 +184,15 @@ def test_a_search_finds_the_object_that_is_turned_as_told(two_cups):
     standing, lying, seen = two_cups
     edges = seen(np.eye(4))
     rng = np.random.default_rng
-    with Localizer(CUP, given_by((0, np.pi), (0, 0, 0))[0]) as localizer:
+    with Localizer(CUP, given_by((0, np.pi), (0, 0, 0), **QUICK)[0]) as localizer:
         assert error_of(localizer.localize(edges, rng(0)), lying) < 0.005
-    settings, orientation = given_by((0, 0.5), AWAY, CUP)
+    settings, orientation = given_by((0, 0.5), AWAY, CUP, **QUICK)
     with Localizer(CUP, settings) as localizer:
         estimate = localizer.localize(edges, rng(0))
     assert error_of(estimate, standing) < 0.005
     for each in estimate.modes:
         assert orientation.allows(each.pose[None, :3, :3], 1e-6).all()
-    with Localizer(CUP, given_by((1.1, 2.0), AWAY, CUP)[0]) as localizer:
+    with Localizer(CUP, given_by((1.1, 2.0), AWAY, CUP, **QUICK)[0]) as localizer:
         assert error_of(localizer.localize(edges, rng(0)), lying) < 0.005
 
 
@@ -208,7 +210,7 @@ def test_a_search_in_several_views_finds_what_is_turned_as_told(two_cups):
     # Labels of depth follow from the region: the cups are in its middle.
     box = {'roi_center': tuple(frame[:3, :3] @ [0, 0, 0.46]), 'roi_size': (0.1, 0.16, 0.1)}
     for tilt, truth in (((0, 0.5), standing), ((1.1, 2.0), lying)):
-        settings = PmclSettings(**box, roi_up=(0, 0, 1), roi_tilt=tilt, proposals=200)
+        settings = PmclSettings(**box, roi_up=(0, 0, 1), roi_tilt=tilt, **QUICK)
         with MultiViewLocalizer(CUP, settings) as localizer:
             estimate = localizer.localize(evidence, np.random.default_rng(0))
         assert error_of(estimate, frame @ truth) < 0.005

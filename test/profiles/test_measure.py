@@ -63,6 +63,7 @@ def test_a_view_that_looks_elsewhere_is_left_out(views, boxes, caplog):
             for turn in (np.diag([-1.0, 1, -1, 1]), np.diag([1.0, -1, -1, 1]))]
     found = measured([views[0], *away, views[2]], {0: boxes[0], 3: boxes[2]}, UP)
     assert np.ptp(found.rows[:, 0]) == pytest.approx(0.1, abs=2e-3)
+    assert not found.surface.on_foot  # it has no stem
     assert [f'view {k} does not see the object' in caplog.text for k in range(4)] == [
         False, True, True, False]
 

@@ -101,7 +101,3 @@ def test_a_low_cone_below_a_neck_stays_one():
     assert standing_on_foot(found, 0.0025) is not None
     seen = found.wall[abs(found.wall[:, 1]) < 0.048]
     assert cKDTree(wall.wall).query(seen)[0].max() < 1.5e-3
-
-
-def test_what_has_no_stem_has_no_foot(views, boxes):
-    assert not measured(views, boxes, UP).surface.on_foot

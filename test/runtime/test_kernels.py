@@ -1,10 +1,15 @@
 """Machine code is kept, made anew when something it depends on changes, and made once."""
 
+import io
+import logging
+import multiprocessing
 import os
 import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +23,7 @@ from pmcl_ros.runtime import kernels
 from pmcl_ros.runtime.kernels import compiled, rounds
 
 KERNELS = Path(kernels.__file__)
+_FORK = multiprocessing.get_context('fork')
 CALLER = """
 import sys
 from typing import NamedTuple
@@ -78,16 +84,30 @@ def compiled_package(used_package, tmp_path):
 
 
 def start(package, **environment):
-    return subprocess.Popen([sys.executable, '-c', 'import pmcl_ros.outer'], cwd=package.parent,
-                            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-                            env=os.environ | {'PYTHONPATH': '', 'NUMBA_CACHE_DIR': ''}
-                            | environment)
+    """A process that imports the caller: forked, as importing numba takes longer than all else."""
+    receiver, sender = _FORK.Pipe(duplex=False)
+    _FORK.Process(target=_import, args=(package, environment, sender)).start()
+    sender.close()
+    return receiver
+
+
+def _import(package, environment, sender):
+    """Import the package's caller in place of this process's own package of that name."""
+    for name in [each for each in sys.modules if each.partition('.')[0] == 'pmcl_ros']:
+        del sys.modules[name]
+    for logger in (logging.root, logging.getLogger('pmcl_ros')):
+        logger.handlers.clear()  # as in a new process: warnings go to stderr
+    sys.path.insert(0, str(package.parent))
+    sys.dont_write_bytecode = True  # it would outlive an edit within the same second
+    os.environ.update({'NUMBA_CACHE_DIR': ''} | environment)
+    with redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as log:
+        import_module('pmcl_ros.outer')
+    sender.send((out.getvalue(), log.getvalue()))
 
 
 def finish(process):
     """What the kernel gives, the names of what was compiled, and what was logged."""
-    out, log = process.communicate(timeout=120)
-    assert not process.returncode, log
+    out, log = process.recv()
     value, *names = out.strip().split(',')
     return float(value), names, log
 
@@ -276,9 +296,11 @@ with NumbaRenderer().contour_score(scene, edges, ContourProfile.contrast()) as s
 
 
 def test_kernels_can_be_stepped_through_as_plain_python():
-    compiled_ones, plain = (
-        np.array(subprocess.run([sys.executable, '-c', PLAIN], check=True, capture_output=True,
-                                text=True, env=os.environ | more).stdout.split(), float)
-        for more in ({}, {'NUMBA_DISABLE_JIT': '1'}))
+    with redirect_stdout(io.StringIO()) as here:
+        exec(PLAIN, {})
+    elsewhere = subprocess.run([sys.executable, '-c', PLAIN], check=True, capture_output=True,
+                               text=True, env=os.environ | {'NUMBA_DISABLE_JIT': '1'}).stdout
+    compiled_ones, plain = (np.array(each.split(), float)
+                            for each in (here.getvalue(), elsewhere))
     assert compiled_ones.any()
     np.testing.assert_allclose(plain, compiled_ones, rtol=1e-5)

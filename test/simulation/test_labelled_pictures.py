@@ -22,7 +22,7 @@ from pmcl_ros.simulation.labelled_pictures import (
 _SMALL = PictureSettings(largest=64, samples=1, clutter=3)
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 def test_the_same_seed_gives_the_same_picture(seed):
     one, two = labelled_picture(seed, _SMALL), labelled_picture(seed, _SMALL)
     size = one.picture.shape[:2]
@@ -48,11 +48,11 @@ def test_rendering_does_not_depend_on_where_kernels_were_compiled():
 
 
 def test_many_are_made_once_and_again_where_one_lacks(tmp_path):
-    made = list(write_many(tmp_path, range(3, 7), _SMALL))
-    assert made == [path_of(tmp_path, seed) for seed in range(3, 7)]
+    made = list(write_many(tmp_path, range(3, 5), _SMALL))
+    assert made == [path_of(tmp_path, seed) for seed in range(3, 5)]
     before = {path: path.read_bytes() for path in made}
     made[1].unlink()
-    assert list(write_many(tmp_path, range(3, 7), _SMALL)) == [made[1]]
+    assert list(write_many(tmp_path, range(3, 5), _SMALL)) == [made[1]]
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
     read = read_labelled(made[0])
     again = labelled_picture(3, _SMALL)
@@ -88,8 +88,8 @@ def test_processes_and_a_cluster_make_the_same(tmp_path):
     distributed = pytest.importorskip('distributed')
     list(write_many(tmp_path / 'one', range(2), _SMALL))
     list(write_many(tmp_path / 'two', range(2), _SMALL, jobs=2))
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None
-                                  ) as cluster:
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
+                                  protocol='tcp', dashboard_address=None) as cluster:
         list(write_many(tmp_path / 'three', range(2), _SMALL, backend='dask',
                         scheduler=cluster.scheduler_address))
     for seed in range(2):

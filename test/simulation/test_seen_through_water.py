@@ -59,7 +59,7 @@ def _ball(where, water, behind, interface):
     ball = trimesh.creation.icosphere(4, 0.04)
     black = Solid(Triangles(np.array(ball.triangles), 0, 1), (Opaque(0 * WHITE, 1.0),), where)
     light = fast(plain_scene((water, submerged(black)), (behind,), sensor=sensor))(
-        sensor, 0, 0, 0, 64, 1)[..., 1]
+        sensor, 0, 0, 0, 16, 1)[..., 1]
     shown = (light < (np.median(light) + light.min()) / 2).astype(float)
     model = ObjectModel('ball', np.asarray(ball.vertices), np.asarray(ball.faces), None, True)
     camera = sensor.grid.pinhole

@@ -164,16 +164,14 @@ def test_an_object_is_seen_where_its_pose_says(describe, surroundings):
 @pytest.mark.parametrize(('surroundings', 'attitude'), [
     ('shelf', 'any'), ('sink', 'upright'), ('sink', 'lying'), ('tank', 'lying')])
 def test_media_nest_as_the_camera_sees_them(describe, surroundings, attitude):
-    for seed in range(2):
-        scene = described_scene(np.random.default_rng(seed), describe(), surroundings, _sensor(),
-                                DescribedSettings(attitude=attitude, empty=0, outside=0))
-        target, = scene.targets
-        points = np.random.default_rng(seed).uniform([-0.05, -0.05, -0.01], [0.05, 0.05, 0.1],
-                                                     (100, 3))
-        ends = points @ target.pose[:3, :3].T + target.pose[:3, 3]
-        share, met = _breaks(scene, np.zeros_like(ends), ends)
-        assert met > 50
-        assert share < 0.02  # a jet ends on the water
+    scene = described_scene(np.random.default_rng(0), describe(), surroundings, _sensor(),
+                            DescribedSettings(attitude=attitude, empty=0, outside=0))
+    target, = scene.targets
+    points = np.random.default_rng(0).uniform([-0.05, -0.05, -0.01], [0.05, 0.05, 0.1], (100, 3))
+    ends = points @ target.pose[:3, :3].T + target.pose[:3, 3]
+    share, met = _breaks(scene, np.zeros_like(ends), ends)
+    assert met > 50
+    assert share < 0.02  # a jet ends on the water
 
 
 def test_an_empty_scene_still_has_its_target(describe):

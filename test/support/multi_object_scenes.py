@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
-from pmcl_scenes import CAMERA, cup, edges_seen, model_of, pose_of
+from pmcl_scenes import COARSE, cup, edges_seen, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
@@ -34,11 +34,11 @@ def standing(x, y, z, lean=0.0):
     return pose_of(Rotation.from_euler('x', np.pi / 2 - lean), [x, y, z])
 
 
-def surface(model, pose):
+def surface(model, pose, pinhole=COARSE):
     """Its depth in the image, `ZOOM` samples per pixel."""
     shift = (ZOOM - 1) / 2
-    camera = Pinhole(CAMERA.width * ZOOM, CAMERA.height * ZOOM, CAMERA.fx * ZOOM,
-                     CAMERA.fy * ZOOM, CAMERA.cx * ZOOM + shift, CAMERA.cy * ZOOM + shift)
+    camera = Pinhole(pinhole.width * ZOOM, pinhole.height * ZOOM, pinhole.fx * ZOOM,
+                     pinhole.fy * ZOOM, pinhole.cx * ZOOM + shift, pinhole.cy * ZOOM + shift)
     scene = Scene(model, camera, Window(0, 0, (camera.width, camera.height)), 0.2, 0.8)
     return NumbaRenderer().depths(scene, pose[None])[0]
 
@@ -52,6 +52,6 @@ def seen_together(things, through=False):
         depths = [np.where(np.isfinite(nearest), nearest, 0)]
     tensor = np.array([0.05, 0.05, 0], np.float32)  # no picture is without any edges
     for each in depths:
-        edges = edges_seen(each, CAMERA, DEPTHS, 0.2 * radius, strength=2.0)
+        edges = edges_seen(each, COARSE, DEPTHS, 0.2 * radius, strength=2.0)
         tensor = tensor + edges.tensor
     return replace(edges, tensor=tensor.astype(np.float32))

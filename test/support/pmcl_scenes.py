@@ -15,6 +15,8 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 
 # Not square, no multiple of 4, its pixels not square either.
 CAMERA = Pinhole(237, 213, 720, 690, 120.5, 103.0)
+# The same with larger pixels, which are soon searched.
+COARSE = CAMERA.resized(159, 143)
 
 
 def cup():

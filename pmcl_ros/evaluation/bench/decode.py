@@ -12,13 +12,12 @@ from pmcl_ros.camera.packing import pack12, unpack12
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.bench.timing import Bench, best_ms
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.calibration.lattice import Lattice
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.lenslets import Lenslets
 from pmcl_ros.lightfield.light_field import ViewGrid
 
-_SIDE = 3280  # raw px
 _BLACK, _WHITE = 168, 4095
 _PUPIL = 4.4  # raw px: radius of the main lens' image under a lenslet
 _DARKEST = 0.05
@@ -26,22 +25,25 @@ _CROSS = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]], np.float32) / 4
 _SQUARE = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]], np.float32) / 4
 
 
-def bench_decode(repeats: int = 9) -> Bench:
-    """Packed bytes to 9x9 views of 328x328, RGB, float32, of a made-up camera.
+def bench_decode(repeats: int = 9, side: int = 3280) -> Bench:
+    """Packed bytes of side x side raw pixels to 9x9 views, RGB, float32, of a made-up camera.
 
-    The reference runs once. `mb`: what a decoder keeps, and how much more there is at most while
-    it decodes (the counts and the views it makes of them are in that).
+    side: a multiple of 10; by default that of an F01. The reference runs once. `mb`: what a
+    decoder keeps, and how much more there is at most while it decodes (the counts and the views it
+    makes of them are in that).
     """
+    extent = side // RAW_PITCH  # px of a view
     calibration = Calibration(
-        fx=945, fy=945, cx=163.5, cy=163.5, baseline=0.00074, focus_distance=0.55,
+        width=extent, height=extent, fx=945, fy=945, cx=(extent - 1) / 2, cy=(extent - 1) / 2,
+        baseline=0.00074, focus_distance=0.55,
         lattice=Lattice(pitch_px=9.95, row_step_px=8.617, rotation=0.002,
-                        centre_px=(1641.8, 1637.8)))
-    light = _light(calibration.lattice)
+                        centre_px=(side / 2 + 1.8, side / 2 - 2.2)))
+    light = _light(calibration.lattice, side)
     data = pack12(_counts(light))
-    metadata = CameraMetadata.parse(camera_text(_SIDE))
+    metadata = CameraMetadata.parse(camera_text(side))
 
     def decode() -> None:
-        decoder.decode(RawFrame(Header(), unpack12(data, _SIDE, _SIDE), metadata))
+        decoder.decode(RawFrame(Header(), unpack12(data, side, side), metadata))
 
     Decoder(calibration, light)  # compiles
     tracemalloc.start()
@@ -50,33 +52,34 @@ def bench_decode(repeats: int = 9) -> Bench:
     decode()
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    plan, frame = decoder.plan, RawFrame(Header(), unpack12(data, _SIDE, _SIDE), metadata)
+    plan, frame = decoder.plan, RawFrame(Header(), unpack12(data, side, side), metadata)
     samples = np.zeros(plan.factors.shape, np.float32)
     views = decoder.decode(frame).views
-    ms = {'unpack': best_ms(lambda: unpack12(data, _SIDE, _SIDE), repeats),
+    ms = {'unpack': best_ms(lambda: unpack12(data, side, side), repeats),
           'sample': best_ms(lambda: plan.sample(frame, samples), repeats),
           'resample': best_ms(lambda: plan.resample(samples, views), repeats),
           'total': best_ms(decode, repeats)}
     ms['reference'] = best_ms(lambda: plain_decode(
         data, _BLACK, _WHITE, light, calibration, decoder.grid), 1)
-    geometry = f'{_SIDE}x{_SIDE} px of 12 bits, packed, to 9x9 views of 328x328, RGB, float32'
+    geometry = (f'{side}x{side} px of 12 bits, packed, to 9x9 views of {extent}x{extent}, '
+                'RGB, float32')
     return Bench(geometry, ms, ms['reference'] / ms['total'],
                  {'decoder': kept / 1e6, 'decode': (peak - kept) / 1e6})
 
 
-def _light(lattice: Lattice) -> NDArray[np.float32]:
-    """(height, width) the light under round lenslets of a pupil with an edge of a pixel."""
-    block = Lenslets.covering(lattice, 0, _SIDE - 1, 0, _SIDE - 1)
-    y, x = np.indices((_SIDE, _SIDE), np.float64)
+def _light(lattice: Lattice, side: int) -> NDArray[np.float32]:
+    """(side, side) the light under round lenslets of a pupil with an edge of a pixel."""
+    block = Lenslets.covering(lattice, 0, side - 1, 0, side - 1)
+    y, x = np.indices((side, side), np.float64)
     places = np.stack([x, y], axis=-1).reshape(-1, 2)
     centres = block.centres[tuple(block.nearest(lattice, places).T)]
     distance = np.hypot(*(places - centres).T)
-    return np.clip(_PUPIL + 0.5 - distance, 0.01, 1).astype(np.float32).reshape(_SIDE, _SIDE)
+    return np.clip(_PUPIL + 0.5 - distance, 0.01, 1).astype(np.float32).reshape(side, side)
 
 
 def _counts(light: NDArray[np.float32]) -> NDArray[np.uint16]:
     """A noisy picture of a pattern."""
-    y, x = np.indices(light.shape) / _SIDE
+    y, x = np.indices(light.shape) / len(light)
     pattern = 0.4 + 0.3 * np.sin(90 * x) * np.sin(70 * y)
     noise = np.random.default_rng(0).normal(0, 0.01, light.shape)
     values = _BLACK + (_WHITE - _BLACK) * (pattern * light + noise)

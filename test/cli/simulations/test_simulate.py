@@ -45,7 +45,7 @@ def run(tumbler: Path, command: str, *options: str) -> Result:
 @pytest.mark.parametrize('renderer', ['physical', 'fast'])
 def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: str) -> None:
     out = tumbler.parent / 'out'
-    options = ('--renderer', renderer, '--samples', '8', '--surroundings', 'table', '--attitude',
+    options = ('--renderer', renderer, '--samples', '2', '--surroundings', 'table', '--attitude',
                'upright', '--cameras', 'arc:2:20', '--count', '1', '--seed', '3', '-o', str(out))
     made = run(tumbler, 'simulate', *options)
     assert made.exit_code == 0, made.output

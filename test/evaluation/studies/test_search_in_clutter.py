@@ -10,7 +10,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 
-@pytest.mark.parametrize('seed', [24, 25, 34])  # cards' edges fit every outline better than theirs
+@pytest.mark.parametrize('seed', [24, 34])  # cards' edges fit every outline better than theirs
 def test_an_object_among_stronger_edges_is_found(seed):
     sequence = Sequence(seed, SequenceSettings())
     settings = PmclSettings(roi_center=sequence.roi_center, roi_size=sequence.roi_size,

@@ -130,7 +130,7 @@ def chosen(camera, seed=0):
 
 
 def test_nothing_is_added_that_the_corners_do_not_show():
-    assert sum(chosen(CAMERA, seed)[0].model != Model() for seed in range(20)) <= 1
+    assert all(chosen(CAMERA, seed)[0].model == Model() for seed in range(10))
 
 
 @pytest.mark.parametrize(('change', 'model'), [

@@ -18,7 +18,7 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 ROOT = Path(__file__).parents[3]
 REAL = ROOT / 'test/data/real_mosaics'
-SIDE = 1000
+SIDE = 700
 
 
 def worst(lattice, truth, side=SIDE):

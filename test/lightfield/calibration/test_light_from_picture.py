@@ -6,7 +6,7 @@ from pmcl_ros.lightfield.calibration.light_from_picture import light_from_pictur
 from pmcl_ros.lightfield.white_image import relative_light
 from pmcl_ros.runtime.errors import LightFieldError
 
-SIDE = 1000
+SIDE = 700
 
 
 def compared(camera_text, lattice, light, scene, reach):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
 from multi_object_scenes import BOTTLE, CUP, ZOOM, standing, surface
-from pmcl_scenes import CAMERA
+from pmcl_scenes import CAMERA, COARSE
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
@@ -25,24 +25,24 @@ MIDDLE = np.array([0.0, 0.0, 0.45])
 BASE = np.eye(4)
 BASE[:3, :3], BASE[:3, 3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0.3, 0.1, 0.5]
 SETTINGS = PmclSettings(roi_center=tuple(BASE[:3, :3] @ MIDDLE + BASE[:3, 3]),
-                        roi_size=(0.16, 0.16, 0.12), proposals=100)
+                        roi_size=(0.16, 0.16, 0.12), proposals=100, particles=96, moves=1)
 FRONT, BEHIND = standing(-0.015, 0.025, 0.41, 0.2), standing(0.02, 0.005, 0.5, 0.2)
 BESIDE = standing(0.035, 0.02, 0.47, 0.2)
 
 
-def seen(things, angles=(-25, 0, 25), opaque=False):
+def seen(things, angles=(-25, 0, 25), opaque=False, pinhole=COARSE):
     """Views from around of (model, pose): of glass the contours of all are seen."""
     views = []
     for angle in angles:
         camera = np.eye(4)
         camera[:3, :3] = Rotation.from_euler('y', angle, degrees=True).as_matrix()
         camera[:3, 3] = MIDDLE - camera[:3, :3] @ MIDDLE
-        depths = np.array([surface(model, np.linalg.inv(camera) @ pose)
+        depths = np.array([surface(model, np.linalg.inv(camera) @ pose, pinhole)
                            for model, pose in things])
         there = depths > 0
         if opaque:
             there &= depths == np.where(depths > 0, depths, np.inf).min(axis=0)
-        maps = [map_seen(each, CAMERA, 0.3, 0.6, ZOOM) for each in there]
+        maps = [map_seen(each, pinhole, 0.3, 0.6, ZOOM) for each in there]
         base = np.array([-4, 0, 0, 0, 0], np.float32)
         tensor = sum(each.tensor - base for each in maps) + base
         views.append(PosedEvidence(replace(maps[0], tensor=tensor, numbers=OF_CONTOURS),
@@ -81,7 +81,7 @@ def test_one_before_another_are_found_where_they_are(both):
 
 
 def test_what_another_one_hides_is_not_missing():
-    evidence = seen([(CUP, FRONT), (BOTTLE, BEHIND)], opaque=True)
+    evidence = seen([(CUP, FRONT), (BOTTLE, BEHIND)], opaque=True, pinhole=CAMERA)
     found = located([CUP, BOTTLE], evidence)
     hidden = found.estimates[1]
     assert not found.estimates[0].lost
@@ -126,7 +126,7 @@ def test_the_contour_of_a_pose_is_in_the_pixels_of_the_view(both):
     assert sorted(contours) == [0, 1, 2]
     for number, points in contours.items():
         column, row = np.rint(points.pixels.T).astype(int)
-        inside = ((column >= 0) & (row >= 0) & (column < CAMERA.width) & (row < CAMERA.height))
+        inside = ((column >= 0) & (row >= 0) & (column < COARSE.width) & (row < COARSE.height))
         shown = both.views[number].evidence.tensor[row[inside], column[inside], 0, 0]
         assert (shown > -3.6).mean() > 0.95
 

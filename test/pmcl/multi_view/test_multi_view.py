@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
-from pmcl_scenes import CAMERA, bracket, cup, depth_of, edges_seen, model_of
+from pmcl_scenes import CAMERA, COARSE, bracket, cup, depth_of, edges_seen, model_of
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from textured_planes import views_of_planes
@@ -60,8 +60,8 @@ def seen(context, model, truth, cameras, frame=None):
     views = []
     for camera in cameras:
         before = np.linalg.inv(camera) @ truth
-        depth = depth_of(context, model, before, CAMERA, 4)
-        edges = edges_seen(depth, CAMERA, DEPTHS, 0.2 * model.radius)
+        depth = depth_of(context, model, before, COARSE, 4)
+        edges = edges_seen(depth, COARSE, DEPTHS, 0.2 * model.radius)
         views.append(PosedEvidence(edges, frame @ camera))
     return ViewsEvidence(Header(7, 'base'), tuple(views))
 
@@ -70,9 +70,9 @@ def settings(middle=MIDDLE, size=ROI, **changes):
     return PmclSettings(roi_center=tuple(middle), roi_size=size, proposals=200, **changes)
 
 
-def found(model, evidence, of=None, **changes):
+def found(model, evidence, of=None, progress=None, **changes):
     with MultiViewLocalizer(model, of or settings(**changes)) as localizer:
-        return localizer.localize(evidence, np.random.default_rng(0))
+        return localizer.localize(evidence, np.random.default_rng(0), progress)
 
 
 def error(model, pose, truth):
@@ -127,7 +127,7 @@ def test_a_view_that_sees_nothing_of_the_region_says_nothing(context, caplog):
     assert 'view 0 says nothing' in caplog.text
     assert 'views see the region' not in caplog.text
     mostly_blind = replace(blind, views=(blind.views[0], blind.views[0], blind.views[1]))
-    assert found(CUP, mostly_blind) is not None
+    assert found(CUP, mostly_blind, progress=lambda _: False) is not None
     assert '1 of 3 views see the region of interest: are their poses in metres' in caplog.text
     np.testing.assert_array_equal(with_blind.pose, without.pose)
     with pytest.raises(LocalizationError, match='none of the 1 views sees the region'):
@@ -142,11 +142,11 @@ def test_a_covered_lens_is_no_evidence_that_nothing_is_there(context, caplog):
     rng = np.random.default_rng(0)
 
     def shown(picture):
-        noisy = (picture + rng.normal(0, 0.02, (CAMERA.height, CAMERA.width, 3))).clip(0, 1)
-        return PosedView(Header(7, 'base'), noisy.astype(np.float32), CAMERA)
+        noisy = (picture + rng.normal(0, 0.02, (COARSE.height, COARSE.width, 3))).clip(0, 1)
+        return PosedView(Header(7, 'base'), noisy.astype(np.float32), COARSE)
 
-    dark = map_seen(np.zeros((4 * CAMERA.height, 4 * CAMERA.width), bool), CAMERA, 0.3, 0.6)
-    lit = np.linspace(0.2, 0.6, CAMERA.width)[:, None]
+    dark = map_seen(np.zeros((4 * COARSE.height, 4 * COARSE.width), bool), COARSE, 0.3, 0.6)
+    lit = np.linspace(0.2, 0.6, COARSE.width)[:, None]
     views = [replace(each, view=shown(lit)) for each in good.views[:2]]
     covered = replace(good, views=(*views, PosedEvidence(dark, cameras[2], view=shown(0.03))))
     with caplog.at_level(logging.INFO):
@@ -161,12 +161,12 @@ def test_a_covered_lens_is_no_evidence_that_nothing_is_there(context, caplog):
     assert alone.score < 0
 
 
-def maps_seen(context, model, truth, cameras):
+def maps_seen(context, model, truth, cameras, pinhole=COARSE):
     """The contour map in each view."""
     views = []
     for camera in cameras:
-        depth = depth_of(context, model, np.linalg.inv(camera) @ truth, CAMERA, 4)
-        views.append(PosedEvidence(map_seen(depth > 0, CAMERA, 0.3, 0.6, 4), camera))
+        depth = depth_of(context, model, np.linalg.inv(camera) @ truth, pinhole, 4)
+        views.append(PosedEvidence(map_seen(depth > 0, pinhole, 0.3, 0.6, 4), camera))
     return ViewsEvidence(Header(7, 'base'), tuple(views))
 
 
@@ -176,7 +176,7 @@ def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(contex
     truth, cameras = truth_of(CUP), around([-20, 15] if posed else [0])
     large = CAMERA.resized(3 * CAMERA.width, 3 * CAMERA.height)
     views = []
-    for camera, coarser in zip(cameras, maps_seen(context, CUP, truth, cameras).views,
+    for camera, coarser in zip(cameras, maps_seen(context, CUP, truth, cameras, CAMERA).views,
                                strict=True):
         depth = depth_of(context, CUP, np.linalg.inv(camera) @ truth, large)
         fine = map_seen(depth > 0, large, 0.3, 0.6, 1)
@@ -209,7 +209,7 @@ def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(contex
 
 def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
-    evidence = maps_seen(context, CUP, truth, cameras)
+    evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
     off = 0.6 * np.array([[0.003, -0.002, 0, 0.002, 0.003, 0.001]])
     told = cameras[1] @ retract(np.eye(4)[None], off)[0]
     wrong = (evidence.views[0], replace(evidence.views[1], camera_to_reference=told),
@@ -315,8 +315,8 @@ def test_camera_errors_are_what_the_cameras_see():
         for view, each in enumerate(apparent):
             np.testing.assert_allclose(BRACKET.symmetry.local(each[None], pose)[0],
                                        1e-3 * foretold[view, :, number], atol=1e-10)
-    wide = errors.pixels([CAMERA] * 3, [0.45] * 3)
-    focal = np.sqrt(CAMERA.fx * CAMERA.fy)
+    wide = errors.pixels([COARSE] * 3, [0.45] * 3)
+    focal = np.sqrt(COARSE.fx * COARSE.fy)
     np.testing.assert_allclose(wide, focal * np.hypot(0.001 / 0.45, 0.002))
     assert CameraErrors.from_views([replace(each, sigma=(0., 0.)) for each in views]).number == 0
 
@@ -328,7 +328,7 @@ def contours(context):
     pose = retract(truth, np.array([[3e-4, -2e-4, 1e-3, 0.01, -0.005, 0.004]]))[0]
     made = []
     for each, camera in zip(seen(context, BRACKET, truth, cameras).views, cameras, strict=True):
-        scene = Scene(BRACKET, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), 0.2, 0.8)
+        scene = Scene(BRACKET, COARSE, Window(0, 0, (COARSE.width, COARSE.height)), 0.2, 0.8)
         edges = each.evidence
         with NumbaRenderer().contour_score(scene, edges, edges.profile) as score:
             points = score.points(np.linalg.inv(camera) @ pose)
@@ -377,7 +377,7 @@ def test_places_of_one_edge_coincide_in_the_frame_of_the_pose(context):
     truth, cameras = truth_of(CUP), around([0, 4])
     evidence, places = seen(context, CUP, truth, cameras), []
     for each, camera in zip(evidence.views, cameras, strict=True):
-        scene = Scene(CUP, CAMERA, Window(0, 0, (CAMERA.width, CAMERA.height)), 0.2, 0.8)
+        scene = Scene(CUP, COARSE, Window(0, 0, (COARSE.width, COARSE.height)), 0.2, 0.8)
         with NumbaRenderer().contour_score(scene, each.evidence, each.evidence.profile) as score:
             points = score.points(np.linalg.inv(camera) @ truth)
         view = ViewContour(points, each.evidence, each.evidence.profile, camera=camera)

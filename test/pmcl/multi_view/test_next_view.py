@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from command_line import Runner
-from pmcl_scenes import CAMERA
+from pmcl_scenes import COARSE
 from test_multi_view import CUP, MIDDLE, around, error, found, maps_seen, settings, truth_of
 
 from pmcl_ros.cli import main
@@ -29,7 +29,7 @@ def test_the_farther_round_the_surer_and_as_sure_as_it_will_be(seen):
     pose = found(CUP, two).pose
     away = cameras[4].copy()
     away[:3, :3] = away[:3, :3] @ np.diag([1, -1, -1])  # it looks the other way
-    told = next_views(two, CUP, settings(), pose, np.array([*cameras[1:], away]), CAMERA)
+    told = next_views(two, CUP, settings(), pose, np.array([*cameras[1:], away]), COARSE)
     by_place = {tuple(each.camera[:3, 3].round(6)): each for each in told[::-1]}
     order = [by_place[tuple(camera[:3, 3].round(6))].sigma for camera in cameras[1:4]]
     assert order == sorted(order, reverse=True)
@@ -42,7 +42,7 @@ def test_the_farther_round_the_surer_and_as_sure_as_it_will_be(seen):
     taken = found(CUP, three)
     assert error(CUP, taken.pose, truth)[0] < 1
     there = next(each for each in told if np.array_equal(each.camera, cameras[3]))
-    after = next_views(three, CUP, settings(), taken.pose, cameras[:1], CAMERA)[0].now
+    after = next_views(three, CUP, settings(), taken.pose, cameras[:1], COARSE)[0].now
     assert after == pytest.approx(there.sigma, rel=0.35)
 
 
@@ -73,7 +73,7 @@ def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
 
 
 def test_the_command_prints_what_was_found(tmp_path):
-    camera = {'width': 320, 'height': 240, 'fx': 300.0, 'cx': 160.0, 'cy': 120.0}
+    camera = {'width': 240, 'height': 180, 'fx': 225.0, 'cx': 120.0, 'cy': 90.0}
     OrdinaryCamera.make(camera)
     (tmp_path / 'camera.yaml').write_text(str(camera))
     runner = Runner()

@@ -42,7 +42,7 @@ def distances(poses, truth, axis):
     return aside, np.abs(along), Symmetry(axis).rotation_distance(poses, truth)
 
 
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(2))
 @pytest.mark.parametrize('model', [CUP, LYING, BRACKET], ids=['cup', 'lying', 'bracket'])
 def test_one_of_a_few_proposals_is_near_the_pose(context, model, seed):
     truth = random_poses(1, seed, depth=(0.34, 0.46))[0]
@@ -81,7 +81,7 @@ def test_an_object_that_is_partly_out_of_the_image_is_proposed(context):
     (Pinhole(237, 213, 720, 260, 120.5, 103.0), (0.01, -0.02, 0.4)),  # pixels far from square
     (Pinhole(201, 183, 320, 340, -30, 171), (0.16, -0.13, 0.4)),  # 27 degrees aside
 ])
-@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('seed', range(2))
 def test_any_camera_will_do(context, camera, place, seed):
     truth = random_poses(1, seed)[0]
     truth[:3, 3] = place
@@ -164,7 +164,8 @@ def test_a_sheet_without_thickness_has_no_outline_edge_on(context):
 def test_no_pose_is_missed_by_its_bound(context, model, monkeypatch):
     """All pairs tried at once: nothing is left out, and the same poses are proposed."""
     edges = scene(context, model, random_poses(1, 3, depth=(0.34, 0.46))[0])
-    proposals = Proposals(NumbaRenderer(), model, REGION)
+    region = Region((0, 0, 0.4), (0.06, 0.06, 0.06))
+    proposals = Proposals(NumbaRenderer(), model, region)
     poses, scores = proposals.propose(edges, 20)
     monkeypatch.setattr(template_matching, 'AT_ONCE', 10 ** 9)
     every, best = proposals.propose(edges, 20)

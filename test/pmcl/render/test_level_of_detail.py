@@ -56,7 +56,7 @@ def test_silhouettes_move_by_less_than_a_third_of_a_pixel(name):
             assert distance_transform_edt(~other)[one].max() / zoom < 0.3 + 1 / zoom
 
 
-@pytest.mark.parametrize('seed', [1, 10, 12])
+@pytest.mark.parametrize('seed', [1, 12])
 def test_what_is_followed_is_drawn_neither_smaller_nor_larger(seed):
     """At 0.6 m an outline that is too small by 1e-4 of itself puts the object 0.06 mm nearer."""
     sequence = Sequence(seed)
@@ -89,7 +89,7 @@ def test_it_is_done_once():
     assert simplified(model, 2e-4) is simplified(model, 2e-4)
 
 
-@settings(max_examples=10, deadline=None)  # trimesh takes its time
+@settings(max_examples=5, deadline=None)  # trimesh takes its time
 @given(st.integers(0, 10_000))
 def test_distances_to_faces_are_those_of_trimesh(seed):
     rng = np.random.default_rng(seed)

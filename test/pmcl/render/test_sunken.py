@@ -107,7 +107,8 @@ SUNKEN[:3, 3] = 0.01, 0.0, 0.45
 def test_one_picture_tells_where_a_thing_in_water_is():
     drawn = as_it_appears(CUP, SUNKEN, WATER)
     seen = map_seen(silhouette(CAMERA, drawn, SUNKEN, 4), CAMERA, 0.3, 0.7)
-    settings = {'roi_center': (0.0, 0.0, 0.45), 'roi_size': (0.1, 0.1, 0.16), 'proposals': 200}
+    settings = {'roi_center': (0.0, 0.0, 0.43), 'roi_size': (0.08, 0.08, 0.1), 'proposals': 60,
+                'particles': 64, 'moves': 1}
     off = []
     for declared in ({}, {'interface_index': WATER.index,
                           'interface_point': WATER.points.ravel().tolist(),

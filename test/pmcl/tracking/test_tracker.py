@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from pmcl_scenes import CAMERA, cup, depth_of, edges_seen, model_of, pose_of
+from pmcl_scenes import CAMERA, COARSE, cup, depth_of, edges_seen, model_of, pose_of
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
@@ -29,7 +29,8 @@ START = pose_of(Rotation.from_rotvec([1.9, 0.3, 0.2]), np.array([-0.04, 0.015, 0
 
 def settings(tracking, **values):
     return TrackingSettings(tracking=tracking, roi_center=(0, 0, 0.4), roi_size=(0.12, 0.1, 0.1),
-                            renderer='numba', proposals=8, particles=32, moves=1, **values)
+                            renderer='numba', proposals=8, particles=32, moves=1,
+                            track_candidates=256, **values)
 
 
 def truth_of(number):
@@ -40,16 +41,16 @@ def truth_of(number):
     return pose
 
 
-def volume(context, pose, number, hidden=False, strength=2.0):
-    edges = edges_of(context, pose.tobytes(), strength)
+def volume(context, pose, number, hidden=False, strength=2.0, camera=COARSE):
+    edges = edges_of(context, pose.tobytes(), strength, camera)
     tensor = (0.0 if hidden else 1.0) * edges.tensor + np.array([0.05, 0.05, 0], np.float32)
     return replace(edges, header=Header(number * PERIOD), tensor=tensor.astype(np.float32))
 
 
 @lru_cache(maxsize=3)  # most frames show what the one before showed
-def edges_of(context, pose, strength):
-    depth = depth_of(context, CUP, np.frombuffer(pose).reshape(4, 4), CAMERA, 2)
-    return edges_seen(depth, CAMERA, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=strength)
+def edges_of(context, pose, strength, camera):
+    depth = depth_of(context, CUP, np.frombuffer(pose).reshape(4, 4), camera, 2)
+    return edges_seen(depth, camera, DEPTHS, 0.2 * CUP.radius, zoom=2, strength=strength)
 
 
 @pytest.fixture(scope='module')
@@ -152,15 +153,21 @@ def test_the_camera_s_own_motion_is_known(context):
 def test_what_has_less_evidence_than_usual_is_looked_for_elsewhere(context):
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
-    frames = [(volume(context, START, number, strength=3.0), START) for number in range(12)]
-    weaker = volume(context, START, 12, strength=2.0)
-    there = volume(context, other, 12, strength=3.0)
+    weaker = volume(context, START, 10, strength=2.0)
+    there = volume(context, other, 10, strength=3.0)
     both = replace(weaker, tensor=np.maximum(weaker.tensor, there.tensor))
-    for check, truth in ((10_000, other), (0, START)):  # long before it is due; never
-        found = tracked([*frames, (both, truth)], settings('constant_pose', track_check=check))
-        assert [each.mode for each in found[1:-1]] == ['followed'] * 11
-        assert found[-1].mode == ('default' if check else 'followed')
-        assert pose_error(found[-1].pose, truth, CUP.symmetry).translation < 0.005
+    often, never = (settings('constant_pose', track_check=check) for check in (10_000, 0))
+    with Localizer(CUP, often) as localizer:
+        tracker, rng = Tracker(localizer, CUP, often), np.random.default_rng(0)
+        before = [tracker.track(volume(context, START, number, strength=3.0), rng)
+                  for number in range(10)]
+        assert [each.mode for each in before[1:]] == ['followed'] * 9  # no search is due yet
+        # The same history, of one that searches often enough and of one that never does.
+        for of, mode, truth in ((often, 'default', other), (never, 'followed', START)):
+            aside, numbers = deepcopy((tracker, rng), {id(localizer): localizer, id(often): of})
+            found = aside.track(both, numbers)
+            assert found.mode == mode
+            assert pose_error(found.pose, truth, CUP.symmetry).translation < 0.005
 
 
 @pytest.mark.parametrize(('check', 'strength', 'moves_to_the_other'), [
@@ -169,15 +176,16 @@ def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
         context, check, strength, moves_to_the_other):
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
-    alone = [volume(context, START, number, strength=1.5) for number in range(2)]
-    second = [volume(context, other, number, strength=strength) for number in range(2, 8)]
+    alone = [volume(context, START, number, strength=1.5, camera=CAMERA) for number in range(2)]
+    second = [volume(context, other, number, strength=strength, camera=CAMERA)
+              for number in range(2, 6)]
     both = [replace(each, tensor=np.maximum(each.tensor, alone[0].tensor)) for each in second]
     frames = [(each, START) for each in (*alone, *both)]
     estimates = tracked(frames, settings('constant_pose', track_check=check))
     # The fourth is the third that is followed; then it goes on from where the object is.
     there = [pose_error(each.pose, other, CUP.symmetry).translation < 0.005 for each in estimates]
-    assert there == [False] * 3 + [moves_to_the_other] * 5
-    followed = ['default'] + ['followed'] * 7
+    assert there == [False] * 3 + [moves_to_the_other] * 3
+    followed = ['default'] + ['followed'] * 5
     if moves_to_the_other:
         followed[3] = 'default'
     assert [each.mode for each in estimates] == followed
@@ -246,7 +254,7 @@ def test_the_paper_s_filter_tracks_nothing():
 @pytest.mark.parametrize('check', [2, 0])  # searched in vain before, or only then
 def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     # A card before it moves to and fro, at last so far that a single shot does not believe it.
-    whole = volume(context, START, 0)
+    whole = volume(context, START, 0, camera=CAMERA)
     columns = np.flatnonzero(depth_of(context, CUP, START, CAMERA, 1).any(axis=0))
 
     def covered(part, number):
@@ -256,10 +264,11 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
         return replace(whole, header=header, tensor=tensor), START
 
     parts = [0, 0.03, 0.05] * 4 + [0.25] * 8
-    of = settings('constant_pose', track_check=check)
+    of = settings('constant_pose', track_check=check).model_copy(
+        update={'track_candidates': 1024})
     slid = [covered(part, number) for number, part in enumerate(parts)]
     late = [covered(part, 4000) for part in np.linspace(0.18, 0.22, 5)]
-    estimates, ends = branched(slid, {4: late, len(slid): late} if check else {}, of)
+    estimates, ends = branched(slid, {4: late[::2], len(slid): late} if check else {}, of)
     assert not any(each.lost for each in estimates)
     assert all(each.incomplete for each in estimates[-8:])
     assert all(each.translation < (0.015 if check else 0.02) for each in errors(estimates, slid))
@@ -267,12 +276,12 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
         alone = localizer.localize(slid[-1][0], np.random.default_rng(0))
     assert alone.lost
     assert alone.incomplete
-    # All at once, too: nothing in the region is likelier. But not if there is hardly anything.
-    before, sudden = branched([covered(0, number) for number in range(12)],
-                              {12: [covered(part, 12) for part in (0.25, 0.9)]}, of)
-    assert not any(each.lost for each in before)
-    assert [each.lost for each in sudden[12]] == [False, True]
-    if not check:  # the rest does not depend on it
+    if not check:
+        # All at once, too: nothing in the region is likelier. But not if there is hardly anything.
+        before, sudden = branched([covered(0, number) for number in range(10)],
+                                  {10: [covered(part, 10) for part in (0.25, 0.9)]}, of)
+        assert not any(each.lost for each in before)
+        assert [each.lost for each in sudden[10]] == [False, True]
         return
     # Found anew, long after, it is known by how it looked; to others it is lost.
     # Some may be near misses of the search, which differ from processor to processor.
@@ -286,12 +295,12 @@ def test_something_fainter_elsewhere_is_not_it(context):
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
     of = settings('constant_pose')
-    faint = volume(context, other, 12, strength=1.4)
+    faint = volume(context, other, 10, strength=1.4)
     with Localizer(CUP, of) as localizer:
         alone = localizer.localize(faint, np.random.default_rng(0))
     assert not alone.lost
     for strength, lost in ((4.0, True), (1.4, False)):
-        seen = [volume(context, START, number, strength=strength) for number in range(12)]
+        seen = [volume(context, START, number, strength=strength) for number in range(10)]
         last = tracked([(each, None) for each in (*seen, faint)], of)[-1]
         assert last.lost == lost
         assert last.mode == (PREDICTED if lost else 'default')
@@ -301,16 +310,16 @@ def test_what_is_found_again_where_it_was_foreseen_need_not_be_confirmed(context
     of = settings('constant_pose', track_check=2, track_sigma_translation=0.005)
     with Localizer(CUP, of) as localizer:
         tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
-        for number in range(12):
+        for number in range(11):
             tracker.track(volume(context, START, number), rng)
         confirmed = tracker.status.confirmations
         assert confirmed > 0
-        assert tracker.track(volume(context, START, 12, hidden=True), rng).lost
+        assert tracker.track(volume(context, START, 11, hidden=True), rng).lost
         for step, confirmations in (((0.005, 0.005, 0), confirmed), ((0.09, -0.03, 0.04), 0)):
             there = START.copy()
             there[:3, 3] += step
             aside, numbers = deepcopy((tracker, rng), {id(localizer): localizer})
-            again = aside.track(volume(context, there, 13), numbers)
+            again = aside.track(volume(context, there, 12), numbers)
             assert not again.lost
             assert pose_error(again.pose, there, CUP.symmetry).translation < 0.005
             assert aside.status.confirmations == confirmations
@@ -322,12 +331,12 @@ def test_a_faint_mode_does_not_draw_particles_from_the_object(context):
     # What is faint is wide: it reached to where the object is, and was thought to be likely there.
     other = START.copy()
     other[:3, 3] += 0.09, -0.03, 0.04
-    here, there = (volume(context, pose, 0, strength=strength)
+    here, there = (volume(context, pose, 0, strength=strength, camera=CAMERA)
                    for pose, strength in ((START, 1.5), (other, 2.0)))
     both = replace(there, tensor=np.maximum(there.tensor, here.tensor))
     spread = np.diag(np.repeat([0.01 ** 2, 0.06 ** 2], 3))
     with Localizer(CUP, settings('constant_pose')) as localizer:
-        for seed in (44, 46, 73, 126, 141, 158, *range(6)):  # the first six went astray
+        for seed in (44, 46, 73, 126, 141, 158, *range(2)):  # the first six went astray
             rng, about = np.random.default_rng(seed), START.copy()
             about[:3, 3] += rng.normal(0, 0.002, 3)
             prior = Gaussian.from_covariance(about, spread, CUP.symmetry)
@@ -341,11 +350,11 @@ def test_an_object_that_leaves_the_picture_is_not_known_by_the_little_in_view(co
     poses = [START.copy() for _ in range(18)]
     for number, pose in enumerate(poses):
         pose[0, 3] -= max(number - 10, 0) * 0.02
-    poses = [pose for pose in poses if share_in_view(CUP, pose, CAMERA) > 0.05]
+    poses = [pose for pose in poses if share_in_view(CUP, pose, COARSE) > 0.05]
     frames = [(volume(context, pose, number), pose) for number, pose in enumerate(poses)]
     of = settings('constant_velocity').model_copy(update={'roi_size': (0.3, 0.1, 0.1)})
     estimates = tracked(frames, of)
-    shares = [share_in_view(CUP, pose, CAMERA) for pose in poses]
+    shares = [share_in_view(CUP, pose, COARSE) for pose in poses]
     assert not any(each.lost for each in estimates[:11])
     assert [each.lost for each, share in zip(estimates, shares, strict=True) if share < 0.4] == [
         True] * sum(share < 0.4 for share in shares)

@@ -31,7 +31,7 @@ def _target(thing, pose):
     return Target(thing.vertices, thing.faces, thing.axis, pose, (0, 0, 0.5), (0.1,) * 3, False)
 
 
-@pytest.mark.parametrize('depth', [0.4, 0.55, 0.7])
+@pytest.mark.parametrize('depth', [0.4, 0.7])
 def test_a_plane_has_the_disparity_of_its_depth(depth):
     rng = np.random.default_rng(2)
     sensor = plain_sensor(size=96, views=5, fx=900.0, blur=1.0, focus=0.55)
@@ -45,7 +45,7 @@ def test_a_plane_has_the_disparity_of_its_depth(depth):
     assert (capture.labels == -1).all()
 
 
-@pytest.mark.parametrize('seed', range(5))
+@pytest.mark.parametrize('seed', range(3))
 def test_silhouettes_are_those_of_the_outer_mesh(seed):
     rng = np.random.default_rng(seed)
     thing = (random_transparent if seed % 2 else random_opaque)(rng)
