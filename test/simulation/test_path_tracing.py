@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.simulation.path_tracing.render import physical
+from pmcl_ros.simulation.path_tracing.variant import is_compiled
 from pmcl_ros.simulation.scenes.environment import (
     Environment,
     look_up,
@@ -194,3 +195,18 @@ def test_without_llvm_it_runs_ray_by_ray() -> None:
         env=os.environ | {'DRJIT_LIBLLVM_PATH': os.devnull, 'PYTHONPATH': os.pathsep.join(
             [os.path.dirname(__file__), *sys.path])}, capture_output=True, text=True)
     assert made.stdout == 'same\n', made.stderr[-2000:]
+
+
+def test_all_passes_of_a_scene_are_compiled_once() -> None:
+    """Compiling takes seconds, much longer than most passes."""
+    dr = pytest.importorskip('drjit')
+    if not is_compiled():
+        pytest.skip('Mitsuba is not compiled: no LLVM library')
+    of = physical(scene((box(0.4, 0.01, Clear(1.5)),)))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        for width, height, focal, seed in ((24, 24, 40.0, 1), (32, 20, 50.0, 2)):
+            of(sensor(width, height, focal), 0, 0, 0, 32, seed)
+        passes = [each['cache_hit'] for each in dr.kernel_history()
+                  if each['type'] == dr.KernelType.JIT]
+    assert len(passes) >= 2 * 9
+    assert passes.count(0) <= 1

@@ -138,14 +138,17 @@ def _pass(loaded: Any, sensor: Sensor, pinhole: Pinhole,
     sampler = mi.load_dict({'type': 'multijitter', 'sample_count': samples})
     samples = sampler.sample_count()  # it may need some more
     sampler.set_samples_per_wavefront(samples)
-    sampler.seed(seed, pixels * samples)
+    # Numbers that Dr.Jit knows are compiled in: each pass would be compiled by itself.
+    sampler.seed(dr.opaque(mi.UInt32, seed), pixels * samples)
+    x, y, reach, focus, fx, fy, cx, cy = (dr.opaque(mi.Float, float(each)) for each in (
+        *place, _TENT * sensor.grid.baseline, sensor.focus, pinhole.fx, pinhole.fy, pinhole.cx,
+        pinhole.cy))
+    width = dr.opaque(mi.UInt32, pinhole.width)
     number = dr.arange(mi.UInt32, pixels * samples) // samples
     within, first, second = sampler.next_2d(), sampler.next_2d(), sampler.next_2d()
-    reach = _TENT * sensor.grid.baseline
-    aside = [place[k] + reach * (first[k] + second[k] - 1) for k in range(2)]
-    focus = sensor.focus
-    at = [place[0] + focus * (number % pinhole.width + within[0] - 0.5 - pinhole.cx) / pinhole.fx,
-          place[1] + focus * (number // pinhole.width + within[1] - 0.5 - pinhole.cy) / pinhole.fy]
+    aside = [x + reach * (first[0] + second[0] - 1), y + reach * (first[1] + second[1] - 1)]
+    at = [x + focus * (number % width + within[0] - 0.5 - cx) / fx,
+          y + focus * (number // width + within[1] - 0.5 - cy) / fy]
     way = dr.normalize(mi.Vector3f(at[0] - aside[0], at[1] - aside[1], focus))
     ray = mi.Ray3f(mi.Point3f(aside[0], aside[1], 0), way)
     mean = np.array(radiance(loaded, sampler, ray)).reshape(3, pixels, samples).mean(axis=2)
