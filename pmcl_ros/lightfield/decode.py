@@ -162,7 +162,7 @@ class Decoder:
                  views: int = VIEWS, size: tuple[int, int] | None = None) -> None:
         self.calibration = calibration
         shape = white.counts.shape if isinstance(white, RawFrame) else white.shape
-        if shape != (calibration.height * RAW_PITCH, calibration.width * RAW_PITCH):
+        if tuple(side // RAW_PITCH for side in shape) != (calibration.height, calibration.width):
             raise LightFieldError(
                 f'calibration is for views of {calibration.width}x{calibration.height}, that is '
                 f'raw frames of {calibration.width * RAW_PITCH}x{calibration.height * RAW_PITCH}; '
