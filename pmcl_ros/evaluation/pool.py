@@ -38,9 +38,8 @@ def run_jobs(jobs: Sequence[Job], camera: Camera | None, processes: int,
 
 def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
                   stopped: Callable[[], bool]) -> Iterator[Trial]:
-    # Not forked from here: GL's threads do not survive a fork. The server imports all once.
-    context = multiprocessing.get_context('forkserver')
-    context.set_forkserver_preload([__name__])
+    # Spawned, not forked: GL's threads do not survive a fork.
+    context = multiprocessing.get_context('spawn')
     stop = context.Event()
     threads = max(1, (os.cpu_count() or 1) // processes)
     pool = ProcessPoolExecutor(processes, context, _start, (camera, stop, threads))
