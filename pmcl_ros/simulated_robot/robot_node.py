@@ -31,7 +31,7 @@ from pmcl_ros.simulated_robot.trial import Grip, Picture, Trial
 from pmcl_ros.simulated_robot.wrist_eyes import RENDERERS, wrist_eye
 from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
-from pmcl_ros.simulation.manipulation.film import strip
+from pmcl_ros.simulation.manipulation.film import Film
 from pmcl_ros.simulation.manipulation.workcell import HOLD, Workcell
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, draw_task
 from pmcl_ros.simulation.manipulation.workplace_scene import WorkplaceLook
@@ -67,8 +67,8 @@ class SimulatedRobot(Node):
         self._cell = Workcell(self._task, self._model, options.mass,
                               np.random.default_rng([options.seed, 3]))
         self._cell.wait(0.5)  # a lying object comes to rest
-        self._frames: list[NDArray[np.uint8]] = []
-        self._start_film()
+        self._frames: list[NDArray[np.float64]] = []  # states of the film
+        self._film = self._start_film()
         self._sensor = load_camera(options.camera).sensor(
             np.random.default_rng([options.seed, 2]))
         self._eye = wrist_eye(self, options.camera, self._rng, options.samples, options.renderer)
@@ -181,20 +181,21 @@ class SimulatedRobot(Node):
             self._pose.publish(PoseStamped(header=header_to_message(stamp),
                                            pose=pose_to_message(told)))
 
-    def _start_film(self) -> None:
-        """Pictures from outside, twice a second of the simulated time."""
+    def _start_film(self) -> Film | None:
+        """From outside, its states noted twice a second of the simulated time."""
         try:
             film = self._cell.film(_FILM)
         except RenderError as error:
             self.get_logger().warning(f'there will be no film: {error}')
-            return
+            return None
         calls = itertools.count()
 
         def watch() -> None:
             if next(calls) % _EVERY == 0:
-                self._frames.append(film.picture())
+                self._frames.append(film.state())
 
         self._cell.watch = watch
+        return film
 
     def _physics(self, do: Callable[[], T]) -> T:
         """Do it, and note how long the simulation took."""
@@ -226,8 +227,9 @@ class SimulatedRobot(Node):
             done = self._cell.held_clear
             self._cell.wait(HOLD)
             done &= self._cell.held_clear
-        if self._frames:
-            cv2.imwrite(str(self._out / 'film.png'), strip(self._frames)[..., ::-1])
+        if self._film is not None:
+            cv2.imwrite(str(self._out / 'film.png'),
+                        self._film.strip(self._frames)[..., ::-1])
         times = self.trial.times | self._spent
         return self.trial.model_copy(update={'done': done, 'times': times})
 

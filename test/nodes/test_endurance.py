@@ -166,6 +166,42 @@ full.unlink()
     assert done.stdout == 'No space left on device\n'
 
 
+@pytest.mark.parametrize(('size', 'transports'), [('16k', 'DEFAULT'), ('1m', 'DEFAULT'),
+                                                  ('16k', 'UDPv4')])
+def test_messages_come_without_room_in_shared_memory(size, transports):
+    """16k: no process gets any; 1m: the first one does. UDPv4: none wants any."""
+    done = subprocess.run(
+        with_shared_memory(size, 'pmcl_ros.nodes.bench.volume_transport', '--messages', '5',
+                           '--side', '164', '--copies', '1'),
+        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False,
+        env={**os.environ, TRANSPORTS: transports})
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)
+    told = re.search(r'/dev/shm has .* by UDP', done.stderr)
+    assert (told is None) == (transports == 'UDPv4')
+
+
+def test_gaps_in_the_numbers_of_one_publisher():
+    gaps = SequenceGaps()
+    assert [gaps.missed(number, 1) for number in (7, 8, 11, 12)] == [0, 0, 2, 0]
+    assert [gaps.missed(number, 1) for number in (1, 4)] == [0, 2]  # it was started again
+    assert [gaps.missed(number, 2) for number in (9, 30, 10)] == [0, 0, 0]  # whose?
+    assert [gaps.missed(number, 1) for number in (40, 42, None)] == [0, 1, 0]
+
+
+def test_captures_that_were_announced_only():
+    missing = MissingCaptures()
+    for stamp in (1, 2, 3):
+        missing.announce(stamp)
+    assert missing.arrived(3) == [1, 2]
+    assert missing.arrived(4) == []  # came before it was announced
+    missing.announce(4)
+    missing.announce(6)
+    assert missing.arrived(5) == []
+    assert missing.arrived(6) == []
+
+
 @pytest.fixture(scope='module')
 def two_graphs(tmp_path_factory, parameter_file):
     """Both on simulated time, before anybody publishes any."""
@@ -206,39 +242,3 @@ def test_time_may_stand_still_or_jump(two_graphs, user):
         count += sum(each.status[0].name == 'left/dlv_node' for each in states)
         assert count <= time.monotonic() - began + 3  # at 1 Hz, and no storm after a jump
     assert all(abs(stamp - time.time_ns()) < 3600e9 for stamp in stamps(poses))
-
-
-@pytest.mark.parametrize(('size', 'transports'), [('16k', 'DEFAULT'), ('1m', 'DEFAULT'),
-                                                  ('16k', 'UDPv4')])
-def test_messages_come_without_room_in_shared_memory(size, transports):
-    """16k: no process gets any; 1m: the first one does. UDPv4: none wants any."""
-    done = subprocess.run(
-        with_shared_memory(size, 'pmcl_ros.nodes.bench.volume_transport', '--messages', '5',
-                           '--side', '164', '--copies', '1'),
-        cwd=ROOT, capture_output=True, text=True, timeout=PATIENCE, check=False,
-        env={**os.environ, TRANSPORTS: transports})
-    assert done.returncode == 0, done.stderr
-    result = json.loads(done.stdout)
-    assert (result['sent'], result['received'], result['equal']) == (5, 5, 5)
-    told = re.search(r'/dev/shm has .* by UDP', done.stderr)
-    assert (told is None) == (transports == 'UDPv4')
-
-
-def test_gaps_in_the_numbers_of_one_publisher():
-    gaps = SequenceGaps()
-    assert [gaps.missed(number, 1) for number in (7, 8, 11, 12)] == [0, 0, 2, 0]
-    assert [gaps.missed(number, 1) for number in (1, 4)] == [0, 2]  # it was started again
-    assert [gaps.missed(number, 2) for number in (9, 30, 10)] == [0, 0, 0]  # whose?
-    assert [gaps.missed(number, 1) for number in (40, 42, None)] == [0, 1, 0]
-
-
-def test_captures_that_were_announced_only():
-    missing = MissingCaptures()
-    for stamp in (1, 2, 3):
-        missing.announce(stamp)
-    assert missing.arrived(3) == [1, 2]
-    assert missing.arrived(4) == []  # came before it was announced
-    missing.announce(4)
-    missing.announce(6)
-    assert missing.arrived(5) == []
-    assert missing.arrived(6) == []

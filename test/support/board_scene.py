@@ -53,20 +53,21 @@ class BoardScene:
         raw = np.indices((SIDE, SIDE))[::-1].transpose(1, 2, 0).astype(float)
         i, j = np.meshgrid(np.arange(-50, 51), np.arange(-60, 61))
         centres = self.calibration.lattice.centres(i, j).reshape(-1, 2)
-        owner = centres[cKDTree(centres).query(raw)[1]]
-        self.place = (owner - 4.5) / 10  # view px
-        self.offset = raw - owner  # view steps
+        self.owner = cKDTree(centres).query(raw)[1]  # its lenslet
+        self.places = (centres - 4.5) / 10  # view px, of the lenslets
+        self.offset = raw - centres[self.owner]  # view steps
         radius = np.hypot(*self.offset.T).T
         self.light = np.clip(4.9 - radius, 0.02, 1) * (1 - 0.01 * radius ** 2)
 
-    def _on_board(self, board_to_camera, place):
-        """Board coordinates (SIDE, SIDE, 2) [m] that each raw pixel sees, its lenslet at place."""
+    def _on_board(self, board_to_camera, places):
+        """Board coordinates (SIDE, SIDE, 2) [m] that each raw pixel sees, lenslets at places."""
         k = self.calibration
-        seen = (place - [k.cx, k.cy]) / [k.fx, k.fy]
+        seen = (places - [k.cx, k.cy]) / [k.fx, k.fy]
         ideal = seen
         for _ in range(20 if k.k1 or k.k2 else 0):
             square = (ideal ** 2).sum(axis=-1, keepdims=True)
             ideal = seen / (1 + k.k1 * square + k.k2 * square ** 2)
+        ideal = ideal[self.owner]
         origin = k.baseline * self.offset
         direction = ideal - origin / k.focus_distance
         rotation, translation = board_to_camera[:3, :3], board_to_camera[:3, 3]
@@ -78,9 +79,9 @@ class BoardScene:
     def reflectance(self, board_to_camera):
         """(SIDE, SIDE): light corner square first, a light margin one square wide, a wall."""
         columns, rows, square = self.board
-        point = self._on_board(board_to_camera, self.place)
+        point = self._on_board(board_to_camera, self.places)
         # How steep the board's coordinates are in the view: an edge cuts the lenslet's disc.
-        beside = [self._on_board(board_to_camera, self.place + step) - point
+        beside = [self._on_board(board_to_camera, self.places + step) - point
                   for step in ([1e-3, 0], [0, 1e-3])]
         steepness = np.hypot(*beside) / 1e-3  # m per view px
         waves = []

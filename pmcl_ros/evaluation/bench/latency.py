@@ -43,7 +43,7 @@ def measure(bag: Path, captures: int, arguments: list[str], quick: bool) -> dict
     """Take `captures` pictures by the graph, each followed by the same without ROS.
 
     Both read the picture from a file (not compressed), decode, compute the evidence and search,
-    with the settings of `pmcl localize` and the same random numbers. The first two are not
+    with the settings of `pmcl localize` and the same random numbers. The first one is not
     counted. quick: hardly a search, which shows the nodes' own share better.
     Times are from the shutter to the pose in another process, and from reading to the pose [ms].
     """
@@ -96,7 +96,7 @@ def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
              captures: int) -> dict[str, object]:
     through, without, equal = [], [], 0
     used = {'graph': 0.0, 'offline': 0.0}
-    for number in range(captures + 2):
+    for number in range(captures + 1):
         before = graph.cpu_seconds
         answer = graph.capture()
         graph.wait(lambda: len(graph.poses) == number + 1 and answer.done(), 'a pose')  # noqa: B023
@@ -105,7 +105,7 @@ def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
         began, cpu = time.perf_counter(), time.process_time()
         expected = offline()
         seconds, cpu = time.perf_counter() - began, time.process_time() - cpu
-        if number >= 2:
+        if number >= 1:
             used['graph'] += after - before
             used['offline'] += cpu
             through.append(1e-6 * (arrived - stamp))

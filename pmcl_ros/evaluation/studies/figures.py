@@ -1,6 +1,7 @@
 """Draws the figures of the documentation: Lemma 1, two superimposed layers, the frames."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,7 @@ class Rates:
     several: float
 
 
+@lru_cache(maxsize=1)  # both sources of layers are asked about a scene, one after the other
 def two_layers(separation: float, alpha: float, scale: float, seed: int = 0,
                noise: float = _NOISE) -> LightField:
     """A textured plane seen through another: 7x7 views, a focal length and a baseline of 1.

@@ -14,9 +14,10 @@ _AZIMUTH, _ELEVATION = 215.0, -25.0  # degrees: from behind the place, to its le
 
 
 class Film:
-    """Draws the present state of MuJoCo's model and data. `close` frees its OpenGL context.
+    """Draws states of MuJoCo's model, once they are over. `close` frees its OpenGL context.
 
-    size: width and height [pixels]. Raises RenderError where there is no OpenGL.
+    data: the simulation. size: width and height [pixels]. Raises RenderError where there is no
+    OpenGL.
     """
 
     def __init__(self, model: Any, data: Any, size: tuple[int, int] = (480, 360)) -> None:
@@ -25,23 +26,30 @@ class Film:
             self._renderer = mj.Renderer(model, size[1], size[0])
         except Exception as error:  # of many kinds, by the library that is missing
             raise RenderError(f'no OpenGL context for MuJoCo: {error}') from error
-        self._data, self._camera = data, mj.MjvCamera()
+        self._model, self._data = model, data
+        self._drawn, self._camera = mj.MjData(model), mj.MjvCamera()
         self._camera.lookat[:], self._camera.distance = _LOOK_AT, _DISTANCE
         self._camera.azimuth, self._camera.elevation = _AZIMUTH, _ELEVATION
 
-    def picture(self) -> NDArray[np.uint8]:
+    def state(self) -> NDArray[np.float64]:
+        """The present one, for `picture`: MuJoCo's generalised coordinates."""
+        return np.array(self._data.qpos)
+
+    def picture(self, state: NDArray[np.float64]) -> NDArray[np.uint8]:
         """(height, width, 3) RGB."""
-        self._renderer.update_scene(self._data, self._camera)
+        self._drawn.qpos[:] = state
+        mujoco().mj_forward(self._model, self._drawn)
+        self._renderer.update_scene(self._drawn, self._camera)
         return np.array(self._renderer.render())
+
+    def strip(self, states: Sequence[NDArray[np.float64]], count: int = 8) -> NDArray[np.uint8]:
+        """Pictures of so many of the states, evenly chosen, beside each other in two rows."""
+        chosen = np.linspace(0, len(states) - 1, count).round().astype(int)
+        pictures = [self.picture(states[k]) for k in chosen]
+        half = count // 2
+        return np.concatenate([np.concatenate(each, axis=1)
+                               for each in (pictures[:half], pictures[half:2 * half])])
 
     def close(self) -> None:
         """Free what OpenGL holds."""
         self._renderer.close()
-
-
-def strip(pictures: Sequence[NDArray[np.uint8]], count: int = 8) -> NDArray[np.uint8]:
-    """So many of the pictures, evenly chosen, beside each other in two rows."""
-    chosen = [pictures[k] for k in np.linspace(0, len(pictures) - 1, count).round().astype(int)]
-    half = count // 2
-    return np.concatenate([np.concatenate(each, axis=1)
-                           for each in (chosen[:half], chosen[half:2 * half])])

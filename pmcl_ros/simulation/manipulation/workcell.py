@@ -178,7 +178,7 @@ class Workcell:
             self._step()
 
     def film(self, size: tuple[int, int] = (480, 360)) -> Film:
-        """For pictures of the present state; size: width and height [pixels]."""
+        """For pictures of its states; size: width and height [pixels]."""
         return Film(self._model, self._data, size)
 
     @property

@@ -186,16 +186,21 @@ def test_the_gap_is_what_is_between_the_fingers():
 
 def test_a_film_shows_what_moves():
     bench = Bench('sink', STANDS)
-    film, pictures = bench.cell.film((80, 60)), []
-    bench.cell.watch = lambda: pictures.append(film.picture())
+    film, states = bench.cell.film((80, 60)), []
+    bench.cell.watch = lambda: states.append(film.state())
     bench.cell.wait(0.5)
-    still = len(pictures)
+    still = len(states)
     bench.cell.move(bench.above(0.25))
+    first, rest, last = (film.picture(states[k]) for k in (0, still - 1, -1))
+    strip = film.strip(states)
     film.close()
     assert still == 5
-    assert pictures[0].shape == (60, 80, 3)
-    assert np.array_equal(pictures[0], pictures[still - 1])
-    assert (pictures[0] != pictures[-1]).any(axis=-1).mean() > 0.01
+    assert first.shape == (60, 80, 3)
+    assert np.array_equal(first, rest)
+    assert (first != last).any(axis=-1).mean() > 0.01
+    assert strip.shape == (2 * 60, 4 * 80, 3)
+    assert np.array_equal(strip[:60, :80], first)
+    assert np.array_equal(strip[60:, -80:], last)
 
 
 @pytest.mark.parametrize('library', ['mujoco', 'mink'])

@@ -165,7 +165,7 @@ def test_a_ball_covers_the_area_that_it_should(blur):
     turn = np.linspace(-np.pi / 2, np.pi / 2, 400)
     profile = radius * np.stack([np.cos(turn).clip(1e-12), np.sin(turn)], axis=1)
     ball = Solid(Frusta.from_profile(profile, 0, 1), (Opaque(0 * WHITE),), pose_at(0, 0, depth))
-    sensor = plain_sensor(size=120, fx=700.0, blur=blur, focus=depth)
+    sensor = plain_sensor(size=120, views=1, fx=700.0, blur=blur, focus=depth)
     sheet = Sheet(pose_at(0, 0, 1.0), (2.0, 2.0), WHITE, 1.0)
     view = render(plain_scene([ball], [sheet], sensor=sensor), rng, 8).light_field.centre_view
     area = (1 - view / view[0, 0]).sum() / 3
