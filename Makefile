@@ -4,6 +4,7 @@ PYTHON ?= python3
 BAG ?= bags/wine_glass
 CAMERA ?=
 SCENE ?=
+FORCE ?=
 BIN := .venv/bin
 RUN := .venv/.installed-run
 TEST := .venv/.installed-test
@@ -19,14 +20,15 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-quick test-tensorflow test-oldest kernels lint venv docs eval bench soak fuzz clean
 
+# FORCE=--force: overwrite pictures in out/ that an earlier run did not write.
 # SCENE=sink: a simulated arm takes a glass out of water, through the same nodes.
 ifeq ($(SCENE),)
 demo: $(RUN)
-	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out
+	@$(BIN)/python -m pmcl_ros.nodes.demo --bag $(BAG) --camera '$(CAMERA)' --out out $(FORCE)
 else
 demo: $(ARM)
 	@$(BIN)/pmcl warm-up
-	@$(BIN)/pmcl manipulate $(SCENE) --trials 1 --seed 1 --out out/$(SCENE)
+	@$(BIN)/pmcl manipulate $(SCENE) --trials 1 --seed 1 --out out/$(SCENE) $(FORCE)
 endif
 
 # The kernels are compiled while the packages of the tests, which change no others, are installed.
@@ -78,7 +80,7 @@ bench: $(RUN)
 # small volumes.
 CAPTURES_SOAKED ?= 2000
 QUICK ?=
-SOAK = $(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED) $(QUICK)
+SOAK = $(BIN)/python -m pmcl_ros.evaluation.bench.soak --captures $(CAPTURES_SOAKED) $(QUICK) $(FORCE)
 DISKS = $(shell unshare --mount true 2>/dev/null && echo --full-disks)
 soak: $(RUN)
 	$(SOAK) --out out/soak/one_process

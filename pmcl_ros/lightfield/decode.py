@@ -108,8 +108,9 @@ class DecodePlan:
         # The shift of a view follows its true position, which may differ from the nominal one.
         focus = baseline / calibration.focus_distance
         shifts = positions[pupil.weights > 0] * [pinhole.fx * focus, pinhole.fy * focus]
-        pixels = ViewPixels(pinhole, (width / pinhole.width, height / pinhole.height),
-                            calibration.k1, calibration.k2)
+        pitch = (RAW_PITCH * calibration.width / pinhole.width,
+                 RAW_PITCH * calibration.height / pinhole.height)
+        pixels = ViewPixels(pinhole, pitch, calibration.k1, calibration.k2)
         reach = pixels.reach(shifts)
         left, top = np.minimum(reach[:, [0, 2]].min(axis=0), 0)
         right, bottom = np.maximum(reach[:, [1, 3]].max(axis=0), last)
@@ -164,9 +165,9 @@ class Decoder:
         shape = white.counts.shape if isinstance(white, RawFrame) else white.shape
         if tuple(side // RAW_PITCH for side in shape) != (calibration.height, calibration.width):
             raise LightFieldError(
-                f'calibration is for views of {calibration.width}x{calibration.height}, that is '
-                f'raw frames of {calibration.width * RAW_PITCH}x{calibration.height * RAW_PITCH}; '
-                f'the white image or the light has {"x".join(str(side) for side in shape[::-1])}')
+                f'calibration is for views of {calibration.width}x{calibration.height}, of '
+                f'{RAW_PITCH}x{RAW_PITCH} raw pixels each; the white image or the light has '
+                f'{"x".join(str(side) for side in shape[::-1])} raw pixels')
         if isinstance(white, RawFrame):
             self._check_serial(white.metadata.serial, 'the white image')
             white = relative_light(white)

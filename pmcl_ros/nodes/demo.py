@@ -116,17 +116,14 @@ def _simulate(stack: ExitStack, bag: Path) -> str:
     return address.text
 
 
-def show(bag: Path, out: Path, simulate: bool, force: bool = False) -> None:
+def show(bag: Path, results: Results, simulate: bool) -> None:
     """Run the chain on a bag, print its pose beside the truth, write the pictures.
 
     simulate: a simulated camera is triggered and takes the picture that is in the bag. Else the
-    bag is replayed. Raises OutputError where a picture is there that no earlier run wrote, unless
-    `force`.
+    bag is replayed.
     """
     truth = Truth.load(bag / 'truth.json')
     with ExitStack() as stack:
-        results = stack.enter_context(Results(out, 'demo', force))
-        results.reserve(*_PICTURES)
         stack.callback(try_shutdown)
         rclpy.init()
         watcher = Watcher()
@@ -206,8 +203,10 @@ def main() -> int:
     options = parser.parse_args()
     own_domain()
     try:
-        compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
-        show(options.bag, options.out, options.camera == 'simulated', options.force)
+        with Results(options.out, 'demo', options.force) as results:
+            results.reserve(*_PICTURES)
+            compile_ahead(_CONSOLE)  # on all cores, before four processes need the kernels
+            show(options.bag, results, options.camera == 'simulated')
     except PmclError as error:
         _CONSOLE.print(f'[red]the demo failed:[/] {escape(str(error))}', soft_wrap=True)
         return 1

@@ -170,7 +170,7 @@ class Judged:
     @property
     def contenders(self) -> NDArray[np.float64]:
         """(n, 4, 4) those that can have a share in the posterior."""
-        return self.poses[self.values >= self.values[0] - _HOPELESS]
+        return self.poses[self.values >= self.values.max() - _HOPELESS]
 
     def first(self, count: int) -> 'Judged':
         """The best of them."""

@@ -44,7 +44,7 @@ def rows_of(path):
 def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
     paper = 'row=faithful,faithful_particles=8,faithful_iterations=3'
     arguments = ('evaluate', captures, '--modes', 'centre', '--set', paper, '--sweep',
-                 'particles=8,16', '--trials', 1, '--only', 'glass', '--out', tmp_path,
+                 'particles=8,16', '--trials', 2, '--only', 'glass', '--out', tmp_path,
                  '--processes', 1)
     monkeypatch.setattr(sys, 'argv', ['pmcl', *map(str, arguments)])
     done = pmcl(*arguments)
@@ -54,7 +54,9 @@ def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
         'time.png', *(f'bop_{name}.csv' for name in (
             'centre', 'particles=8', 'particles=16', paper.replace(',', '_')))}
     rows = rows_of(tmp_path / 'results.csv')
-    assert [each['mode'] for each in rows] == ['centre', paper, 'particles=8', 'particles=16']
+    assert [(each['mode'], each['seed']) for each in rows] == [
+        (mode, seed) for mode in ('centre', paper, 'particles=8', 'particles=16')
+        for seed in ('0', '1')]
     assert (tmp_path / 'results.md').read_text() == done.stdout
     settings = json.loads((tmp_path / 'settings.json').read_text())
     assert settings['rows']['particles=8']['search']['particles'] == 8

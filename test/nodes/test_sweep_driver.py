@@ -113,7 +113,7 @@ def test_a_sweep_from_a_bag_gives_a_pose(tmp_path, user, scene, frames):
             'object': str(tmp_path / 'model.obj'), 'roi_center': list(target.roi_center),
             'roi_size': list(target.roi_size), 'source': 'posed_views'}}}))
     with Process(tmp_path, 'pmcl_ros.nodes.bringup', '--params-file', parameters,
-                 '--sweep', tmp_path / 'plan.yaml') as chain:
+                 '--sweep', tmp_path / 'plan.yaml', '--processes') as chain:
         poses = user.listen(PoseStamped, 'pose', SMALL)
         with Process(tmp_path, 'pmcl_ros.nodes.replay', tmp_path / 'bag', '--rate', '4'):
             user.wait(lambda: poses or not chain.alive(), 'a pose')

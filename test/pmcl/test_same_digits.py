@@ -25,7 +25,7 @@ noise = np.random.default_rng(0).random((328, 328, 8, 3), np.float32)
 depths = depth_labels(scene.near, scene.far, 8)
 edges = EdgeVolume(Header(), noise, depths, bench.CAMERA)
 volume = DepthLikelihoodVolume(Header(), noise[..., 0].copy(), depths, bench.CAMERA)
-results = []
+results = [renderer.depths(scene, poses[:2])]
 with renderer.contour_score(scene, edges, ContourProfile.learned()) as score:
     points = score.points(poses[1])
     results += [score.evaluate(poses), points.pixels, points.normals, points.energies]

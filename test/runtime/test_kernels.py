@@ -86,7 +86,7 @@ def compiled_package(used_package, tmp_path):
 def start(package, **environment):
     """A process that imports the caller: forked, as importing numba takes longer than all else."""
     receiver, sender = _FORK.Pipe(duplex=False)
-    _FORK.Process(target=_import, args=(package, environment, sender)).start()
+    _FORK.Process(target=_import, args=(package, environment, sender), daemon=True).start()
     sender.close()
     return receiver
 
@@ -107,6 +107,7 @@ def _import(package, environment, sender):
 
 def finish(process):
     """What the kernel gives, the names of what was compiled, and what was logged."""
+    assert process.poll(120)
     out, log = process.recv()
     value, *names = out.strip().split(',')
     return float(value), names, log

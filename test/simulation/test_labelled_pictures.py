@@ -88,8 +88,8 @@ def test_processes_and_a_cluster_make_the_same(tmp_path):
     distributed = pytest.importorskip('distributed')
     list(write_many(tmp_path / 'one', range(2), _SMALL))
     list(write_many(tmp_path / 'two', range(2), _SMALL, jobs=2))
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False,
-                                  protocol='tcp', dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None
+                                  ) as cluster:
         list(write_many(tmp_path / 'three', range(2), _SMALL, backend='dask',
                         scheduler=cluster.scheduler_address))
     for seed in range(2):

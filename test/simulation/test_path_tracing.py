@@ -206,7 +206,7 @@ def test_all_passes_of_a_scene_are_compiled_once() -> None:
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         for width, height, focal, seed in ((24, 24, 40.0, 1), (32, 20, 50.0, 2)):
             of(sensor(width, height, focal), 0, 0, 0, 32, seed)
-        passes = [each['cache_hit'] for each in dr.kernel_history()
-                  if each['type'] == dr.KernelType.JIT]
+        passes = [each['hash'] for each in dr.kernel_history()
+                  if each['type'] == dr.KernelType.JIT and each['operation_count'] > 1000]
     assert len(passes) >= 2 * 9
-    assert passes.count(0) <= 1
+    assert len(set(passes)) <= 2
