@@ -246,8 +246,8 @@ def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
     elsewhere = truth.copy()
     elsewhere[:3, 3] += [0.05, -0.04, 0.02]
-    evidence = maps_seen(context, CUP, truth, cameras)
-    moved = maps_seen(context, CUP, elsewhere, cameras)
+    evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
+    moved = maps_seen(context, CUP, elsewhere, cameras, CAMERA)
     hidden = replace(evidence, views=(evidence.views[0], moved.views[1], evidence.views[2]))
     estimate = found(CUP, hidden)
     assert not estimate.lost

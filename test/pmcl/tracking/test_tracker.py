@@ -181,7 +181,9 @@ def test_what_has_far_more_evidence_elsewhere_is_followed_instead(
               for number in range(2, 6)]
     both = [replace(each, tensor=np.maximum(each.tensor, alone[0].tensor)) for each in second]
     frames = [(each, START) for each in (*alone, *both)]
-    estimates = tracked(frames, settings('constant_pose', track_check=check))
+    of = settings('constant_pose', track_check=check).model_copy(
+        update={'track_candidates': 1024})
+    estimates = tracked(frames, of)
     # The fourth is the third that is followed; then it goes on from where the object is.
     there = [pose_error(each.pose, other, CUP.symmetry).translation < 0.005 for each in estimates]
     assert there == [False] * 3 + [moves_to_the_other] * 3
