@@ -167,7 +167,8 @@ class Decoder:
             raise LightFieldError(
                 f'calibration is for views of {calibration.width}x{calibration.height}, of '
                 f'{RAW_PITCH}x{RAW_PITCH} raw pixels each; the white image or the light has '
-                f'{"x".join(str(side) for side in shape[::-1])} raw pixels')
+                f'{"x".join(str(side) for side in shape[::-1])} raw pixels: use those of one '
+                'camera')
         if isinstance(white, RawFrame):
             self._check_serial(white.metadata.serial, 'the white image')
             white = relative_light(white)

@@ -22,7 +22,7 @@ from pmcl_ros.nodes.runtime.shared_memory import TRANSPORTS
 from pmcl_ros.nodes.transport.losses import MissingCaptures, SequenceGaps
 
 BRINGUP = 'pmcl_ros.nodes.bringup'
-KILLED = ['pmcl_node', 'dlv_node', 'subaperture_node']  # a soak kills the driver
+KILLED = ['pmcl_node', 'dlv_node', 'subaperture_node', 'lytro_driver']
 MANY = QoSProfile(depth=1000)
 
 

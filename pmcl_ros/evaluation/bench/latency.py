@@ -116,7 +116,6 @@ def _compare(graph: Graph, offline: Callable[[], NDArray[np.float64]],
             'ms': {'graph': float(np.median(through)), 'offline': float(np.median(without))},
             'cpu_ms': {name: 1e3 * each / captures for name, each in used.items()},
             'ratio': float(np.median(pairs)), 'worst_ratio': float(pairs.max()),
-            'least_ratio': min(through) / min(without),
             'cpu_ratio': used['graph'] / used['offline']}
 
 

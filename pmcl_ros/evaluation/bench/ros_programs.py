@@ -72,9 +72,8 @@ class GraphBench:
 
     ms: medians, through the `graph`, from the shutter to the pose's arrival in another process,
     and `offline`, from the file to the pose. cpu_ms: the processor's time for both, all threads.
-    ratio, worst_ratio: graph to offline, median and worst pair. Other programs that run meanwhile
-    disturb them; less so least_ratio, of the least times of both, and cpu_ratio, of all the
-    processor's time.
+    ratio, worst_ratio: graph to offline, median and worst pair; cpu_ratio: of all the processor's
+    time, which other programs that run meanwhile disturb less.
     """
 
     captures: int
@@ -83,7 +82,6 @@ class GraphBench:
     cpu_ms: dict[str, float]
     ratio: float
     worst_ratio: float
-    least_ratio: float
     cpu_ratio: float
 
     def lines(self) -> list[str]:

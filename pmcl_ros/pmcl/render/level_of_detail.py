@@ -108,38 +108,18 @@ class Faces:
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, diameter: float) -> 'Faces':
         """Of a mesh."""
-        triangles = np.ascontiguousarray(mesh.triangles, np.float64)
-        centres, owner = _pieces(triangles, diameter / _PIECES)
-        return cls(triangles, cKDTree(centres), owner, diameter)
+        subdivide: Any = trimesh.remesh.subdivide_to_size
+        vertices, faces, owner = subdivide(
+            mesh.vertices, mesh.faces, diameter / _PIECES, max_iter=20, return_index=True)
+        return cls(np.ascontiguousarray(mesh.triangles, np.float64),
+                   cKDTree(vertices[faces].mean(axis=1)), np.asarray(owner, np.int64),
+                   diameter)
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) upper bounds of the distance of points (n, 3), exact but for strange meshes [m]."""
         points = np.ascontiguousarray(points)  # as most are: one kernel serves all
         near = self.owner[self.tree.query(points, k=min(_NEAR, len(self.owner)))[1]]
         return np.asarray(_to_faces(points, self.triangles, near))
-
-
-def _pieces(triangles: NDArray[np.float64], longest: float
-            ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Centres (k, 3) of pieces of triangles (m, 3, 3), and (k,) of which triangles they are.
-
-    Each is cut at the middle of its longest edge until that is at most `longest` [m].
-    """
-    owner, centres, owners = np.arange(len(triangles)), [], []
-    while len(triangles):
-        edges = np.roll(triangles, -1, axis=1) - triangles
-        squares = np.einsum('mij,mij->mi', edges, edges)
-        long = squares.max(axis=1) > longest ** 2
-        centres.append(triangles[~long].mean(axis=1))
-        owners.append(owner[~long])
-        triangles, owner = triangles[long], owner[long]
-        rows, first = np.arange(len(triangles)), squares[long].argmax(axis=1)
-        a, b, c = (triangles[rows, (first + k) % 3] for k in range(3))
-        middle = (a + b) / 2
-        triangles = np.concatenate([np.stack([a, middle, c], axis=1),
-                                    np.stack([middle, b, c], axis=1)])
-        owner = np.tile(owner, 2)
-    return np.concatenate(centres), np.concatenate(owners)
 
 
 @compiled()

@@ -278,13 +278,12 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
         alone = localizer.localize(slid[-1][0], np.random.default_rng(0))
     assert alone.lost
     assert alone.incomplete
-    if check:
-        # All at once, too: nothing in the region is likelier. But not if there is hardly anything.
-        before, sudden = branched([covered(0, number) for number in range(10)],
-                                  {10: [covered(part, 10) for part in (0.25, 0.9)]}, of)
-        assert not any(each.lost for each in before)
-        assert [each.lost for each in sudden[10]] == [False, True]
-    else:
+    # All at once, too: nothing in the region is likelier. But not if there is hardly anything.
+    before, sudden = branched([covered(0, number) for number in range(10)],
+                              {10: [covered(part, 10) for part in (0.25, 0.9)]}, of)
+    assert not any(each.lost for each in before)
+    assert [each.lost for each in sudden[10]] == [False, True]
+    if not check:  # the rest does not depend on it
         return
     # Found anew, long after, it is known by how it looked; to others it is lost.
     # Some may be near misses of the search, which differ from processor to processor.
