@@ -32,7 +32,7 @@ from pmcl_ros.simulation.manipulation.workplace import Task, Workplace
 Array = NDArray[np.float64]
 
 _ARM = slice(0, len(ARM))
-_SPEED, _SLOW = 0.5, 0.15  # shares of the velocity limits: in general, on a straight line
+_SPEED, _SLOW = 0.5, 0.08  # shares of the velocity limits: in general, on a straight line
 _STILL = 0.01  # rad/s, m/s
 _SETTLES = 1.0  # s: in which an arm comes to rest at most
 _CLOSING = 0.05  # m/s: speed of the gap
@@ -140,7 +140,7 @@ class Workcell:
         """Bring a frame on the gripper to a goal, and come to rest.
 
         tip: the frame in gripper_link, None: gripper_link itself. straight: on a line. speed:
-        share of the joints' velocity limits, 0 to 1; None: 0.5, or 0.15 straight. avoid: where
+        share of the joints' velocity limits, 0 to 1; None: 0.5, or 0.08 straight. avoid: where
         the object is believed to be, which the arm must not touch. carried: the object's pose in
         gripper_link while it is held, so that it strikes nothing. like: (7,) a posture of `solve`
         to end in, None: any. Raises MotionError where there is no way.
