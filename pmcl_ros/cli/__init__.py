@@ -28,6 +28,7 @@ _SECTIONS = {
         'sweep': ('cameras.sweep', 'Plan the motion of an ordinary camera on an arm.'),
     },
     'Simulate': {
+        'compare': ('simulations.compare', 'Compare two studies of feasibility, cell by cell.'),
         'feasibility': ('simulations.feasibility',
                         'Tell whether it will work for your object and camera.'),
         'manipulate': ('simulations.manipulate',

@@ -1,5 +1,7 @@
 """Objects from YAML files: their walls, their content, and what is refused."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
 
 RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
+ROOT = Path(__file__).parents[2]
 CYLINDER = np.array([[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])
 OPEN = {'mouth': {'z': HEIGHT, 'open': True}}
 GLASS = {'material': 'glass', 'wall': WALL, **OPEN}
@@ -314,3 +317,19 @@ def test_the_localizer_ignores_the_appearance(describe, tmp_path):
     bare.write_text('mesh: thing.stl\nscale: 0.001\n')
     with pytest.raises(ObjectModelError, match='write in its YAML file'):
         load_object(bare)
+
+
+def test_shipped_objects_are_described():
+    shell = load_object(ROOT / 'config/objects/frosted_bottle.yaml')
+    outside = trimesh.load_mesh(ROOT / 'config/objects/bottle.stl')
+    assert shell.solids[0].media[0].roughness > 0
+    # Closed, 3 mm thick: a little less glass than surface times thickness.
+    assert _total(shell, 1) == pytest.approx(0.003 * outside.area, rel=0.08)
+    stemmed = load_object(ROOT / 'models/wine_glass.yaml')
+    assert _crossings(stemmed.solids[0], np.array([0, 0, -0.03]), [1, 0, 0]) == pytest.approx(
+        [0.004], abs=2e-4)  # a massive stem
+    assert np.diff(_crossings(stemmed.solids[0], np.array([0, 0, 0.03]), [1, 0, 0])) == (
+        pytest.approx([0.0015], abs=2e-4))  # a thin wall
+    block = load_object(ROOT / 'config/objects/block.yaml')
+    assert _total(block, 1) == pytest.approx(0.08 * 0.055 * 0.04)
+    assert len(ObjectModel.load(ROOT / 'config/objects/block.yaml').symmetry.discrete) == 4

@@ -7,7 +7,12 @@ import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
-from pmcl_ros.cli.simulations.options import Simulated, minutes, simulation_options
+from pmcl_ros.cli.simulations.options import (
+    Simulated,
+    aim_options,
+    minutes,
+    simulation_options,
+)
 from pmcl_ros.evaluation.feasibility.findings import HEAD, Aim
 from pmcl_ros.evaluation.feasibility.page import Feasibility
 from pmcl_ros.evaluation.feasibility.page import page as page_of
@@ -31,10 +36,7 @@ NAME = 'feasibility.html'
               'the arm that tells them.')
 @click.option('--scenes', 'count', type=click.IntRange(1), default=20, show_default=True,
               help='More make intervals narrower; those that are there are kept.')
-@click.option('--within', 'millimetres', type=click.FloatRange(0, min_open=True),
-              default=Aim().mm, show_default=True, help='Largest error that is good enough [mm].')
-@click.option('--degrees', type=click.FloatRange(0, min_open=True), default=Aim().degrees,
-              show_default=True, help='Largest error of the attitude that is good enough.')
+@aim_options
 @click.option('--share', type=click.FloatRange(0, 1, min_open=True), default=Aim().share,
               show_default=True, help='Share of the scenes that has to be good enough.')
 @click.option('-o', '--out', required=True, type=FOLDER, help=f'Folder for {NAME} and the scenes.')

@@ -5,7 +5,7 @@ import json
 import pickle
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ import numpy as np
 
 from pmcl_ros import __version__
 from pmcl_ros.cli.base import OBJECT
+from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
@@ -70,9 +71,27 @@ _OPTIONS = (
                  help='Scene k is that of seed + k.'))
 
 
+_AIM_OPTIONS = (
+    click.option('--within', 'millimetres', type=click.FloatRange(0, min_open=True),
+                 default=Aim().mm, show_default=True,
+                 help='Largest error that is good enough [mm].'),
+    click.option('--degrees', type=click.FloatRange(0, min_open=True), default=Aim().degrees,
+                 show_default=True, help='Largest error of the attitude that is good enough.'))
+
+
 def simulation_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options; `Simulated.from_options` takes their values."""
-    for option in reversed(_OPTIONS):
+    return _with(_OPTIONS, command)
+
+
+def aim_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the errors that are good enough, of an `Aim`."""
+    return _with(_AIM_OPTIONS, command)
+
+
+def _with(options: Sequence[Callable[..., Any]], command: Callable[..., Any]
+          ) -> Callable[..., Any]:
+    for option in reversed(options):
         command = option(command)
     return command
 

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -48,10 +48,19 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
             kept[each.name] = asdict(_trial(source, truth, model, each, seed))
             with Results(folder, 'feasibility', force) as out:
                 out.path(NAME).write_text(json.dumps(kept, indent=1) + '\n')
-    trials = [Trial(**kept[each.name] | {'pose': tuple(kept[each.name]['pose'])})
-              for each in sets]
-    distance = trials[0].extra['distance']
-    return [replace(each, extra={**each.extra, 'distance': distance}) for each in trials]
+    return _trials(kept[each.name] for each in sets)
+
+
+def kept_trials(folder: Path) -> list[Trial]:
+    """The trials of a scene that are in folder/trials.json; none where there is no such file."""
+    return _trials(_read(folder / NAME).values())
+
+
+def _trials(kept: Iterable[Mapping[str, Any]]) -> list[Trial]:
+    """`distance` of each is that of the first: from the same camera."""
+    trials = [Trial(**{**each, 'pose': tuple(each['pose'])}) for each in kept]
+    return [replace(each, extra={**each.extra, 'distance': trials[0].extra['distance']})
+            for each in trials]
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:

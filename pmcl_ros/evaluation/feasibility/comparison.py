@@ -1,0 +1,96 @@
+"""Compares two studies of feasibility cell by cell: two renderers, two cameras, two films."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import binom
+
+from pmcl_ros.evaluation.feasibility import findings
+from pmcl_ros.evaluation.feasibility.findings import Aim, Cell
+from pmcl_ros.evaluation.feasibility.scene_trials import kept_trials
+from pmcl_ros.evaluation.recall import share
+from pmcl_ros.evaluation.results import by_row
+from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.runtime.errors import FileError
+
+LEAST, POINTS = 20, 10.0  # scenes of a cell that is compared, percent points that are alike
+HEAD = ('views', 'scenes', 'first', 'second', 'difference [points]')
+
+Trials = Mapping[str, Sequence[Trial]]  # of each set of views, by its name
+
+
+def studied(folder: Path) -> dict[str, list[Trial]]:
+    """The trials of all scenes of `pmcl feasibility -o folder`, by the name of their views.
+
+    Raises FileError where there are none.
+    """
+    trials = [each for scene in sorted((folder / 'scenes').glob('[0-9]*'))
+              for each in kept_trials(scene)]
+    if not trials:
+        raise FileError(f'{folder} has no trials of scenes; name the --out of pmcl feasibility')
+    return by_row(trials)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A share in both studies. scenes: which, in words."""
+
+    views: str
+    scenes: str
+    first: Cell
+    second: Cell
+
+    @property
+    def counts(self) -> bool:
+        """Whether both have scenes enough to be compared."""
+        return min(len(self.first.flags), len(self.second.flags)) >= LEAST
+
+    @property
+    def difference(self) -> float:
+        """Second less first, in percent points."""
+        return 100 * (share(self.second.flags) - share(self.first.flags))
+
+    @property
+    def alike(self) -> bool:
+        """Whether they differ by at most `POINTS`."""
+        return abs(self.difference) <= POINTS
+
+    @property
+    def chance(self) -> float:
+        """Probability that they are alike, if all scenes have the share of both together."""
+        counts = [len(each.flags) for each in (self.first, self.second)]
+        pooled = share(self.first.flags + self.second.flags)
+        first, second = (binom.pmf(np.arange(count + 1), count, pooled) for count in counts)
+        apart = np.abs(np.subtract.outer(*(np.linspace(0, 100, count + 1) for count in counts)))
+        return float((np.outer(first, second) * (apart <= POINTS + 1e-9)).sum())
+
+    def row(self) -> list[str]:
+        """Cells of `HEAD`."""
+        return [self.views, self.scenes, str(self.first), str(self.second),
+                f'{self.difference:+.0f}']
+
+
+def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
+    """The cells of both that have `LEAST` scenes: of all, by distance and by surroundings.
+
+    Ranges of distances are those of the first study. Sets of views are those of both.
+    """
+    every = [each for trials in first.values() for each in trials]
+    groups = [('all', lambda _: True), *findings.distances(every), *findings.surroundings(every)]
+    cells = [Pair(views, scenes, *(findings.cell(list(filter(belongs, study[views])), aim)
+                                   for study in (first, second)))
+             for views in first if views in second for scenes, belongs in groups]
+    return [each for each in cells if each.counts]
+
+
+def verdict(compared: Sequence[Pair]) -> str:
+    """How many cells are alike, and how many chance alone would let be."""
+    if not compared:
+        return f'Nothing to compare: no cell has {LEAST} scenes in both studies.'
+    alike = [each.alike for each in compared]
+    expected = float(np.mean([each.chance for each in compared]))
+    return (f'{sum(alike)} of {len(alike)} cells with {LEAST} scenes or more '
+            f'({100 * share(alike):.0f} %) differ by at most {POINTS:g} points. Were all rates '
+            f'equal, scenes drawn apart would let {100 * expected:.0f} % of them.')
