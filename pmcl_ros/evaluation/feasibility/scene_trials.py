@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -40,34 +40,47 @@ def scene_trials(folder: Path, model: ObjectModel, sets: Sequence[ViewSet], forc
     (12,) the true pose in the frame of `pose`; `picture`, the number of the picture whose frame
     that is. Raises OutputError where trials.json is not of an earlier run, unless `force`.
     """
-    kept = _read(folder / NAME)
+    try:
+        kept = _read(folder / NAME)
+    except FileError:
+        kept = {}
     source, truth = read_source(folder), Truth.load(folder / 'truth.json')
     seed = int(folder.name)
     for each in sets:
         if each.name not in kept:
-            kept[each.name] = asdict(_trial(source, truth, model, each, seed))
+            kept[each.name] = _trial(source, truth, model, each, seed)
             with Results(folder, 'feasibility', force) as out:
-                out.path(NAME).write_text(json.dumps(kept, indent=1) + '\n')
-    return _trials(kept[each.name] for each in sets)
+                out.path(NAME).write_text(json.dumps(
+                    {name: asdict(trial) for name, trial in kept.items()}, indent=1) + '\n')
+    return _from_one_camera([kept[each.name] for each in sets])
 
 
 def kept_trials(folder: Path) -> list[Trial]:
-    """The trials of a scene that are in folder/trials.json; none where there is no such file."""
-    return _trials(_read(folder / NAME).values())
+    """The trials of a scene that folder/trials.json has; none where there is no such file.
+
+    Raises FileError for a file that has something else.
+    """
+    path = folder / NAME
+    return _from_one_camera(list(_read(path).values())) if path.exists() else []
 
 
-def _trials(kept: Iterable[Mapping[str, Any]]) -> list[Trial]:
-    """`distance` of each is that of the first: from the same camera."""
-    trials = [Trial(**{**each, 'pose': tuple(each['pose'])}) for each in kept]
+def _from_one_camera(trials: Sequence[Trial]) -> list[Trial]:
+    """With the distance from the camera of the first."""
     return [replace(each, extra={**each.extra, 'distance': trials[0].extra['distance']})
             for each in trials]
 
 
-def _read(path: Path) -> dict[str, dict[str, Any]]:
+def _read(path: Path) -> dict[str, Trial]:
+    kept = read_json(path)
     try:
-        return read_json(path)
-    except FileError:
-        return {}
+        trials = {name: Trial(**{**each, 'pose': tuple(each['pose'])})
+                  for name, each in kept.items()}
+        for each in trials.values():
+            float(each.extra['distance'])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(f'{path} has no trials of this version ({error!r}); remove it, and let '
+                        'pmcl feasibility search again') from error
+    return trials
 
 
 def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, seed: int

@@ -85,3 +85,14 @@ def test_the_command_prints_cells_and_verdict(tmp_path: Path) -> None:
 def test_a_folder_without_a_study_is_told(tmp_path: Path) -> None:
     with pytest.raises(FileError, match='has no trials of scenes; name the --out of pmcl feas'):
         studied(tmp_path)
+
+
+@pytest.mark.parametrize('text', ['{"one view": 3}', '{"one view": {"pose": []}}', '[]', '{',
+                                  '{"one view": {"capture": "table", "mode": "", "seed": 1, '
+                                  '"pose": []}}', '{"one view": {"pose": [], "no": 1}}'])
+def test_a_file_without_trials_is_told(tmp_path: Path, text: str) -> None:
+    study = write_study(tmp_path / 'study', [True] * 3)
+    damaged = study / 'scenes' / '000001' / 'trials.json'
+    damaged.write_text(text)
+    with pytest.raises(FileError, match=r'000001/trials\.json'):
+        studied(study)
