@@ -4,6 +4,7 @@ Mitsuba's own integrators decide by chance where a path is absorbed, which leave
 glass.
 """
 
+from functools import cache
 from typing import Any
 
 from pmcl_ros.simulation.path_tracing.variant import mitsuba
@@ -22,7 +23,13 @@ def radiance(scene: Any, sampler: Any, ray: Any) -> Any:
     1995). Runs where Mitsuba is compiled.
     """
     import drjit as dr
-    mi = mitsuba()
+    return _follower()(mitsuba(), dr, scene, sampler, ray)
+
+
+@cache
+def _follower() -> Any:
+    """Translated once: Dr.Jit rewrites the function's syntax, which takes its time."""
+    import drjit as dr
 
     @dr.syntax
     def follow(mi, dr, scene, sampler, ray):  # type: ignore[no-untyped-def]
@@ -66,4 +73,4 @@ def radiance(scene: Any, sampler: Any, ray: Any) -> Any:
             weight /= kept
         return dr.select(dr.isfinite(light), light, 0)  # of a mesh's flattest triangles it is not
 
-    return follow(mi, dr, scene, sampler, ray)
+    return follow
