@@ -16,6 +16,7 @@ from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.runtime.errors import FileError
 
 LEAST, POINTS = 20, 10.0  # scenes of a cell that is compared, percent points that are alike
+_ROUNDING = 1e-9  # percent points: 80 less 70 % is ten
 HEAD = ('views', 'scenes', 'first', 'second', 'difference [points]')
 
 Trials = Mapping[str, Sequence[Trial]]  # of each set of views, by its name
@@ -55,7 +56,7 @@ class Pair:
     @property
     def alike(self) -> bool:
         """Whether they differ by at most `POINTS`."""
-        return abs(self.difference) <= POINTS
+        return abs(self.difference) <= POINTS + _ROUNDING
 
     @property
     def chance(self) -> float:
@@ -64,12 +65,12 @@ class Pair:
         pooled = share(self.first.flags + self.second.flags)
         first, second = (binom.pmf(np.arange(count + 1), count, pooled) for count in counts)
         apart = np.abs(np.subtract.outer(*(np.linspace(0, 100, count + 1) for count in counts)))
-        return float((np.outer(first, second) * (apart <= POINTS + 1e-9)).sum())
+        return float((np.outer(first, second) * (apart <= POINTS + _ROUNDING)).sum())
 
     def row(self) -> list[str]:
         """Cells of `HEAD`."""
         return [self.views, self.scenes, str(self.first), str(self.second),
-                f'{self.difference:+.0f}']
+                f'{round(self.difference):+d}']
 
 
 def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
@@ -88,7 +89,8 @@ def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
 def verdict(compared: Sequence[Pair]) -> str:
     """How many cells are alike, and how many chance alone would let be."""
     if not compared:
-        return f'Nothing to compare: no cell has {LEAST} scenes in both studies.'
+        return (f'Nothing to compare: no cell has {LEAST} scenes in both studies; make more --scenes, '
+                'with the same --cameras in both.')
     alike = [each.alike for each in compared]
     expected = float(np.mean([each.chance for each in compared]))
     return (f'{sum(alike)} of {len(alike)} cells with {LEAST} scenes or more '
