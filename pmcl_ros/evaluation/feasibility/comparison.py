@@ -89,8 +89,8 @@ def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
 def verdict(compared: Sequence[Pair]) -> str:
     """How many cells are alike, and how many chance alone would let be."""
     if not compared:
-        return (f'Nothing to compare: no cell has {LEAST} scenes in both studies; make more --scenes, '
-                'with the same --cameras in both.')
+        return (f'Nothing to compare: no cell has {LEAST} scenes in both studies; make more '
+                '--scenes, with the same --cameras in both.')
     alike = [each.alike for each in compared]
     expected = float(np.mean([each.chance for each in compared]))
     return (f'{sum(alike)} of {len(alike)} cells with {LEAST} scenes or more '
