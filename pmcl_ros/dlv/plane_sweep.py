@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.likelihood import row_likelihood, truncate
-from pmcl_ros.dlv.planes import matching_planes
+from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.posed_pairs import PosedPairs
 from pmcl_ros.dlv.row_costs import aligned_zeros
 from pmcl_ros.dlv.sampling import TAPS, bilinear_taps, neutral_taps
@@ -25,8 +25,8 @@ from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.kernels import compiled, rounds, threads
 
 _LOG = logging.getLogger(__name__)
-_CHANNELS, _NEXT = 5, np.uint64(5)  # of `matching_planes`, side by side
-_TWICE, _THRICE = np.uint64(10), np.uint64(15)
+_CHANNELS = 5  # of `matching_planes`, side by side
+_AROUND = 24  # values of the pixels around a place, in a row of a view: 4 more, for the processor
 _FRACTIONS = 256  # of a pixel that have weights of their own: a place is rounded by 1/512 px
 _UNSEEN = np.float32(-1)  # in place of a cost
 _ROUNDING = 1e-6  # px: a place so little outside is inside
@@ -80,14 +80,15 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
     limits = np.array([settings.tau_color, settings.tau_gradient, settings.tau_gradient])
     fractions = np.linspace(0, 1, _FRACTIONS + 1)
     taps = (neutral_taps if neutral else bilinear_taps)(fractions).astype(np.float32)
+    half = settings.window // 2 // settings.stride
+    lattice = pairs.pixels.grown(half)
+    pairs = pairs.within_reach(lattice, depths, TAPS + HALO)
     sizes = np.array([(each.pinhole.width, each.pinhole.height) for each in pairs.others])
     width, height = sizes.max(axis=0) + 2 * TAPS
     others = np.zeros((len(sizes), height, width, _CHANNELS), np.float32)
     for each, room in zip(pairs.others, others, strict=True):
         channels = _channels(each, neutral)
         room[:channels.shape[0], :channels.shape[1]] = channels
-    half = settings.window // 2 // settings.stride
-    lattice = pairs.pixels.grown(half)
     rows, columns = pairs.pixels.within(lattice)
     centre = _channels(pairs.reference, neutral)[np.ix_(lattice.rows + TAPS,
                                                         lattice.columns + TAPS)]
@@ -124,16 +125,21 @@ def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyp
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)
         costs = np.empty((labels, width), np.float32)
-        seen = np.empty(_CHANNELS, np.float32)
+        corners, tilts = np.empty(width, np.int64), np.empty((width, 4), np.float32)
+        fractions = np.empty((width, 2), np.int64)
+        around = np.empty((width, _AROUND), np.float32)
         for row in range(first - half, end + half if first < end else first - half):
             sums = across[(row + reach) % reach]
             if 0 <= row < height:
                 single[band] = 0
                 for pair in range(len(others)):
                     for label in range(labels):
-                        _pixel_costs(centre[row], corner[0], corner[1] + stride * row, stride,
-                                     flat[pair], sizes[pair], others.shape[2], maps[pair, label],
-                                     taps, weights[pair], limits, l2, seen, costs[label])
+                        _project(corner[0], corner[1] + stride * row, stride, sizes[pair],
+                                 others.shape[2], maps[pair, label], corners, tilts, fractions)
+                        _read_down(flat[pair], _CHANNELS * others.shape[2], corners, fractions,
+                                   taps, around)
+                        _pixel_costs(centre[row], corners, tilts, fractions, taps, around,
+                                     weights[pair], limits, l2, costs[label])
                     _add(costs, half, single[band])
                 sum_across(single[band], columns[0], reach, sums)
             else:
@@ -151,58 +157,93 @@ def _add(costs, margin, out):  # type: ignore[no-untyped-def]
 
     out: (labels + 1, margin + width + margin); the last row: the sum of the means.
     """
-    labels, width = costs.shape
-    for x in range(width):
-        total, seen = np.float32(0), 0
-        for label in range(labels):
-            if costs[label, x] >= 0:
-                total += costs[label, x]
-                seen += 1
-        if seen:
-            mean = total / np.float32(seen)
-            out[labels, margin + x] += mean
-            for label in range(labels):
-                if costs[label, x] >= 0:
-                    out[label, margin + x] += costs[label, x] - mean
+    nothing = np.float32(0)
+    mean, seen = np.zeros((2, costs.shape[1]), np.float32)
+    for row in costs:
+        for x in range(len(row)):
+            mean[x] += row[x] if row[x] >= nothing else nothing
+            seen[x] += np.float32(1) if row[x] >= nothing else nothing
+    last = out[len(costs), margin:]
+    for x in range(len(mean)):
+        mean[x] = np.divide(mean[x], max(seen[x], np.float32(1)))
+        last[x] += mean[x]
+    for label in range(len(costs)):
+        row, sums = costs[label], out[label, margin:]
+        for x in range(len(row)):
+            sums[x] += row[x] - mean[x] if row[x] >= nothing else nothing
 
 
 @compiled(inner=True)
-def _pixel_costs(centre, left, y, stride, view, size, view_width, h,  # type: ignore[no-untyped-def]
-                 taps, weights, limits, l2, seen, out):
-    """Costs of one row of single pixels at one label: of those that the view sees."""
-    below = np.uint64(_CHANNELS * view_width)
+def _project(left, y, stride, size, view_width, h,  # type: ignore[no-untyped-def]
+             corners, tilts, fractions):
+    """Where a view sees one row of single pixels at one label.
+
+    corners: (width,) place of the first value around it, -1 where it does not see it. tilts:
+    (width, 4) derivatives of its coordinates there by those of the row's pixel: du/dx, dv/dx,
+    du/dy, dv/dy. fractions: (width, 2) of a pixel, across and down, in parts of `_FRACTIONS`.
+    """
     right, bottom = size[0] - 1 + _ROUNDING, size[1] - 1 + _ROUNDING
-    for i in range(len(out)):
+    for i in range(len(corners)):
         x = left + stride * i
         w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
+        corners[i] = -1
         if w <= 0:
-            out[i] = _UNSEEN
             continue
         part = np.divide(1.0, w)
         u = (h[0, 0] * x + h[0, 1] * y + h[0, 2]) * part
         v = (h[1, 0] * x + h[1, 1] * y + h[1, 2]) * part
         if not (-_ROUNDING <= u <= right and -_ROUNDING <= v <= bottom):
-            out[i] = _UNSEEN
             continue
         column, row = int(u + 1) - 1, int(v + 1) - 1
-        a = taps[int((u - column) * _FRACTIONS + 0.5)]
-        d = taps[int((v - row) * _FRACTIONS + 0.5)]
+        corners[i] = _CHANNELS * ((row + TAPS - 1) * view_width + column + TAPS - 1)
+        fractions[i, 0] = int((u - column) * _FRACTIONS + 0.5)
+        fractions[i, 1] = int((v - row) * _FRACTIONS + 0.5)
+        tilts[i, 0] = (h[0, 0] - u * h[2, 0]) * part
+        tilts[i, 1] = (h[1, 0] - v * h[2, 0]) * part
+        tilts[i, 2] = (h[0, 1] - u * h[2, 1]) * part
+        tilts[i, 3] = (h[1, 1] - v * h[2, 1]) * part
+
+
+@compiled(inner=True)
+def _read_down(view, below, corners, fractions, taps, around):  # type: ignore[no-untyped-def]
+    """Fill `around` (width, `_AROUND`): pixels that lie side by side, each read between its rows.
+
+    A loop of its own, over values that lie side by side: the processor adds eight at once.
+    """
+    for i in range(len(corners)):
+        if corners[i] < 0:
+            continue
         # Unsigned, since of other numbers the compiler looks whether they count from the end.
-        first = np.uint64(_CHANNELS * ((row + TAPS - 1) * view_width + column + TAPS - 1))
-        for channel in range(_CHANNELS):
-            place, total = first + np.uint64(channel), np.float32(0)
-            for k in range(TAPS):
-                total += d[k] * (a[0] * view[place] + a[1] * view[place + _NEXT]
-                                 + a[2] * view[place + _TWICE] + a[3] * view[place + _THRICE])
-                place += below
-            seen[channel] = total
-        red, green, blue, along_u, along_v = seen[0], seen[1], seen[2], seen[3], seen[4]
+        first, down = np.uint64(corners[i]), taps[fractions[i, 1]]
+        second = first + np.uint64(below)
+        third = second + np.uint64(below)
+        fourth = third + np.uint64(below)
+        a, b, c, d = down[0], down[1], down[2], down[3]
+        out = around[i]
+        for number in range(_AROUND):
+            k = np.uint64(number)
+            out[k] = (a * view[first + k] + b * view[second + k]
+                      + c * view[third + k] + d * view[fourth + k])
+
+
+@compiled(inner=True)
+def _pixel_costs(centre, corners, tilts, fractions, taps, around,  # type: ignore[no-untyped-def]
+                 weights, limits, l2, out):
+    """Costs of one row of single pixels at one label: of those that the view sees."""
+    for i in range(len(out)):
+        if corners[i] < 0:
+            out[i] = _UNSEEN
+            continue
+        across, row, tilt = taps[fractions[i, 0]], around[i], tilts[i]
+        a, b, c, d = across[0], across[1], across[2], across[3]
+        red = a * row[0] + b * row[5] + c * row[10] + d * row[15] - centre[i, 0]
+        green = a * row[1] + b * row[6] + c * row[11] + d * row[16] - centre[i, 1]
+        blue = a * row[2] + b * row[7] + c * row[12] + d * row[17] - centre[i, 2]
+        along_u = a * row[3] + b * row[8] + c * row[13] + d * row[18]
+        along_v = a * row[4] + b * row[9] + c * row[14] + d * row[19]
         # Gradients along the view's axes, as the reference view would see them: by the chain rule.
-        along_x = (np.float32((h[0, 0] - u * h[2, 0]) * part) * along_u
-                   + np.float32((h[1, 0] - v * h[2, 0]) * part) * along_v)
-        along_y = (np.float32((h[0, 1] - u * h[2, 1]) * part) * along_u
-                   + np.float32((h[1, 1] - v * h[2, 1]) * part) * along_v)
-        red, green, blue = red - centre[i, 0], green - centre[i, 1], blue - centre[i, 2]
+        along_x = tilt[0] * along_u + tilt[1] * along_v
+        along_y = tilt[2] * along_u + tilt[3] * along_v
         colour = (np.sqrt(red * red + green * green + blue * blue) if l2
                   else abs(red) + abs(green) + abs(blue))
         out[i] = (weights[0] * min(colour, limits[0])

@@ -1,6 +1,6 @@
 """The stereo pairs of posed views: the reference view and each other."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,6 +76,26 @@ class PosedPairs:
         inside = ((places >= 0) & (places < ends[:, None, None])).all(axis=-1)
         steps = np.abs(np.diff(places, axis=1)).max(axis=-1)[inside[:, 1:] & inside[:, :-1]]
         return int(np.ceil(steps.max(initial=0) * (_ALONG - 1))) + 1
+
+    def within_reach(self, pixels: PixelGrid, depths: NDArray[np.floating], margin: int
+                     ) -> 'PosedPairs':
+        """The others cut to where they see `pixels` at `depths` [m], and `margin` px around that.
+
+        A view stays whole where the point of such a pixel is behind its camera.
+        """
+        corners = np.array([[x, y, 1] for x in pixels.columns[[0, -1]]
+                            for y in pixels.rows[[0, -1]]])
+        seen = self.homographies(depths) @ corners.T  # (pairs, labels, 3, corners)
+        cut = []
+        for view, places in zip(self.others, np.moveaxis(seen, 2, -1), strict=True):
+            size = np.array([view.pinhole.width, view.pinhole.height])
+            if (places[..., 2] > 0).all():
+                ends = (places[..., :2] / places[..., 2:]).reshape(-1, 2)
+                low = np.clip(np.floor(ends.min(axis=0)) - margin, 0, size - 1).astype(int)
+                high = np.clip(np.ceil(ends.max(axis=0)) + 1 + margin, low + 1, size).astype(int)
+                view = view.crop(*low.tolist(), *(high - low).tolist())
+            cut.append(view)
+        return replace(self, others=tuple(cut))
 
     @property
     def _cameras(self) -> NDArray[np.float64]:

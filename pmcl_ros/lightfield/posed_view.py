@@ -1,6 +1,6 @@
 """Pictures of ordinary cameras, and the cameras' poses in a reference frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
@@ -59,6 +59,11 @@ class PosedView:
                                   'and not negative')
         if not 0 <= self.common <= 1:
             raise LightFieldError(f'common: a share of the variance is 0 to 1, not {self.common}')
+
+    def crop(self, left: int, top: int, width: int, height: int) -> 'PosedView':
+        """A part of it [px], as a view of its own."""
+        return replace(self, picture=self.picture[top:top + height, left:left + width],
+                       pinhole=self.pinhole.crop(left, top, width, height))
 
     def linear(self) -> NDArray[np.float32]:
         """(height, width, 3) linear light, 1 at white."""

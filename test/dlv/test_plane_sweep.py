@@ -151,6 +151,26 @@ def test_views_of_any_pose_are_compared_as_the_paper_writes_it():
     assert part.pinhole == PINHOLE.crop(20, 10, 30, 41)
 
 
+@pytest.mark.parametrize('interpolation', ['neutral', 'bilinear'])
+def test_only_what_a_part_can_see_of_the_others_is_read(interpolation):
+    views = views_of([on_arc(each) for each in ARC], [np.array([0.6, 0.2, 1.0]) / 0.62])
+    settings = DlvSettings(near=0.55, far=0.65, labels=9, interpolation=interpolation, window=3)
+    crop = (44, 30, 9, 8)
+    pairs = PosedPairs.from_views(views, crop, 1)
+    whole = build_volume_of_views(views, settings)
+    part = build_volume_of_views(views, settings.model_copy(update={'crop': crop}))
+    np.testing.assert_allclose(part.likelihood, whole.likelihood[30:38, 44:53], atol=1e-6)
+    cut = pairs.within_reach(pairs.pixels, part.depths, 3)
+    assert max(each.picture.shape[0] * each.picture.shape[1] for each in cut.others) < 96 * 72 / 8
+    # Nothing that these pixels see is lost: all of it is 3 px or more within.
+    rays = np.array([[44, 30, 1], [52, 30, 1], [44, 37, 1], [52, 37, 1]]).T
+    seen = cut.homographies(part.depths) @ rays
+    places = seen[:, :, :2] / seen[:, :, 2:]
+    sizes = np.array([(each.pinhole.width, each.pinhole.height) for each in cut.others])
+    assert (places >= 3).all()
+    assert (places <= sizes[:, None, :, None] - 4).all()
+
+
 def test_the_best_label_is_the_depth_of_what_is_seen_from_all_sides():
     plane = np.array([0.6, 0.2, 1.0])
     plane /= 0.62 * plane[2]

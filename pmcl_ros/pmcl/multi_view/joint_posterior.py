@@ -28,6 +28,7 @@ from pmcl_ros.pmcl.uncertain_cameras import Nuisance
 from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12
+_SAME = 1e-6  # m, rad: between poses with one local model
 _CONVERGED = 0.02  # px: rms along the contour
 
 
@@ -59,6 +60,9 @@ class JointPosterior:
         known = self._known_at(pose)
         if not sure:
             return self.contours.local_model(pose, False, known.motions, known.scale)
+        off = self.model.symmetry.local(pose[None], known.pose)
+        if known.local is not None and np.abs(off).max() < _SAME:
+            return known.local
         return self._sure(pose, known)
 
     def points_at(self, pose: NDArray[np.float64]) -> ContourPoints:
@@ -71,11 +75,14 @@ class JointPosterior:
 
     def error_share_near(self, pose: NDArray[np.float64]) -> float:
         """Factor of the model error's variance at the mode near a pose (4, 4)."""
-        return self._known_at(pose).error_share
+        return self._error_share(self._known_at(pose))
 
     def disagreement_near(self, pose: NDArray[np.float64]) -> float:
-        """Of the views about a pose (4, 4), their cameras as at the mode nearby."""
-        return self.contours.disagreement(pose, self._known_at(pose).motions)
+        """Of the views at the mode near a pose (4, 4)."""
+        known = self._known_at(pose)
+        if known.apart is None:
+            return self.contours.disagreement(known.pose, known.motions)
+        return known.apart
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is told to be."""
@@ -98,20 +105,21 @@ class JointPosterior:
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""
         pose, motions, _, scale = self._refined(pose, False)
-        known = _Known(pose, motions, scale, self._error_share(pose, motions))
-        self._known.append(known)
-        return Mode(pose, self._sure(pose, known))
+        apart = None if self.numbers is None else self.contours.disagreement(pose, motions)
+        known = _Known(pose, motions, scale, apart)
+        local = self._sure(pose, known)
+        self._known.append(replace(known, local=local))
+        return Mode(pose, local)
 
     def _sure(self, pose: NDArray[np.float64], known: '_Known') -> LocalModel:
         local = self.contours.local_model(pose, True, known.motions, known.scale)
-        return replace(local, model_error=known.error_share * local.model_error)
+        return replace(local, model_error=self._error_share(known) * local.model_error)
 
-    def _error_share(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+    def _error_share(self, known: '_Known') -> float:
         """Factor of the model error's variance: large where views disagree."""
-        if self.numbers is None:
+        if self.numbers is None or known.apart is None:
             return 1.0
-        apart = self.contours.disagreement(pose, motions)
-        return self.numbers.share(self.contours.joint.independent, apart)
+        return self.numbers.share(self.contours.joint.independent, known.apart)
 
     def _refined(self, pose: NDArray[np.float64], still: bool
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:
@@ -175,7 +183,7 @@ class JointPosterior:
         same = [each for each in self._known
                 if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
         if not same:
-            return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0, 1.0)
+            return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0)
         # Not the last one: a duplicate that was refined later is worse, or the same.
         poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
         apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)
@@ -184,12 +192,14 @@ class JointPosterior:
 
 @dataclass(frozen=True)
 class _Known:
-    """A mode's pose (4, 4), motions (k,) of the cameras and scale there; `_error_share`."""
+    """A mode's pose (4, 4), and there: motions (k,) of the cameras, scale, by how much the views
+    disagree if that was asked for, the local model with its uncertainty if it was refined."""
 
     pose: NDArray[np.float64]
     motions: NDArray[np.float64]
     scale: float
-    error_share: float
+    apart: float | None = None
+    local: LocalModel | None = None
 
 
 def mixture(modes: Sequence[Mode], gaussians: Sequence[Gaussian], masses: Sequence[float],

@@ -47,3 +47,9 @@ def test_a_mode_is_as_sure_as_its_own_views_agree_whatever_was_refined_later(con
         assert posterior.error_share_near(wrong.pose) > 4 * posterior.error_share_near(pose)
         np.testing.assert_array_equal(posterior.local_model_at(pose, True).spread,
                                       right.local.spread)
+        # About its axis a cup looks the same; a tenth of a millimetre is another pose.
+        spun = retract(right.pose, np.array([[0, 0, 0, *(0.7 * right.pose[:3, :3] @ CUP.axis)]]))
+        np.testing.assert_array_equal(posterior.local_model_at(spun[0], True).spread,
+                                      right.local.spread)
+        moved = retract(right.pose, np.array([[1e-4, 0, 0, 0, 0, 0.]]))[0]
+        assert posterior.local_model_at(moved, True).evidence != right.local.evidence
