@@ -1,10 +1,15 @@
-"""`pmcl learn-map`: train and calibrate the network of the contour map."""
+"""`pmcl learn-map`, `measure-map`: train the network of the contour map, measure what it finds."""
 
 from pathlib import Path
 
 import click
+from rich.progress import Progress
 
-from pmcl_ros.cli.base import FOLDER, FORCE, results_in
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.evidence.contour_net import ContourNet, contour_net
+from pmcl_ros.evidence.learned import LearnedMap
+from pmcl_ros.learning.contour_net.calibration import Measured
+from pmcl_ros.learning.contour_net.pictures import labelled_files
 
 
 @click.command()
@@ -46,3 +51,22 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
     learned = learn(pictures, out, plan, command, click.echo)
     click.echo(f'contour: {learned.contour}')
     click.echo(f'inside: {learned.inside}')
+
+
+@click.command()
+@click.argument('pictures', type=FOLDER)
+@click.option('--map', 'made', type=FOLDER, show_default='those that the package ships',
+              help='Folder of contour_map.onnx and contour_map.yaml.')
+def measure_map(pictures: Path, made: Path | None) -> None:
+    """Measure what a network of the contour map finds in labelled pictures.
+
+    Choose pictures of other seeds than those it was trained on.
+    """
+    net = contour_net() if made is None else ContourNet(
+        made / 'contour_map.onnx', LearnedMap.load(made / 'contour_map.yaml'))
+    files = labelled_files(pictures)
+    with Progress(console=STDERR, transient=True) as bar:
+        measured = Measured.measure(net.logits, bar.track(files))
+    click.echo(f'network {net.learned.version}, {len(files)} pictures')
+    for name, value in measured.results(net.learned.contour, net.learned.inside).items():
+        click.echo(f'{name.replace("_", " ")}: {value}')

@@ -62,11 +62,15 @@ class ContourNet:
         its map enlarged. PictureError when the picture cannot be used.
         """
         scales, offsets = factors(self.learned.contour, self.learned.inside)
-        with self._lock:
-            found = logits(self._net, picture)
+        found = self.logits(picture)
         found *= scales
         found += offsets
         return found
+
+    def logits(self, picture: NDArray[np.generic]) -> NDArray[np.float32]:
+        """(H, W, 6) what the network says of a picture, before calibration."""
+        with self._lock:
+            return logits(self._net, picture)
 
 
 @cache

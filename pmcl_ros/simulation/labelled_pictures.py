@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,12 @@ from pmcl_ros.runtime.errors import FileError, PmclError
 from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.occluding import contour_labels
+from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.photograph import MARGIN, photograph
 from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_sensor
-from pmcl_ros.simulation.scenes.render import light_of_view
+from pmcl_ros.simulation.scenes.render import fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.world import World
@@ -45,7 +47,11 @@ class PictureSettings(Settings):
                        'ordinary cameras')
     largest: int = Field(288, ge=32, le=2000, description='side of the square whose number of '
                          'pixels no picture exceeds; larger pictures are cropped [px]')
-    samples: int = Field(2, ge=1, le=64, description='rays per pixel')
+    renderer: Literal['fast', 'physical'] = Field(
+        'fast', description="fast: the package's own; physical: path tracing, without films")
+    film: bool = Field(True, description='films, too, by the own renderer')
+    samples: int = Field(2, ge=1, le=64, description='rays per pixel of the own renderer')
+    paths: int = Field(48, ge=1, le=4096, description='paths per pixel of path tracing')
     clutter: int = Field(7, ge=0, le=20, description='other objects at most')
     empty: float = Field(0.08, ge=0, le=1, description='share of scenes without their object')
 
@@ -64,11 +70,17 @@ class LabelledPicture:
 
 
 def labelled_picture(seed: int, settings: PictureSettings | None = None) -> LabelledPicture:
-    """Draw a scene, a camera and its picture. The same seed gives the same bytes."""
+    """Draw a scene, a camera and its picture. The same seed gives the same bytes.
+
+    Raises SimulationError where path tracing is asked for and Mitsuba is missing.
+    """
     of = settings or PictureSettings()
     rng = np.random.default_rng(seed)
     is_f01 = bool(rng.random() < of.f01)
-    scenes = SceneSettings(kinds=_KINDS, views=3, clutter=of.clutter, empty=of.empty,
+    is_physical = of.renderer == 'physical'
+    film = of.film and not is_physical
+    kinds = tuple(each for each in _KINDS if film or 'film' not in each)
+    scenes = SceneSettings(kinds=kinds, views=3, clutter=of.clutter, empty=of.empty,
                            outside=0.4)
     sensor = random_sensor(rng, scenes) if is_f01 else _ordinary(rng)
     whole = sensor.grid.pinhole
@@ -77,12 +89,13 @@ def labelled_picture(seed: int, settings: PictureSettings | None = None) -> Labe
     part = _crop(rng, whole, scene, of.largest)
     sensor = replace(sensor, grid=replace(sensor.grid, pinhole=part),
                      blur=float(rng.uniform(0.5, 1.4)))
-    world = World.from_scene(scene)
-    light = light_of_view(world, sensor, *sensor.grid.centre, MARGIN, of.samples,
-                          int(rng.integers(2 ** 62)))
+    renderer, samples = (physical, of.paths) if is_physical else (fast, of.samples)
+    # Contours of all things count: none is given fewer paths than the target.
+    light = renderer(replace(scene, targets=()))(sensor, *sensor.grid.centre, MARGIN, samples,
+                            int(rng.integers(2 ** 62)))
     picture = (_centre_view(rng, light, sensor) if is_f01 else
                photograph(rng, light, _off_axis(part, whole)))
-    labels = contour_labels(world, part)
+    labels = contour_labels(World.from_scene(scene), part)
     return LabelledPicture(picture, labels.direction, labels.inside)
 
 

@@ -3,6 +3,7 @@
 from importlib import import_module
 from pkgutil import walk_packages
 
+import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -34,6 +35,18 @@ def test_the_same_seed_gives_the_same_picture(seed):
     assert np.ptp(one.picture) > 5
     for name in ('picture', 'direction', 'inside'):
         assert np.array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_path_tracing_shows_the_same_scene_by_other_light():
+    of = {'largest': 64, 'clutter': 3}
+    own = labelled_picture(1, PictureSettings(film=False, samples=4, **of))
+    traced = labelled_picture(1, PictureSettings(renderer='physical', paths=16, **of))
+    np.testing.assert_array_equal(traced.direction, own.direction)
+    np.testing.assert_array_equal(traced.inside, own.inside)
+    one, two = (cv2.GaussianBlur(each.picture.astype(float), (0, 0), 1.5).ravel()
+                for each in (own, traced))
+    assert not np.array_equal(traced.picture, own.picture)
+    assert np.corrcoef(one, two)[0, 1] > 0.95
 
 
 def test_rendering_does_not_depend_on_where_kernels_were_compiled():

@@ -114,16 +114,21 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
               help='Of joblib: processes of this machine, or a Dask cluster.')
 @click.option('--scheduler', metavar='ADDRESS', help='Of the Dask cluster, tcp://HOST:8786. Its '
               'workers write to the same folder.')
+@click.option('--renderer', type=click.Choice(['fast', 'physical']), default='fast',
+              show_default=True, help=PictureSettings.model_fields['renderer'].description)
+@click.option('--film/--no-film', default=True, show_default=True,
+              help=PictureSettings.model_fields['film'].description)
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a file SEED.npz per '
               'picture. Pictures that it has are kept.')
 def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: str | None,
-             out: Path) -> None:
+             renderer: str, film: bool, out: Path) -> None:
     """Write pictures of generated scenes, with the labels that a contour map is learned from."""
     seeds = range(first_seed, first_seed + count)
+    settings = PictureSettings.make({'renderer': renderer, 'film': film}, 'pmcl scenes pictures')
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('pictures', total=count)
         made = 0
-        for path in write_many(out, seeds, PictureSettings(), jobs, backend, scheduler):
+        for path in write_many(out, seeds, settings, jobs, backend, scheduler):
             made += 1
             bar.update(task, completed=made, description=path.name)
     click.echo(f'{out}: {made} pictures made, {count - made} were there')

@@ -3,7 +3,7 @@
 All pixels are counted in histograms of the logit, from which everything is computed.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,9 +15,8 @@ from scipy.special import expit
 
 from pmcl_ros.drawing.charts import Chart, Line
 from pmcl_ros.evidence.contour_map import harmonics
-from pmcl_ros.evidence.contour_net import logits
 from pmcl_ros.evidence.learned import Calibration
-from pmcl_ros.learning.contour_net.network import DIRECTIONS, direction_targets
+from pmcl_ros.learning.contour_net.directions import DIRECTIONS, direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
 from pmcl_ros.simulation.labelled_pictures import read_labelled
 
@@ -25,6 +24,9 @@ _EDGES = np.linspace(-30, 30, 1201)  # of logits; those beyond are in the outer 
 _CENTRES = (_EDGES[:-1] + _EDGES[1:]) / 2
 _LEAST = 20  # pixels for which it is true, and is not, of a point of the reliability curve
 _PARTS = np.linspace(-12, 6, 37)  # log odds told, of a reliability curve
+
+# (height, width, 6) that a network says of a picture (height, width, 3).
+Logits = Callable[[NDArray[np.generic]], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -105,14 +107,14 @@ class Measured:
     inside: Histogram
 
     @classmethod
-    def measure(cls, net: cv2.dnn.Net, files: Iterable[Path]) -> 'Measured':
-        """Run the network on whole labelled pictures."""
+    def measure(cls, logits: Logits, files: Iterable[Path]) -> 'Measured':
+        """Run a network on whole labelled pictures."""
         steps = BINS // DIRECTIONS * np.arange(DIRECTIONS)
         basis, shares = harmonics(2 * np.pi * steps / BINS).T, direction_targets(steps)
         sums: Measured | None = None
         for each in files:
             labelled = read_labelled(each)
-            out = logits(net, labelled.picture)
+            out = logits(labelled.picture)
             told = out[..., :5] @ basis
             there = labelled.direction >= 0
             close = cv2.dilate(there.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -123,8 +125,19 @@ class Measured:
             sums = one if sums is None else Measured(
                 sums.contour + one.contour, sums.any + one.any, sums.near + one.near,
                 sums.inside + one.inside)
-        assert sums is not None  # `Files.find` refuses a folder without
+        assert sums is not None  # callers refuse a folder without
         return sums
+
+    def results(self, contour: Calibration, inside: Calibration) -> dict[str, float]:
+        """Average precisions, and what the calibrated logits tell of a pixel [nat]."""
+        values = {
+            'average_precision_of_contour_pixels': self.any.average_precision(),
+            'average_precision_within_1.5_px': self.near.average_precision(),
+            'average_precision_of_contours_of_a_direction': self.contour.average_precision(),
+            'average_precision_of_inside': self.inside.average_precision(),
+            'nats_of_contours_a_pixel': self.contour.nats(contour),
+            'nats_of_inside_a_pixel': self.inside.nats(inside)}
+        return {name: float(f'{value:.4g}') for name, value in values.items()}
 
 
 def charts(measured: Measured, contour: Calibration, inside: Calibration) -> list[list[Chart]]:

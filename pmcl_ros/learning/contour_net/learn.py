@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -13,7 +14,7 @@ import tensorflow as tf
 
 from pmcl_ros.drawing.charts import draw
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evidence.contour_net import read_network
+from pmcl_ros.evidence.contour_net import logits, read_network
 from pmcl_ros.evidence.learned import LearnedMap
 from pmcl_ros.learning.contour_net.calibration import Measured, charts
 from pmcl_ros.learning.contour_net.network import POSITIVE_WEIGHT, build
@@ -38,18 +39,11 @@ def learn(pictures: Path, out: Path, plan: Plan, command: str,
     path = out / 'contour_map.onnx'
     write(network, path)
     data = path.read_bytes()
-    net, files = read_network(data), Files.find(pictures)
+    of, files = partial(logits, read_network(data)), Files.find(pictures)
     report(f'calibrating on {len(files.held_out)} pictures, measuring on {len(files.tested)}')
-    fitted, tested = (Measured.measure(net, each) for each in (files.held_out, files.tested))
+    fitted, tested = (Measured.measure(of, each) for each in (files.held_out, files.tested))
     contour, inside = fitted.contour.calibration(), fitted.inside.calibration()
-    results = {
-        'average_precision_of_contour_pixels': tested.any.average_precision(),
-        'average_precision_within_1.5_px': tested.near.average_precision(),
-        'average_precision_of_contours_of_a_direction': tested.contour.average_precision(),
-        'average_precision_of_inside': tested.inside.average_precision(),
-        'nats_of_contours_a_pixel': tested.contour.nats(contour),
-        'nats_of_inside_a_pixel': tested.inside.nats(inside)}
-    results = {name: float(f'{value:.4g}') for name, value in results.items()}
+    results = tested.results(contour, inside)
     for name, value in results.items():
         report(f'{name.replace("_", " ")}: {value}')
     digest = hashlib.sha256(data).hexdigest()

@@ -8,14 +8,12 @@ It takes a third of the time of one that has layers at full resolution.
 import keras
 import numpy as np
 import tensorflow as tf
-from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
 
 WIDTHS = (32, 48, 64, 96)  # channels at 1/2, 1/4, 1/8, 1/16 of the resolution
-HALF_WIDTH = np.pi / 8  # rad: a direction stands for the normals within this angle
-DIRECTIONS = 16  # for which a contour's probability is defined; 22.5 degrees apart
 POSITIVE_WEIGHT = 20.0  # of contour pixels in the loss; calibration takes it out again
 _EVERY = 4  # of the label's 32 directions are in one batch's loss
 _CONTOUR_WEIGHT = 2.0  # of the contour's loss beside the inside's
@@ -70,19 +68,6 @@ def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Mod
     network = keras.Model(picture, last(x))
     last.bias.assign([np.log(_RATE * POSITIVE_WEIGHT), 0, 0, 0, 0, 0])
     return network
-
-
-def direction_targets(directions: NDArray[np.integer]) -> NDArray[np.float32]:
-    """(33, n): the share of a label -1, 0, ..., 31 that lies within 22.5 degrees of a direction.
-
-    directions: (n,) of 32. A label stands for angles of 11.25 degrees, so those at 22.5 degrees
-    count half.
-    """
-    labels = np.arange(BINS)[:, None]
-    apart = np.abs((labels - directions + BINS // 2) % BINS - BINS // 2)
-    reach = round(HALF_WIDTH / (2 * np.pi / BINS))
-    shares = np.where(apart < reach, 1.0, np.where(apart == reach, 0.5, 0.0))
-    return np.concatenate([np.zeros((1, len(directions))), shares]).astype(np.float32)
 
 
 _TURNS = [_EVERY * np.arange(BINS // _EVERY) + offset for offset in range(_EVERY)]

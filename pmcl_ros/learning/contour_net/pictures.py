@@ -42,7 +42,7 @@ class Files:
     @classmethod
     def find(cls, folder: Path) -> 'Files':
         """PictureError where the folder holds none to train or to hold out."""
-        files = sorted(each for each in folder.glob('*.npz') if each.stem.isdigit())
+        files = _numbered(folder)
         found = cls(*(tuple(each for each in files if kind(int(each.stem) % 20)) for kind in (
             lambda n: n not in (_HELD_OUT, _TESTED), _HELD_OUT.__eq__, _TESTED.__eq__)))
         if not (found.training and found.held_out and found.tested):
@@ -51,6 +51,19 @@ class Files:
                 f'20 seeds in a row at least (seeds {_HELD_OUT} and {_TESTED} of 20 are held '
                 'out); pmcl scenes pictures makes them')
         return found
+
+
+def labelled_files(folder: Path) -> list[Path]:
+    """All labelled pictures of a folder; PictureError where there is none."""
+    files = _numbered(folder)
+    if not files:
+        raise PictureError(f'{folder} holds no labelled pictures SEED.npz; pmcl scenes pictures '
+                           'makes them')
+    return files
+
+
+def _numbered(folder: Path) -> list[Path]:
+    return sorted(each for each in folder.glob('*.npz') if each.stem.isdigit())
 
 
 _read = lru_cache(_KEPT)(read_labelled)

@@ -51,6 +51,8 @@ def light_of_view(loaded: Any, targets: Sequence[Target], sensor: Sensor, row: i
     rng = np.random.default_rng(seed)
     left, top, right, bottom = _shown(targets, pinhole)
     inside = pinhole.crop(left, top, right - left, bottom - top)
+    if inside == pinhole:
+        return _light(loaded, sensor, pinhole, place, samples, rng)
     picture = _light(loaded, sensor, pinhole, place, -(-samples // _LESS), rng)
     picture[top:bottom, left:right] = _light(loaded, sensor, inside, place, samples, rng)
     return picture

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.network import (
     POSITIVE_WEIGHT,
     FusedNormalization,
     build,
-    direction_targets,
     losses,
 )
 from pmcl_ros.learning.contour_net.onnx_file import write
