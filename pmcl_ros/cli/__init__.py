@@ -46,7 +46,7 @@ _SECTIONS = {
         'figures': ('studies', "Draw the documentation's figures."),
         'learn': ('learn', 'Learn the numbers of the evidence.'),
         'learn-map': ('learn_map', 'Train the network of the contour map.'),
-        'measure-map': ('learn_map', 'Measure what such a network finds in pictures.'),
+        'measure-map': ('learn_map', 'Measure that network on labelled pictures.'),
         'profile-errors': ('studies', 'Measure the errors of profiled vessels.'),
         'together': ('studies', 'Compare joint with single searches of several objects.'),
         'track': ('studies', 'Compare tracking with single captures.'),

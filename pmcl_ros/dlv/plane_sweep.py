@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.dlv.likelihood import row_likelihood, truncate
+from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.planes import HALO, matching_planes
 from pmcl_ros.dlv.posed_pairs import PosedPairs
 from pmcl_ros.dlv.row_costs import aligned_zeros
@@ -26,7 +27,7 @@ from pmcl_ros.runtime.kernels import compiled, rounds, threads
 
 _LOG = logging.getLogger(__name__)
 _CHANNELS = 5  # of `matching_planes`, side by side
-_AROUND = 24  # values of the pixels around a place, in a row of a view: 4 more, for the processor
+_PATCH = 24  # values of 4 pixels side by side, and 4 that follow: whole vectors of 8
 _FRACTIONS = 256  # of a pixel that have weights of their own: a place is rounded by 1/512 px
 _UNSEEN = np.float32(-1)  # in place of a cost
 _ROUNDING = 1e-6  # px: a place so little outside is inside
@@ -86,12 +87,11 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
     sizes = np.array([(each.pinhole.width, each.pinhole.height) for each in pairs.others])
     width, height = sizes.max(axis=0) + 2 * TAPS
     others = np.zeros((len(sizes), height, width, _CHANNELS), np.float32)
-    for each, room in zip(pairs.others, others, strict=True):
+    for each, buffer in zip(pairs.others, others, strict=True):
         channels = _channels(each, neutral)
-        room[:channels.shape[0], :channels.shape[1]] = channels
+        buffer[:channels.shape[0], :channels.shape[1]] = channels
     rows, columns = pairs.pixels.within(lattice)
-    centre = _channels(pairs.reference, neutral)[np.ix_(lattice.rows + TAPS,
-                                                        lattice.columns + TAPS)]
+    centre = _centre(pairs.reference, lattice, neutral)
     likelihood = np.empty((*pairs.pixels.shape, len(depths)), np.float32)
     single = aligned_zeros(threads(), len(depths) + 1, centre.shape[1] + 2 * half)
     _sweep(centre, (lattice.left, lattice.top), lattice.stride, others, sizes,
@@ -99,6 +99,15 @@ def _likelihood(pairs: PosedPairs, depths: NDArray[np.float64], settings: DlvSet
            settings.color_cost == 'l2', half, (rows.start, rows.stop),
            (columns.start, columns.stop), single, likelihood)
     return likelihood
+
+
+def _centre(reference: PosedView, lattice: PixelGrid, smooth: bool) -> NDArray[np.float32]:
+    """(rows, columns, 5) of `matching_planes` at the lattice's pixels."""
+    left, top = max(lattice.left - HALO, 0), max(lattice.top - HALO, 0)
+    right = min(lattice.left + lattice.width + HALO, reference.pinhole.width)
+    bottom = min(lattice.top + lattice.height + HALO, reference.pinhole.height)
+    channels = _channels(reference.crop(left, top, right - left, bottom - top), smooth)
+    return channels[np.ix_(lattice.rows - top + TAPS, lattice.columns - left + TAPS)]
 
 
 def _channels(view: PosedView, smooth: bool) -> NDArray[np.float32]:
@@ -125,9 +134,9 @@ def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyp
         across = np.zeros((reach, labels + 1, columns[1] - columns[0]), np.float32)
         summed = np.empty((labels + 1, columns[1] - columns[0]), np.float32)
         costs = np.empty((labels, width), np.float32)
-        corners, tilts = np.empty(width, np.int64), np.empty((width, 4), np.float32)
+        offsets, jacobians = np.empty(width, np.int64), np.empty((width, 4), np.float32)
         fractions = np.empty((width, 2), np.int64)
-        around = np.empty((width, _AROUND), np.float32)
+        patches = np.empty((width, _PATCH), np.float32)
         for row in range(first - half, end + half if first < end else first - half):
             sums = across[(row + reach) % reach]
             if 0 <= row < height:
@@ -135,10 +144,10 @@ def _sweep(centre, corner, stride, others, sizes, maps,  # type: ignore[no-untyp
                 for pair in range(len(others)):
                     for label in range(labels):
                         _project(corner[0], corner[1] + stride * row, stride, sizes[pair],
-                                 others.shape[2], maps[pair, label], corners, tilts, fractions)
-                        _read_down(flat[pair], _CHANNELS * others.shape[2], corners, fractions,
-                                   taps, around)
-                        _pixel_costs(centre[row], corners, tilts, fractions, taps, around,
+                                 others.shape[2], maps[pair, label], offsets, jacobians, fractions)
+                        _interpolate_rows(flat[pair], _CHANNELS * others.shape[2], offsets,
+                                          fractions, taps, patches)
+                        _pixel_costs(centre[row], offsets, jacobians, fractions, taps, patches,
                                      weights[pair], limits, l2, costs[label])
                     _add(costs, half, single[band])
                 sum_across(single[band], columns[0], reach, sums)
@@ -157,12 +166,12 @@ def _add(costs, margin, out):  # type: ignore[no-untyped-def]
 
     out: (labels + 1, margin + width + margin); the last row: the sum of the means.
     """
-    nothing = np.float32(0)
+    zero = np.float32(0)
     mean, seen = np.zeros((2, costs.shape[1]), np.float32)
     for row in costs:
         for x in range(len(row)):
-            mean[x] += row[x] if row[x] >= nothing else nothing
-            seen[x] += np.float32(1) if row[x] >= nothing else nothing
+            mean[x] += row[x] if row[x] >= zero else zero
+            seen[x] += np.float32(1) if row[x] >= zero else zero
     last = out[len(costs), margin:]
     for x in range(len(mean)):
         mean[x] = np.divide(mean[x], max(seen[x], np.float32(1)))
@@ -170,23 +179,24 @@ def _add(costs, margin, out):  # type: ignore[no-untyped-def]
     for label in range(len(costs)):
         row, sums = costs[label], out[label, margin:]
         for x in range(len(row)):
-            sums[x] += row[x] - mean[x] if row[x] >= nothing else nothing
+            sums[x] += row[x] - mean[x] if row[x] >= zero else zero
 
 
 @compiled(inner=True)
 def _project(left, y, stride, size, view_width, h,  # type: ignore[no-untyped-def]
-             corners, tilts, fractions):
+             offsets, jacobians, fractions):
     """Where a view sees one row of single pixels at one label.
 
-    corners: (width,) place of the first value around it, -1 where it does not see it. tilts:
-    (width, 4) derivatives of its coordinates there by those of the row's pixel: du/dx, dv/dx,
-    du/dy, dv/dy. fractions: (width, 2) of a pixel, across and down, in parts of `_FRACTIONS`.
+    offsets: (width,) of the first value of the patch there, -1 where it does not see it.
+    jacobians: (width, 4) derivatives of its coordinates there by those of the row's pixel: du/dx,
+    dv/dx, du/dy, dv/dy. fractions: (width, 2) of a pixel, across and down, in parts of
+    `_FRACTIONS`.
     """
     right, bottom = size[0] - 1 + _ROUNDING, size[1] - 1 + _ROUNDING
-    for i in range(len(corners)):
+    for i in range(len(offsets)):
         x = left + stride * i
         w = h[2, 0] * x + h[2, 1] * y + h[2, 2]
-        corners[i] = -1
+        offsets[i] = -1
         if w <= 0:
             continue
         part = np.divide(1.0, w)
@@ -195,46 +205,47 @@ def _project(left, y, stride, size, view_width, h,  # type: ignore[no-untyped-de
         if not (-_ROUNDING <= u <= right and -_ROUNDING <= v <= bottom):
             continue
         column, row = int(u + 1) - 1, int(v + 1) - 1
-        corners[i] = _CHANNELS * ((row + TAPS - 1) * view_width + column + TAPS - 1)
+        offsets[i] = _CHANNELS * ((row + TAPS - 1) * view_width + column + TAPS - 1)
         fractions[i, 0] = int((u - column) * _FRACTIONS + 0.5)
         fractions[i, 1] = int((v - row) * _FRACTIONS + 0.5)
-        tilts[i, 0] = (h[0, 0] - u * h[2, 0]) * part
-        tilts[i, 1] = (h[1, 0] - v * h[2, 0]) * part
-        tilts[i, 2] = (h[0, 1] - u * h[2, 1]) * part
-        tilts[i, 3] = (h[1, 1] - v * h[2, 1]) * part
+        jacobians[i, 0] = (h[0, 0] - u * h[2, 0]) * part
+        jacobians[i, 1] = (h[1, 0] - v * h[2, 0]) * part
+        jacobians[i, 2] = (h[0, 1] - u * h[2, 1]) * part
+        jacobians[i, 3] = (h[1, 1] - v * h[2, 1]) * part
 
 
 @compiled(inner=True)
-def _read_down(view, below, corners, fractions, taps, around):  # type: ignore[no-untyped-def]
-    """Fill `around` (width, `_AROUND`): pixels that lie side by side, each read between its rows.
+def _interpolate_rows(view, below, offsets, fractions,  # type: ignore[no-untyped-def]
+                      taps, patches):
+    """Fill `patches` (width, `_PATCH`): pixels that lie side by side, each read between its rows.
 
     A loop of its own, over values that lie side by side: the processor adds eight at once.
     """
-    for i in range(len(corners)):
-        if corners[i] < 0:
+    for i in range(len(offsets)):
+        if offsets[i] < 0:
             continue
         # Unsigned, since of other numbers the compiler looks whether they count from the end.
-        first, down = np.uint64(corners[i]), taps[fractions[i, 1]]
+        first, down = np.uint64(offsets[i]), taps[fractions[i, 1]]
         second = first + np.uint64(below)
         third = second + np.uint64(below)
         fourth = third + np.uint64(below)
         a, b, c, d = down[0], down[1], down[2], down[3]
-        out = around[i]
-        for number in range(_AROUND):
+        out = patches[i]
+        for number in range(_PATCH):
             k = np.uint64(number)
             out[k] = (a * view[first + k] + b * view[second + k]
                       + c * view[third + k] + d * view[fourth + k])
 
 
 @compiled(inner=True)
-def _pixel_costs(centre, corners, tilts, fractions, taps, around,  # type: ignore[no-untyped-def]
+def _pixel_costs(centre, offsets, jacobians, fractions, taps, patches,  # type: ignore[no-untyped-def]
                  weights, limits, l2, out):
     """Costs of one row of single pixels at one label: of those that the view sees."""
     for i in range(len(out)):
-        if corners[i] < 0:
+        if offsets[i] < 0:
             out[i] = _UNSEEN
             continue
-        across, row, tilt = taps[fractions[i, 0]], around[i], tilts[i]
+        across, row, jacobian = taps[fractions[i, 0]], patches[i], jacobians[i]
         a, b, c, d = across[0], across[1], across[2], across[3]
         red = a * row[0] + b * row[5] + c * row[10] + d * row[15] - centre[i, 0]
         green = a * row[1] + b * row[6] + c * row[11] + d * row[16] - centre[i, 1]
@@ -242,8 +253,8 @@ def _pixel_costs(centre, corners, tilts, fractions, taps, around,  # type: ignor
         along_u = a * row[3] + b * row[8] + c * row[13] + d * row[18]
         along_v = a * row[4] + b * row[9] + c * row[14] + d * row[19]
         # Gradients along the view's axes, as the reference view would see them: by the chain rule.
-        along_x = tilt[0] * along_u + tilt[1] * along_v
-        along_y = tilt[2] * along_u + tilt[3] * along_v
+        along_x = jacobian[0] * along_u + jacobian[1] * along_v
+        along_y = jacobian[2] * along_u + jacobian[3] * along_v
         colour = (np.sqrt(red * red + green * green + blue * blue) if l2
                   else abs(red) + abs(green) + abs(blue))
         out[i] = (weights[0] * min(colour, limits[0])

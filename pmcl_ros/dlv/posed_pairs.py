@@ -81,7 +81,7 @@ class PosedPairs:
                      ) -> 'PosedPairs':
         """The others cut to where they see `pixels` at `depths` [m], and `margin` px around that.
 
-        A view stays whole where the point of such a pixel is behind its camera.
+        A view stays whole where some of these points are behind its camera.
         """
         corners = np.array([[x, y, 1] for x in pixels.columns[[0, -1]]
                             for y in pixels.rows[[0, -1]]])
@@ -89,7 +89,10 @@ class PosedPairs:
         cut = []
         for view, places in zip(self.others, np.moveaxis(seen, 2, -1), strict=True):
             size = np.array([view.pinhole.width, view.pinhole.height])
-            if (places[..., 2] > 0).all():
+            before = places[..., 2] > 0
+            if not before.any():
+                view = view.crop(0, 0, 1, 1)
+            elif before.all():
                 ends = (places[..., :2] / places[..., 2:]).reshape(-1, 2)
                 low = np.clip(np.floor(ends.min(axis=0)) - margin, 0, size - 1).astype(int)
                 high = np.clip(np.ceil(ends.max(axis=0)) + 1 + margin, low + 1, size).astype(int)

@@ -17,7 +17,7 @@ from pmcl_ros.lightfield.posed_view import GAMMA
 from pmcl_ros.runtime.errors import FileError, PmclError
 from pmcl_ros.runtime.npz_file import read_arrays
 from pmcl_ros.runtime.settings import Settings
-from pmcl_ros.simulation.occluding import contour_labels
+from pmcl_ros.simulation.occluding import DIRECTIONS, contour_labels
 from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.photograph import MARGIN, photograph
 from pmcl_ros.simulation.processes import run_all
@@ -48,8 +48,10 @@ class PictureSettings(Settings):
     largest: int = Field(288, ge=32, le=2000, description='side of the square whose number of '
                          'pixels no picture exceeds; larger pictures are cropped [px]')
     renderer: Literal['fast', 'physical'] = Field(
-        'fast', description="fast: the package's own; physical: path tracing, without films")
-    film: bool = Field(True, description='films, too, by the own renderer')
+        'fast', description="fast: the package's own; physical: path tracing (extra 'simulate'), "
+        'without films')
+    film: bool = Field(True, description='some scenes have a film before the object; only by the '
+                       'renderer fast')
     samples: int = Field(2, ge=1, le=64, description='rays per pixel of the own renderer')
     paths: int = Field(48, ge=1, le=4096, description='paths per pixel of path tracing')
     clutter: int = Field(7, ge=0, le=20, description='other objects at most')
@@ -167,11 +169,12 @@ def read_labelled(path: Path) -> LabelledPicture:
     size = made.picture.shape[:2]
     if (made.picture.shape != (*size, 3) or made.picture.dtype != np.uint8
             or made.direction.shape != size or made.direction.dtype != np.int8
-            or made.inside.shape != size or made.inside.dtype != np.bool_):
+            or made.inside.shape != size or made.inside.dtype != np.bool_
+            or (made.direction >= DIRECTIONS).any()):
         raise PmclError(f'{path}: picture {made.picture.shape} {made.picture.dtype}, direction '
-                        f'{made.direction.shape} {made.direction.dtype} and inside '
-                        f'{made.inside.shape} {made.inside.dtype} do not belong together: remove '
-                        'it and make it again with `pmcl scenes pictures`')
+                        f'{made.direction.shape} {made.direction.dtype}, below {DIRECTIONS}, '
+                        f'and inside {made.inside.shape} {made.inside.dtype} do not belong '
+                        'together: remove it and make it again with `pmcl scenes pictures`')
     return made
 
 

@@ -171,6 +171,23 @@ def test_only_what_a_part_can_see_of_the_others_is_read(interpolation):
     assert (places <= sizes[:, None, :, None] - 4).all()
 
 
+def test_a_view_before_and_behind_which_pixels_are_is_read_whole():
+    turned = on_arc(0)
+    turned[:3, :3] = Rotation.from_euler('y', 85, degrees=True).as_matrix()
+    turned[:3, 3] = [-0.1, 0, 0.5]
+    away = on_arc(0)
+    away[:3, :3] = Rotation.from_euler('y', 180, degrees=True).as_matrix()
+    views = views_of([on_arc(0), turned, away], [np.array([0, 0, 1 / 0.6])])
+    pairs = PosedPairs.from_views(views, (0, 0, 0, 0), 1, 0)
+    depths = np.array([0.45, 0.8])
+    cut = pairs.within_reach(pairs.pixels, depths, 7)
+    before = (pairs.homographies(depths)[0] @ [[0, 95], [0, 71], [1, 1]])[:, 2] > 0
+    assert before.any()
+    assert not before.all()
+    assert cut.others[0] is pairs.others[0]
+    assert cut.others[1].picture.shape == (1, 1, 3)
+
+
 def test_the_best_label_is_the_depth_of_what_is_seen_from_all_sides():
     plane = np.array([0.6, 0.2, 1.0])
     plane /= 0.62 * plane[2]

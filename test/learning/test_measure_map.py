@@ -48,10 +48,15 @@ def test_contours_in_another_place_are_not_found(pictures, tmp_path):
 def test_wrong_folders_get_one_line(pictures, tmp_path):
     shutil.copy(learned_file('contour_map.yaml'), tmp_path)
     (tmp_path / 'contour_map.onnx').write_bytes(b'another')
+    small = write(tmp_path / 'small', [1], shape=(20, 20))
+    plain = write(tmp_path / 'plain', [1], number=0)
     for arguments, reason in (([tmp_path], 'holds no labelled pictures SEED.npz'),
+                              ([tmp_path / 'none'], 'there is no folder .*none'),
+                              ([small], r'000001\.npz: .* it has 20x20'),
+                              ([plain], 'no picture shows a contour'),
                               ([pictures, '--map', pictures], 'cannot read .*contour_map.yaml'),
                               ([pictures, '--map', tmp_path], 'do not belong together')):
         done = CliRunner().invoke(main, ['measure-map', *map(str, arguments)])
         assert done.exit_code == 1
         assert re.search(reason, done.output)
-        assert done.output.count('\n') == 1
+        assert '\n' not in done.output.strip()

@@ -88,10 +88,11 @@ def test_a_broken_file_is_named(tmp_path):
         path.write_bytes(broken)
         with pytest.raises(PmclError, match=r'000003\.npz is not a labelled picture'):
             read_labelled(path)
-    np.savez(path, picture=np.zeros((4, 4, 3), np.uint8), direction=np.zeros((4, 4), np.int8),
-             inside=np.zeros((4, 5), bool))
-    with pytest.raises(PmclError, match='do not belong together'):
-        read_labelled(path)
+    for columns, direction in ((5, 0), (4, 32)):
+        np.savez(path, picture=np.zeros((4, 4, 3), np.uint8), inside=np.zeros((4, columns), bool),
+                 direction=np.full((4, 4), direction, np.int8))
+        with pytest.raises(PmclError, match='do not belong together'):
+            read_labelled(path)
     with pytest.raises(PmclError, match=r'000004\.npz'):
         read_labelled(path_of(tmp_path, 4))
 
@@ -124,5 +125,10 @@ def test_the_command_makes_pictures_and_keeps_them(tmp_path):
     result = CliRunner().invoke(main, arguments)
     assert result.exit_code == 0, result.output
     assert '1 pictures made, 0 were there' in result.output
-    assert '0 pictures made, 1 were there' in CliRunner().invoke(main, arguments).output
+    again = [*arguments, '--no-film']  # what is there is kept
+    assert '0 pictures made, 1 were there' in CliRunner().invoke(main, again).output
     read_labelled(path_of(tmp_path, 8))
+    other = CliRunner().invoke(main, [*again[:-2], str(tmp_path / 'other'), '--no-film'])
+    assert other.exit_code == 0, other.output
+    np.testing.assert_array_equal(read_labelled(path_of(tmp_path / 'other', 8)).picture,
+                                  labelled_picture(8, PictureSettings(film=False)).picture)

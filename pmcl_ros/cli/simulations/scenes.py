@@ -116,15 +116,16 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
               'workers write to the same folder.')
 @click.option('--renderer', type=click.Choice(['fast', 'physical']), default='fast',
               show_default=True, help=PictureSettings.model_fields['renderer'].description)
-@click.option('--film/--no-film', default=True, show_default=True,
-              help=PictureSettings.model_fields['film'].description)
+@click.option('--no-film', is_flag=True, help='No scene has a film before the object, as with '
+              '--renderer physical.')
 @click.option('-o', '--out', required=True, type=FOLDER, help='Folder; a file SEED.npz per '
               'picture. Pictures that it has are kept.')
 def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: str | None,
-             renderer: str, film: bool, out: Path) -> None:
+             renderer: str, no_film: bool, out: Path) -> None:
     """Write pictures of generated scenes, with the labels that a contour map is learned from."""
     seeds = range(first_seed, first_seed + count)
-    settings = PictureSettings.make({'renderer': renderer, 'film': film}, 'pmcl scenes pictures')
+    settings = PictureSettings.make({'renderer': renderer, 'film': not no_film},
+                                    'pmcl scenes pictures')
     with Progress(console=STDERR, transient=True) as bar:
         task = bar.add_task('pictures', total=count)
         made = 0

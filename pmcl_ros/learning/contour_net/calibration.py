@@ -18,6 +18,7 @@ from pmcl_ros.evidence.contour_map import harmonics
 from pmcl_ros.evidence.learned import Calibration
 from pmcl_ros.learning.contour_net.directions import DIRECTIONS, direction_targets
 from pmcl_ros.learning.contour_net.pictures import BINS
+from pmcl_ros.runtime.errors import PictureError
 from pmcl_ros.simulation.labelled_pictures import read_labelled
 
 _EDGES = np.linspace(-30, 30, 1201)  # of logits; those beyond are in the outer bins
@@ -25,7 +26,7 @@ _CENTRES = (_EDGES[:-1] + _EDGES[1:]) / 2
 _LEAST = 20  # pixels for which it is true, and is not, of a point of the reliability curve
 _PARTS = np.linspace(-12, 6, 37)  # log odds told, of a reliability curve
 
-# (height, width, 6) that a network says of a picture (height, width, 3).
+# A network: a picture (height, width, 3) -> its logits (height, width, 6).
 Logits = Callable[[NDArray[np.generic]], NDArray[np.float32]]
 
 
@@ -108,13 +109,19 @@ class Measured:
 
     @classmethod
     def measure(cls, logits: Logits, files: Iterable[Path]) -> 'Measured':
-        """Run a network on whole labelled pictures."""
+        """Run a network on whole labelled pictures, one or more.
+
+        Raises PictureError for one that it cannot read, PmclError for a file that is none.
+        """
         steps = BINS // DIRECTIONS * np.arange(DIRECTIONS)
         basis, shares = harmonics(2 * np.pi * steps / BINS).T, direction_targets(steps)
         sums: Measured | None = None
         for each in files:
             labelled = read_labelled(each)
-            out = logits(labelled.picture)
+            try:
+                out = logits(labelled.picture)
+            except PictureError as error:
+                raise PictureError(f'{each}: {error}') from error
             told = out[..., :5] @ basis
             there = labelled.direction >= 0
             close = cv2.dilate(there.astype(np.uint8), np.ones((3, 3), np.uint8))
@@ -125,7 +132,9 @@ class Measured:
             sums = one if sums is None else Measured(
                 sums.contour + one.contour, sums.any + one.any, sums.near + one.near,
                 sums.inside + one.inside)
-        assert sums is not None  # callers refuse a folder without
+        if sums is None or not (sums.any.true.any() and sums.inside.true.any()):
+            raise PictureError('no picture shows a contour: make more, as pmcl scenes pictures '
+                               'does')
         return sums
 
     def results(self, contour: Calibration, inside: Calibration) -> dict[str, float]:

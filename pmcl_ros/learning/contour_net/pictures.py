@@ -55,6 +55,8 @@ class Files:
 
 def labelled_files(folder: Path) -> list[Path]:
     """All labelled pictures of a folder; PictureError where there is none."""
+    if not folder.is_dir():
+        raise PictureError(f'there is no folder {folder}')
     files = _numbered(folder)
     if not files:
         raise PictureError(f'{folder} holds no labelled pictures SEED.npz; pmcl scenes pictures '

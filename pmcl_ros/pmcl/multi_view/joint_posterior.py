@@ -80,9 +80,9 @@ class JointPosterior:
     def disagreement_near(self, pose: NDArray[np.float64]) -> float:
         """Of the views at the mode near a pose (4, 4)."""
         known = self._known_at(pose)
-        if known.apart is None:
+        if known.disagreement is None:
             return self.contours.disagreement(known.pose, known.motions)
-        return known.apart
+        return known.disagreement
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is told to be."""
@@ -105,8 +105,9 @@ class JointPosterior:
     def refine(self, pose: NDArray[np.float64]) -> Mode:
         """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""
         pose, motions, _, scale = self._refined(pose, False)
-        apart = None if self.numbers is None else self.contours.disagreement(pose, motions)
-        known = _Known(pose, motions, scale, apart)
+        disagreement = (None if self.numbers is None
+                        else self.contours.disagreement(pose, motions))
+        known = _Known(pose, motions, scale, disagreement)
         local = self._sure(pose, known)
         self._known.append(replace(known, local=local))
         return Mode(pose, local)
@@ -117,9 +118,9 @@ class JointPosterior:
 
     def _error_share(self, known: '_Known') -> float:
         """Factor of the model error's variance: large where views disagree."""
-        if self.numbers is None or known.apart is None:
+        if self.numbers is None or known.disagreement is None:
             return 1.0
-        return self.numbers.share(self.contours.joint.independent, known.apart)
+        return self.numbers.share(self.contours.joint.independent, known.disagreement)
 
     def _refined(self, pose: NDArray[np.float64], still: bool
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:
@@ -198,7 +199,7 @@ class _Known:
     pose: NDArray[np.float64]
     motions: NDArray[np.float64]
     scale: float
-    apart: float | None = None
+    disagreement: float | None = None
     local: LocalModel | None = None
 
 

@@ -4,6 +4,8 @@ import logging
 from functools import cache
 from types import ModuleType
 
+from numba import config
+
 from pmcl_ros.runtime.errors import SimulationError
 
 _LOG = logging.getLogger(__name__)
@@ -15,7 +17,7 @@ _VARIANTS = {'llvm_ad_rgb': 'compiled for this processor by LLVM',
 @cache
 def mitsuba() -> ModuleType:
     """The module, its variant set: `llvm_ad_rgb` where an LLVM library is found, else
-    `scalar_rgb`. Which one is logged once.
+    `scalar_rgb`. Which one is logged once. It has as many threads as numba.
 
     Raises SimulationError where Mitsuba is not installed.
     """
@@ -28,6 +30,8 @@ def mitsuba() -> ModuleType:
     has_llvm = drjit.has_backend(drjit.JitBackend.LLVM)
     name = next(name for name in _VARIANTS if has_llvm or not name.startswith('llvm'))
     module.set_variant(name)
+    threads: int = config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    drjit.set_thread_count(threads)  # one in a process of a pool
     module.set_log_level(module.LogLevel.Error)
     _LOG.info('Mitsuba %s, %s: %s', module.__version__, name, _VARIANTS[name])
     return module
