@@ -13,6 +13,7 @@ _SECTIONS = {
     'Find objects': {
         'localize': ('localize', "Find an object's pose in pictures."),
         'report': ('report', 'Find it, and write a page that shows how sure the pose is.'),
+        'contour-map': ('contour_map', 'Draw what the search sees in a picture of any camera.'),
         'next-view': ('next_view', 'Say from where one more picture helps most.'),
         'grasps': ('grasps', 'Make grasps for an object.'),
         'profile': ('profile', 'Measure a vessel without CAD in posed views.'),

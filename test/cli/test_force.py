@@ -32,6 +32,7 @@ RUNS = {
                   '{out}/c.yaml', 'c.json'),
     'calibration-from-truth': ('{truth} {white} --out {out}/c.yaml', 'c.yaml'),
     'camera capture': ('--address {address} --download IMG_0001 --out {out}', 'IMG_0001.TXT'),
+    'contour-map': ('{mosaic} -o {out}', 'IMG_2_contours.png'),
     'decode': ('{mosaic} --views 3 --size 40x40 --out {out}', 'centre.png'),
     'evaluate': ('{captures} --out {out}', 'bop_default.csv'),
     'feasibility': ('{glass} --camera f01 --renderer fast -o {out}', 'feasibility.html'),
