@@ -32,7 +32,7 @@ RUNS = {
                   '{out}/c.yaml', 'c.json'),
     'calibration-from-truth': ('{truth} {white} --out {out}/c.yaml', 'c.yaml'),
     'camera capture': ('--address {address} --download IMG_0001 --out {out}', 'IMG_0001.TXT'),
-    'contour-map': ('{mosaic} -o {out}', 'IMG_2_contours.png'),
+    'contour-map': ('{mosaic} -o {out}', 'mosaic_contours.png'),
     'decode': ('{mosaic} --views 3 --size 40x40 --out {out}', 'centre.png'),
     'evaluate': ('{captures} --out {out}', 'bop_default.csv'),
     'feasibility': ('{glass} --camera f01 --renderer fast -o {out}', 'feasibility.html'),
@@ -64,8 +64,8 @@ RUNS = {
 }
 KEPT = {'scenes pictures': ('--count 1 -o {out}', '000000.npz')}  # what is there is not made again
 # Quick enough to be run to their ends; the others write in their own tests.
-QUICK_ENOUGH = ('bag extract', 'calibration-from-truth', 'camera capture', 'decode', 'grasps',
-                'grasps --picture', 'lfp pack', 'lfp unpack', 'localize', 'scenes render',
+QUICK_ENOUGH = ('bag extract', 'calibration-from-truth', 'camera capture', 'contour-map', 'decode',
+                'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack', 'localize', 'scenes render',
                 'simulate', 'sweep plan')
 
 
