@@ -64,9 +64,9 @@ RUNS = {
 }
 KEPT = {'scenes pictures': ('--count 1 -o {out}', '000000.npz')}  # what is there is not made again
 # Quick enough to be run to their ends; the others write in their own tests.
-QUICK_ENOUGH = ('bag extract', 'calibration-from-truth', 'camera capture', 'contour-map', 'decode',
-                'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack', 'localize', 'scenes render',
-                'simulate', 'sweep plan')
+QUICK_ENOUGH = ('bag extract', 'calibration-from-truth', 'camera capture', 'contour-map',
+                'decode', 'grasps', 'grasps --picture', 'lfp pack', 'lfp unpack', 'localize',
+                'scenes render', 'simulate', 'sweep plan')
 
 
 def commands(group, *words):
