@@ -4,12 +4,14 @@ from collections import Counter
 from pathlib import Path
 
 import click
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.cli.base import FILE, FOLDER, FORCE, results_in
 from pmcl_ros.drawing.contour_map_picture import contour_map_picture
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evidence.contour_net import contour_net
+from pmcl_ros.evidence.contour_net import MOST_PIXELS, contour_net
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.runtime.errors import PictureError
@@ -35,7 +37,7 @@ def contour_map(pictures: tuple[Path, ...], out: Path, force: bool) -> None:
     results.reserve(*names)
     net = contour_net()
     for path, name in zip(pictures, names, strict=True):
-        picture = encoded(read_picture(path), GAMMA)
+        picture = _reduced(encoded(read_picture(path), GAMMA))
         try:
             ratios = net(picture)
         except PictureError as error:
@@ -43,3 +45,13 @@ def contour_map(pictures: tuple[Path, ...], out: Path, force: bool) -> None:
         file = results.path(name)
         write_png(file, contour_map_picture(np.rint(255 * picture).astype(np.uint8), ratios))
         click.echo(file)
+
+
+def _reduced(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture (height, width, 3) of as many pixels as the network reads at most."""
+    height, width = picture.shape[:2]
+    factor = np.sqrt(MOST_PIXELS / (height * width))
+    if factor >= 1:
+        return picture
+    size = max(int(factor * width), 1), max(int(factor * height), 1)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)

@@ -1,6 +1,8 @@
 """`pmcl contour-map` draws contours where they are, in the colour of their direction."""
 
 import re
+import subprocess
+import sys
 
 import cv2
 import numpy as np
@@ -45,6 +47,20 @@ def test_pictures_of_any_kind_are_drawn_small(tmp_path):
     names = drawn(tmp_path / 'wide.tiff', file_of(tmp_path / 'b.jpg', picture), '-o', tmp_path)
     assert [each.rsplit('/', 1)[1] for each in names] == ['wide_contours.png', 'b_contours.png']
     assert [cv2.imread(each).shape for each in names] == [(64, 3 * 640, 3), (96, 3 * 112, 3)]
+
+
+def test_a_large_photograph_is_reduced_before_it_is_read(tmp_path):
+    """Of all its pixels, the log odds of 32 directions alone would take 1.5 GB."""
+    picture, _, _ = discs(1003, shape=(192, 224))
+    large = cv2.resize(picture, (4096, 3072), interpolation=cv2.INTER_CUBIC)
+    file_of(tmp_path / 'large.jpg', large)
+    made = subprocess.run(
+        [sys.executable, '-c', 'import resource; from pmcl_ros.cli import main; '
+         'main(["contour-map", "large.jpg", "-o", "out"], standalone_mode=False); '
+         'print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)'],
+        cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert cv2.imread(str(tmp_path / 'out/large_contours.png')).shape == (480, 3 * 640, 3)
+    assert int(made.stdout.split()[-1]) < 1.2 * 2 ** 20  # KiB
 
 
 @pytest.mark.parametrize(('name', 'reason'), [
