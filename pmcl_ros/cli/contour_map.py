@@ -54,4 +54,5 @@ def _reduced(picture: NDArray[np.float32]) -> NDArray[np.float32]:
     if factor >= 1:
         return picture
     size = max(int(factor * width), 1), max(int(factor * height), 1)
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
+    reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(reduced.clip(0, 1), np.float32)  # means of white may be 1.0000001

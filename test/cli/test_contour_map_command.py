@@ -53,6 +53,7 @@ def test_a_large_photograph_is_reduced_before_it_is_read(tmp_path):
     """Of all its pixels, the log odds of 32 directions alone would take 1.5 GB."""
     picture, _, _ = discs(1003, shape=(192, 224))
     large = cv2.resize(picture, (4096, 3072), interpolation=cv2.INTER_CUBIC)
+    large[:1024] = 255
     file_of(tmp_path / 'large.jpg', large)
     made = subprocess.run(
         [sys.executable, '-c', 'import resource; from pmcl_ros.cli import main; '
