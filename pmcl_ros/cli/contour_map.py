@@ -4,14 +4,12 @@ from collections import Counter
 from pathlib import Path
 
 import click
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from pmcl_ros.cli.base import FILE, FOLDER, FORCE, results_in
 from pmcl_ros.drawing.contour_map_picture import contour_map_picture
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evidence.contour_net import MOST_PIXELS, contour_net
+from pmcl_ros.evidence.contour_net import contour_net, reduced
 from pmcl_ros.lightfield.posed_view import GAMMA, encoded
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.runtime.errors import PictureError
@@ -37,7 +35,8 @@ def contour_map(pictures: tuple[Path, ...], out: Path, force: bool) -> None:
     results.reserve(*names)
     net = contour_net()
     for path, name in zip(pictures, names, strict=True):
-        picture = _reduced(encoded(read_picture(path), GAMMA))
+        # Before the network, which gives its map in all pixels; means of white may be 1.0000001.
+        picture = reduced(encoded(read_picture(path), GAMMA)).clip(0, 1)
         try:
             ratios = net(picture)
         except PictureError as error:
@@ -45,14 +44,3 @@ def contour_map(pictures: tuple[Path, ...], out: Path, force: bool) -> None:
         file = results.path(name)
         write_png(file, contour_map_picture(np.rint(255 * picture).astype(np.uint8), ratios))
         click.echo(file)
-
-
-def _reduced(picture: NDArray[np.float32]) -> NDArray[np.float32]:
-    """A picture (height, width, 3) of as many pixels as the network reads at most."""
-    height, width = picture.shape[:2]
-    factor = np.sqrt(MOST_PIXELS / (height * width))
-    if factor >= 1:
-        return picture
-    size = max(int(factor * width), 1), max(int(factor * height), 1)
-    reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-    return np.asarray(reduced.clip(0, 1), np.float32)  # means of white may be 1.0000001

@@ -101,17 +101,25 @@ def logits(net: cv2.dnn.Net, picture: NDArray[np.generic]) -> NDArray[np.float32
     """(H, W, 6) what the network says of a picture, see `ContourNet`."""
     encoded = network_input(picture)
     height, width = encoded.shape[:2]
-    factor = min(1.0, np.sqrt(MOST_PIXELS / (height * width)))
-    reduced = encoded if factor == 1 else cv2.resize(
-        encoded, (round(factor * width), round(factor * height)), interpolation=cv2.INTER_AREA)
-    rows, columns = reduced.shape[:2]
-    padded = cv2.copyMakeBorder(reduced, 0, -rows % _STEP, 0, -columns % _STEP,
+    read = reduced(encoded)
+    rows, columns = read.shape[:2]
+    padded = cv2.copyMakeBorder(read, 0, -rows % _STEP, 0, -columns % _STEP,
                                 cv2.BORDER_REPLICATE)
     net.setInput(cv2.dnn.blobFromImage(padded))
     out = np.moveaxis(net.forward()[0, :, :rows, :columns], 0, -1)
-    if factor < 1:
+    if (rows, columns) != (height, width):
         out = cv2.resize(np.ascontiguousarray(out), (width, height))
     return np.ascontiguousarray(out)
+
+
+def reduced(picture: NDArray[np.float32]) -> NDArray[np.float32]:
+    """A picture (H, W, 3) of at most about `MOST_PIXELS`, by means of its pixels."""
+    height, width = picture.shape[:2]
+    factor = np.sqrt(MOST_PIXELS / (height * width))
+    if factor >= 1:
+        return picture
+    size = max(round(factor * width), 1), max(round(factor * height), 1)
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
 
 
 def network_input(picture: NDArray[np.generic]) -> NDArray[np.float32]:

@@ -23,7 +23,7 @@ from pmcl_ros.simulation.photograph import MARGIN, photograph
 from pmcl_ros.simulation.processes import run_all
 from pmcl_ros.simulation.scenes.broad_scene import broad_scene
 from pmcl_ros.simulation.scenes.random_scene import Kind, SceneSettings, random_sensor
-from pmcl_ros.simulation.scenes.render import fast
+from pmcl_ros.simulation.scenes.render import light_of_view
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.world import World
@@ -91,13 +91,14 @@ def labelled_picture(seed: int, settings: PictureSettings | None = None) -> Labe
     part = _crop(rng, whole, scene, of.largest)
     sensor = replace(sensor, grid=replace(sensor.grid, pinhole=part),
                      blur=float(rng.uniform(0.5, 1.4)))
-    renderer, samples = (physical, of.paths) if is_physical else (fast, of.samples)
+    world = World.from_scene(scene)
     # Contours of all things count: none is given fewer paths than the target.
-    light = renderer(replace(scene, targets=()))(sensor, *sensor.grid.centre, MARGIN, samples,
-                            int(rng.integers(2 ** 62)))
+    light_of, samples = ((physical(replace(scene, targets=())), of.paths) if is_physical
+                         else (partial(light_of_view, world), of.samples))
+    light = light_of(sensor, *sensor.grid.centre, MARGIN, samples, int(rng.integers(2 ** 62)))
     picture = (_centre_view(rng, light, sensor) if is_f01 else
                photograph(rng, light, _off_axis(part, whole)))
-    labels = contour_labels(World.from_scene(scene), part)
+    labels = contour_labels(world, part)
     return LabelledPicture(picture, labels.direction, labels.inside)
 
 

@@ -39,9 +39,10 @@ def learn(pictures: Path, out: Path, plan: Plan, command: str,
     path = out / 'contour_map.onnx'
     write(network, path)
     data = path.read_bytes()
-    of, files = partial(logits, read_network(data)), Files.find(pictures)
+    network_logits, files = partial(logits, read_network(data)), Files.find(pictures)
     report(f'calibrating on {len(files.held_out)} pictures, measuring on {len(files.tested)}')
-    fitted, tested = (Measured.measure(of, each) for each in (files.held_out, files.tested))
+    fitted, tested = (Measured.measure(network_logits, each)
+                      for each in (files.held_out, files.tested))
     contour, inside = fitted.contour.calibration(), fitted.inside.calibration()
     results = tested.results(contour, inside)
     for name, value in results.items():

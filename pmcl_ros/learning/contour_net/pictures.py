@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_net import network_input
 from pmcl_ros.runtime.errors import PictureError
 from pmcl_ros.simulation.labelled_pictures import LabelledPicture, read_labelled
+from pmcl_ros.simulation.occluding import DIRECTIONS
 
-BINS = 32  # directions of a label
+BINS = DIRECTIONS  # of a label
 _HELD_OUT, _TESTED = 9, 19  # seeds modulo 20: calibrate, and measure; the others train
 _KEPT = 4000  # pictures kept in memory: 2 GB of the default size
 _LISTED = 200  # batches after which new files are looked for
@@ -56,7 +57,7 @@ class Files:
 def labelled_files(folder: Path) -> list[Path]:
     """All labelled pictures of a folder; PictureError where there is none."""
     if not folder.is_dir():
-        raise PictureError(f'there is no folder {folder}')
+        raise PictureError(f'there is no folder {folder}; pmcl scenes pictures makes one')
     files = _numbered(folder)
     if not files:
         raise PictureError(f'{folder} holds no labelled pictures SEED.npz; pmcl scenes pictures '
