@@ -61,14 +61,16 @@ def _warn_of_few_labels(name: str, count: int, needed: int) -> None:
 
 
 def check_values(values: NDArray[np.float32], components: tuple[int, ...],
-                 depths: NDArray[np.float64], pinhole: Pinhole, name: str) -> None:
+                 depths: NDArray[np.float64], pinhole: Pinhole, name: str, shared: bool = False
+                 ) -> None:
     """Raise VolumeError unless values are finite, one for each pixel and label (and component).
 
     values: (height, width, labels, *components). depths: (labels,) [m], far to near, uniform in
-    inverse depth. name: for the message.
+    inverse depth. name: for the message. shared: one label may stand for all.
     """
     expected = (pinhole.height, pinhole.width, len(depths), *components)
-    if values.shape != expected:
+    if values.shape != expected and not (
+            shared and values.shape == (*expected[:2], 1, *components)):
         raise VolumeError(f'{name} has shape {values.shape}, expected {expected}: height, width, '
                           'labels')
     if len(depths) < 2 or not (np.isfinite(depths).all() and (depths > 0).all()):

@@ -22,10 +22,9 @@ def without_directions(of: ContourMap) -> ContourMap:
 
 
 def at_one_depth(of: ContourMap) -> ContourMap:
-    """A light field is refocused at one depth only, the middle one: all labels are that."""
+    """A light field is refocused at one depth only, the middle one."""
     middle = of.tensor.shape[2] // 2
-    tensor, inside = (np.repeat(each[:, :, middle:middle + 1], len(of.depths), axis=2)
-                      for each in (of.tensor, of.inside))
+    tensor, inside = (each[:, :, middle:middle + 1] for each in (of.tensor, of.inside))
     return replace(of, tensor=tensor, inside=inside)
 
 

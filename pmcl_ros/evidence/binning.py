@@ -18,8 +18,8 @@ from pmcl_ros.runtime.errors import VolumeError
 _LOG = logging.getLogger(__name__)
 Source = TypeVar('Source', bound=LightField | PosedView | PosedViews)
 # Of a picture: those that are larger get as many as the network sees at least, and a side that the
-# search draws on the processor (`raster.LARGEST`). A pixel's evidence takes 200 bytes, its blurred
-# forms included.
+# search draws on the processor (`raster.LARGEST`). A pixel's evidence takes 200 bytes at most, its
+# blurred forms included.
 MOST_PIXELS, _LONGEST = 2 ** 22, 1800
 _MOST_BYTES, _BYTES = 3 * 2 ** 30, 100  # of all evidence; of a pixel at one depth
 _SEARCHED = 160.0  # px: size of an object in the pictures that the search is made for

@@ -50,14 +50,12 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
     net = net or contour_net()
-    tensor = np.empty((*lattice.shape, len(depths), ContourMap.components), np.float32)
+    tensor = np.empty((*lattice.shape, len(pictures), ContourMap.components), np.float32)
     inside = np.empty(tensor.shape[:3], np.float32)
-    of_label = len(depths) // len(pictures)  # one picture is the same at all depths
-    for number, each in enumerate(pictures):
+    for label, each in enumerate(pictures):
         odds = _log_odds(each, lattice, net)
-        labels = slice(number * of_label, (number + 1) * of_label)
-        tensor[:, :, labels] = odds[:, :, None, :-1]
-        inside[:, :, labels] = odds[:, :, None, -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
+        tensor[:, :, label] = odds[..., :-1]
+        inside[:, :, label] = odds[..., -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
                       _reduced(source, settings, net, numbers, min(

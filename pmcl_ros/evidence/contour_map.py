@@ -32,7 +32,8 @@ class ContourMap(EvidenceVolume):
         angle t in the image (x right, y down) has the log odds
         a0 + c1 cos t + s1 sin t + c2 cos 2t + s2 sin 2t [nat / px].
     inside: (height, width, labels) float32 log odds that a pixel shows a solid [nat / px].
-    Both are relative to their base rates.
+    Both have one label in place of all where each has the same. They are relative to their base
+        rates.
     numbers: how they become evidence.
     reduced: what `coarser` is.
     """
@@ -127,9 +128,6 @@ class ContourMap(EvidenceVolume):
         columns = slice(max(left - reach, 0), max(right + reach, 0))
         sharp, tensor = self.tensor[rows, columns], self.tensor.copy()
         for label in range(tensor.shape[2]):
-            if label and np.array_equal(sharp[:, :, label], sharp[:, :, label - 1]):
-                tensor[rows, columns, label] = tensor[rows, columns, label - 1]  # of one picture
-                continue
             if sharp.size:
                 tensor[rows, columns, label] = _blurred(sharp[:, :, label], sigma, reach)
         return replace(self, tensor=tensor)

@@ -90,7 +90,8 @@ def _sample(tensor, pixels, normals, labels, offsets, out):  # type: ignore[no-u
         nx, ny = normals[n]
         xx, yy, xy = nx * nx, ny * ny, 2 * nx * ny
         label = min(max(labels[n], 0.0), count - 1.0)
-        level = min(int(label), count - 2)
+        level = max(min(int(label), count - 2), 0)
+        next_level = min(level + 1, count - 1)
         c = label - level
         for k in range(len(offsets)):
             x = min(max(pixels[n, 0] + offsets[k] * nx, 0.0), width - 1.0)
@@ -101,7 +102,7 @@ def _sample(tensor, pixels, normals, labels, offsets, out):  # type: ignore[no-u
             for di, wi in ((0, 1 - a), (1, a)):
                 for dj, wj in ((0, 1 - b), (1, b)):
                     ray = tensor[i + di, j + dj]
-                    for dl, wl in ((level, 1 - c), (level + 1, c)):
+                    for dl, wl in ((level, 1 - c), (next_level, c)):
                         if is_map:
                             value += wi * wj * wl * (
                                 ray[dl, 0] + ray[dl, 1] * nx + ray[dl, 2] * ny

@@ -22,8 +22,9 @@ Volume = TypeVar('Volume', bound='EvidenceVolume')
 class EvidenceVolume(ABC):
     """Evidence of contours in one picture; `EdgeVolume` and `ContourMap` are its two kinds.
 
-    tensor: (height, width, labels, components) float32. A reading of it depends on the contour's
-        normal: `EdgeVolume` and `ContourMap` tell how.
+    tensor: (height, width, labels, components) float32; one label in place of all where each has
+        the same, as in one picture. A reading of it depends on the contour's normal: `EdgeVolume`
+        and `ContourMap` tell how.
     depths: (labels,) float64 [m], far to near, uniform in inverse depth.
     Raises VolumeError for values that do not fit together.
     """
@@ -37,7 +38,8 @@ class EvidenceVolume(ABC):
     kind: ClassVar[str]  # for messages
 
     def __post_init__(self) -> None:
-        check_values(self.tensor, (self.components,), self.depths, self.pinhole, self.kind)
+        check_values(self.tensor, (self.components,), self.depths, self.pinhole, self.kind,
+                     shared=True)
 
     @property
     @abstractmethod
@@ -76,7 +78,10 @@ class EvidenceVolume(ABC):
 
     @property
     def region(self) -> NDArray[np.float32]:
-        """(height, width, labels) evidence that a pixel shows a solid [nat / px]; empty: none."""
+        """(height, width, labels) evidence that a pixel shows a solid [nat / px]; empty: none.
+
+        One label in place of all, where each has the same.
+        """
         return np.zeros((0, 0, 0), np.float32)
 
     @abstractmethod

@@ -58,7 +58,7 @@ def volume_from(message: Float32MultiArray) -> DepthLikelihoodVolume:
 
 def edges_to_message(edges: EdgeVolume, buffer: Buffer | None = None) -> Float32MultiArray:
     """As `volume_to_message`, with a fourth dimension `tensor;components=xx,yy,xy`."""
-    return _write_volume(edges, (edges.tensor,), _EDGES, buffer)
+    return _write_volume(edges, (_at_all_labels(edges, edges.tensor),), _EDGES, buffer)
 
 
 def edges_from(message: Float32MultiArray) -> EdgeVolume:
@@ -70,15 +70,24 @@ def edges_from(message: Float32MultiArray) -> EdgeVolume:
 
 def map_to_message(odds: ContourMap, buffer: Buffer | None = None) -> Float32MultiArray:
     """As `volume_to_message`, with `log_odds;components=a0,c1,s1,c2,s2,inside`."""
-    return _write_volume(odds, (odds.tensor, odds.inside[..., None]), _MAP, buffer)
+    parts = odds.tensor, odds.inside[..., None]
+    return _write_volume(odds, [_at_all_labels(odds, each) for each in parts], _MAP, buffer)
 
 
 def map_from(message: Float32MultiArray) -> ContourMap:
     """The inverse of `map_to_message`, with the learned numbers of this package."""
     header, pinhole, depths, values, _ = _read_volume(message, _MAP, 'dlv/contour_map')
+    if (values == values[:, :, :1]).all():
+        values = values[:, :, :1]  # of one picture
     with promised_by('dlv/contour_map'):
         return ContourMap(header, np.ascontiguousarray(values[..., :5]), depths, pinhole,
                           np.ascontiguousarray(values[..., 5]), learned_map_evidence())
+
+
+def _at_all_labels(of: EvidenceVolume, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(height, width, labels, n), also where one label stands for all."""
+    height, width, _, components = values.shape
+    return np.broadcast_to(values, (height, width, len(of.depths), components))
 
 
 def _write_volume(source: DepthLikelihoodVolume | EvidenceVolume,

@@ -68,5 +68,5 @@ def test_what_does_not_fit_is_refused_before_it_is_made():
                            r'than 3: make pixels 2 times as large'):
             build(seen, SETTINGS)
     part = SETTINGS.model_copy(update={'crop': (0, 0, 64, 64)})
-    assert build_map(seen, part).tensor.shape == (64, 64, 2, 5)
+    assert build_map(seen, part).tensor.shape == (64, 64, 1, 5)
     check_memory(replace(PixelGrid.from_crop(seen.pinhole, (0, 0, 0, 0), 1), width=3000), 3)

@@ -78,7 +78,24 @@ def test_a_part_of_the_pixels_and_suppression():
                                   MAP.tensor[..., 1, 3] * kept)
 
 
+def test_one_label_is_as_the_same_at_each():
+    one = replace(MAP, tensor=MAP.tensor[:, :, :1], inside=MAP.inside[:, :, :1])
+    each = replace(MAP, tensor=np.repeat(one.tensor, 3, axis=2),
+                   inside=np.repeat(one.inside, 3, axis=2))
+    angles = RNG.uniform(0, 2 * np.pi, 50)
+    points = (RNG.uniform(-2, 42, (50, 2)), np.stack([np.cos(angles), np.sin(angles)], axis=-1),
+              RNG.uniform(0.2, 0.8, 50))  # out of view and beyond the labels too
+    shifts = np.linspace(-3, 3, 7)
+    np.testing.assert_allclose(evidence_across(one, *points, MAP.profile, shifts),
+                               evidence_across(each, *points, MAP.profile, shifts), atol=1e-6)
+    np.testing.assert_allclose(region_across(one, *points, shifts),
+                               region_across(each, *points, shifts), atol=1e-6)
+    np.testing.assert_allclose(one.blurred(2.0).tensor[:, :, 0], each.blurred(2.0).tensor[:, :, 2],
+                               atol=1e-6)
+
+
 @pytest.mark.parametrize(('wrong', 'message'), [
+    ({'tensor': MAP.tensor[:, :, :2]}, 'contour map has shape'),
     ({'tensor': MAP.tensor[..., :3]}, 'contour map has shape'),
     ({'tensor': MAP.tensor * np.float32(np.nan)}, 'NaN'),
     ({'inside': MAP.inside[:-1]}, 'inside must be finite, of shape'),

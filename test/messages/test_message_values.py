@@ -493,6 +493,18 @@ def test_a_contour_map_is_read_as_it_was_written(odds):
         np.testing.assert_array_equal(getattr(found, name), getattr(odds, name))
 
 
+def test_evidence_of_one_label_is_written_at_each_and_read_as_one(odds, edges):
+    one = replace(odds, tensor=odds.tensor[:, :, :1], inside=odds.inside[:, :, :1])
+    message = map_to_message(one)
+    assert [each.size for each in message.layout.dim] == [5, 7, len(odds.depths), 6]
+    found = map_from(wired(message))
+    for name in ('tensor', 'inside', 'depths'):
+        np.testing.assert_array_equal(getattr(found, name), getattr(one, name))
+    flat = edges_from(wired(edges_to_message(replace(edges, tensor=edges.tensor[:, :, :1]))))
+    np.testing.assert_array_equal(flat.tensor, np.repeat(edges.tensor[:, :, :1],
+                                                         len(edges.depths), axis=2))
+
+
 def test_a_contour_map_is_no_edge_volume(odds, edges):
     with pytest.raises(MessageError, match=r'dlv/edges: .*expected .tensor;components'):
         edges_from(map_to_message(odds))

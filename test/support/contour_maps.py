@@ -30,6 +30,5 @@ def map_seen(mask, pinhole, near, far, zoom=4):
     tensor = np.stack([on - 4, 5 * on * nx, 5 * on * ny, 2 * on * (nx ** 2 - ny ** 2),
                        4 * on * nx * ny], axis=-1).astype(np.float32)
     inside = np.where(mask[middle, middle], 1.0, -2.0).astype(np.float32)
-    return ContourMap(Header(stamp_ns=5), np.repeat(tensor[:, :, None], 2, axis=2),
-                      depth_labels(near, far, 2), pinhole,
-                      np.repeat(inside[:, :, None], 2, axis=2), NUMBERS)
+    return ContourMap(Header(stamp_ns=5), tensor[:, :, None], depth_labels(near, far, 2), pinhole,
+                      inside[:, :, None], NUMBERS)

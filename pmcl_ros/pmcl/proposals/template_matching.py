@@ -110,7 +110,7 @@ class Proposals:
         """
         pinhole = edges.pinhole
         turned = self.templates.turned(self._turns, pinhole)
-        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # one picture: at any depth
+        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
         maps = _maps_at(edges, self._region.center[2]) if flat else None
         best, seen = _Places.none(), False
         for depth in self._region.depths(_DEPTH_STEP):
@@ -239,11 +239,13 @@ def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64]
 
 def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
     """The tensor at a depth, of whole cells; rows and columns of cells."""
-    count = len(edges.depths)
-    label = np.clip(edges.labels(depth), 0, count - 1)
-    below = min(int(label), count - 2)
+    last = edges.tensor.shape[2] - 1
+    label = np.clip(edges.labels(depth), 0, last)
+    below = int(label)
     part = np.float32(label - below)
-    tensor = (1 - part) * edges.tensor[:, :, below] + part * edges.tensor[:, :, below + 1]
+    tensor = edges.tensor[:, :, below]
+    if part:
+        tensor = (1 - part) * tensor + part * edges.tensor[:, :, below + 1]
     height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
     return tensor[:height * _CELL, :width * _CELL], height, width
 

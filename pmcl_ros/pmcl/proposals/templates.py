@@ -18,6 +18,7 @@ POINTS = 64  # of an outline, a multiple of 4
 DIRECTIONS = 32  # of its normals
 _SIDE = 256  # px, of the z-buffers that outlines are taken from
 _TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
+_AT_ONCE = 40  # sides rendered
 _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees apart
 _BORDER = 0.09  # half of that [rad]
 
@@ -53,7 +54,9 @@ class Templates:
         poses[:, :3, :3], poses[:, 2, 3] = rotations, depth
         scene = Scene(model, camera, Window(0, 0, (_SIDE, _SIDE)),
                       depth - 1.01 * model.radius, depth + 1.01 * model.radius)
-        masks = renderer.depths(scene, poses) > 0
+        # A batch at a time: z-buffers of all sides at once would take 200 MB.
+        masks = [mask for first in range(0, len(poses), _AT_ONCE)
+                 for mask in renderer.depths(scene, poses[first:first + _AT_ONCE]) > 0]
         # A sheet without thickness has no outline seen edge-on.
         seen = [k for k, mask in enumerate(masks) if mask.any()]
         if not seen:

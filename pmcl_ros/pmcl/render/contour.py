@@ -27,6 +27,7 @@ class Edges(NamedTuple):
 
     tensor: (height, width, labels, 3 or 5) float32, as of an EdgeVolume or a ContourMap.
     region: (height, width, labels) float32 evidence of covered pixels [nat / px]; empty: none.
+        Both have one label where all are the same.
     left, top, scale: of the z-buffer in them [image px].
     farthest: 1 / depth of label 0 [1/m]. per_closeness: labels per 1/m.
     keep: a pixel is beyond another if its 1/z is less than this times the other's.
@@ -174,7 +175,7 @@ def reading(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
     x = min(max(x, np.float32(0)), np.float32(width - 1))
     y = min(max(y, np.float32(0)), np.float32(height - 1))
     label = min(max(label, np.float32(0)), np.float32(labels - 1))
-    column, row, level = int(x), int(y), min(int(label), labels - 2)
+    column, row, level = int(x), int(y), max(min(int(label), labels - 2), 0)
     fx, fy, fl = x - np.float32(column), y - np.float32(row), label - np.float32(level)
     right, below = min(column + 1, width - 1), min(row + 1, height - 1)
     c2, s2 = nx * nx - ny * ny, np.float32(2) * nx * ny
@@ -185,7 +186,7 @@ def reading(tensor, x, y, label, nx, ny):  # type: ignore[no-untyped-def]
         for i in range(2):
             ray = line[right if i else column]
             part = down * (fx if i else np.float32(1) - fx)
-            for k in range(2):
+            for k in range(min(labels, 2)):
                 share = part * (fl if k else np.float32(1) - fl)
                 each = ray[level + k]
                 if components == 5:

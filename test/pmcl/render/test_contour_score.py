@@ -1,5 +1,7 @@
 """The contour score of both renderers against the same in numpy, from their own z-buffers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -122,6 +124,18 @@ def test_evidence_is_the_definition(renderer, camera, window, mesh, profile):
     np.testing.assert_allclose(sums[:, 1], expected[:, 1], rtol=1e-3)
     # As evidence of either sign adds up, its error is measured against the length.
     assert (np.abs(sums[:, 0] - expected[:, 0]) <= 1e-3 * np.maximum(expected[:, 1], 1)).all()
+
+
+def test_evidence_of_one_label_is_as_the_same_at_each(renderer):
+    edges, seen = random_edges(NARROW), scene(bracket())
+    one = replace(edges, tensor=edges.tensor[:, :, 3:4])
+    each = replace(edges, tensor=np.repeat(one.tensor, 7, axis=2))
+    sums = []
+    for of in (one, each):
+        with renderer.contour_score(seen, of, LARGEST) as score:
+            sums.append(score.evaluate(random_poses(8, seed=4, depth=(0.14, 0.4))))
+    assert np.ptp(sums[0][:, 0]) > 10
+    np.testing.assert_allclose(sums[0], sums[1], rtol=1e-4, atol=1e-2)
 
 
 @pytest.mark.parametrize('scale', [1, 2])
