@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.kernels import compiled, rounds
 
 SQUARE = 8  # cells, the side of a square: in each the best place of a template is told
-_BLOCK = 4  # cells, the side of places that share a bound; half of a square
-MARGIN = SQUARE + _BLOCK  # cells that maps have to hold beyond the last place
+BLOCK = 4  # cells, the side of places that share a bound; half of a square
+MARGIN = SQUARE + BLOCK  # cells that maps have to hold beyond the last place
 
 
 def blocks_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
@@ -25,13 +25,13 @@ def blocks_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
     up: the cells' last two bits of row and column first, so that every fourth cell is beside the
     next. Cells beyond the last count as the least number.
     """
-    ones = np.ones((_BLOCK, _BLOCK), np.uint8)
+    ones = np.ones((BLOCK, BLOCK), np.uint8)
     least = np.iinfo(np.int16).min
     greatest = np.stack([cv2.dilate(each, ones, anchor=(0, 0)) for each in maps])
     number, height, width = maps.shape
-    greatest = np.pad(greatest, ((0, 0), (0, -height % _BLOCK), (0, -width % _BLOCK)),
+    greatest = np.pad(greatest, ((0, 0), (0, -height % BLOCK), (0, -width % BLOCK)),
                       constant_values=least)
-    split = greatest.reshape(number, -(-height // _BLOCK), _BLOCK, -(-width // _BLOCK), _BLOCK)
+    split = greatest.reshape(number, -(-height // BLOCK), BLOCK, -(-width // BLOCK), BLOCK)
     return np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
 
 
@@ -46,15 +46,15 @@ def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
     """
     count, points = directions.shape
     width = blocks.shape[4]
-    lines = blocks.reshape(len(blocks) * _BLOCK * _BLOCK, -1)
-    down, along = -(-rows // _BLOCK), -(-columns // _BLOCK)
+    lines = blocks.reshape(len(blocks) * BLOCK * BLOCK, -1)
+    down, along = -(-rows // BLOCK), -(-columns // BLOCK)
     length = (down - 1) * width + along
     across = -(-columns // SQUARE)
     squares = greatest.shape[1]
     for n in rounds(count, portion):
         y, x = row + offsets[n, :, 1], column + offsets[n, :, 0]
-        line = (directions[n] * _BLOCK + y % _BLOCK) * _BLOCK + x % _BLOCK
-        starts = y // _BLOCK * width + x // _BLOCK
+        line = (directions[n] * BLOCK + y % BLOCK) * BLOCK + x % BLOCK
+        starts = y // BLOCK * width + x // BLOCK
         total = np.zeros(length, np.int16)
         # Whole rows are added, one after the other, with what lies between the places: long loops
         # without branches.

@@ -6,7 +6,7 @@ each orientation is rendered once, scaled to each depth, and correlated with map
 evidence.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, fields
 
@@ -24,6 +24,7 @@ from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.proposals.branch_and_bound import (
+    BLOCK,
     MARGIN,
     SQUARE,
     best_places,
@@ -109,18 +110,19 @@ class Proposals:
         Raises LocalizationError when the object is out of view wherever in the region it is.
         """
         pinhole = edges.pinhole
-        turned = self.templates.turned(self._turns, pinhole)
-        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
-        maps = _maps_at(edges, self._region.center[2]) if flat else None
-        best, seen = _Places.none(), False
-        for depth in self._region.depths(_DEPTH_STEP):
-            here = _maps_at(edges, depth) if maps is None else maps
-            there = self._at_depth(pinhole, depth, here, *turned, orientation, best.scores,
-                                   _TRIED * count)
-            if there is not None:
-                best, seen = (best + there).best(_TRIED * count), True
-        if not seen:
+        offsets, directions = self.templates.turned(self._turns, pinhole)
+        farthest = np.abs(offsets).max()
+        origins = [each for depth in self._region.depths(_DEPTH_STEP)
+                   if (each := self._origins(pinhole, depth, farthest, edges.tensor.shape))]
+        if not origins:
             raise self._region.out_of_view(pinhole)
+        flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
+        laid = _LaidMaps.around(_maps_at(edges, origins[0].depth), origins) if flat else None
+        best = _Places.none()
+        for each in origins:
+            maps = laid or _LaidMaps.around(_maps_at(edges, each.depth), [each])
+            best = (best + self._at_depth(pinhole, each, maps, offsets, directions, orientation,
+                                          best.scores, _TRIED * count)).best(_TRIED * count)
         side, turn = np.divmod(best.templates, len(self._turns))
         poses = _poses(pinhole, best.pixels, best.depths, self.templates.rotations[side],
                        self._turns[turn])
@@ -130,87 +132,137 @@ class Proposals:
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], best.scores[kept]
 
-    def _at_depth(self, pinhole: Pinhole, depth: float, maps: NDArray[np.int16],
+    def _at_depth(self, pinhole: Pinhole, origins: '_Origins', maps: '_LaidMaps',
                   offsets: NDArray[np.float32], directions: NDArray[np.uint8],
                   orientation: Orientation | None, known: NDArray[np.float64], count: int
-                  ) -> _Places | None:
-        """Those places at a depth that are among the best `count`; None where none is in view.
+                  ) -> _Places:
+        """Those places at a depth that are among the best `count`.
 
-        maps: (directions, rows, columns) of cells. known: scores of the best elsewhere.
+        known: scores of the best elsewhere.
         """
-        scale = self.templates.depth / depth
-        cells = np.rint(offsets * np.float32(scale / _CELL)).astype(np.int32)
-        reach = int(np.abs(cells).max()) + 1
-        rows, columns = self._places(pinhole, depth, reach, maps.shape[1:])
-        if not len(columns) or not len(rows):
-            return None
-        possible = self._possible(pinhole, rows, columns, orientation)
-        tried = np.flatnonzero(possible.any(axis=1))
-        possible, cells, directions = possible[tried], cells[tried], directions[tried]
+        cells = np.rint(offsets * np.float32(origins.scale / _CELL)).astype(np.int32)
+        rows, columns = origins.rows, origins.columns
+        templates, possible = self._possible(pinhole, rows, columns, orientation)
+        cells, directions = cells[templates], directions[templates]
         focal = np.sqrt(pinhole.fx * pinhole.fy)
-        weights = (np.repeat(self.templates.lengths, len(self._turns))[tried]
-                   * (focal * scale / _UNIT / POINTS))
-        maps, *first = _padded(maps, rows, columns, reach)
-        where = *first, len(rows), len(columns)
-        strips = strips_of(maps)
+        weights = (np.repeat(self.templates.lengths, len(self._turns))[templates]
+                   * (focal * origins.scale / _UNIT / POINTS))
+        size, first = (len(rows), len(columns)), maps.first(origins)
 
         def exact(pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
             template, square = np.divmod(pairs, possible.shape[1])
             sums, place = np.zeros(len(pairs), np.int16), np.zeros(len(pairs), np.int32)
-            best_places(strips, cells, directions, *where, template, square, sums, place)
+            best_places(maps.strips, cells, directions, *first, *size, template, square, sums,
+                        place)
             return sums * weights[template], place
 
         bounds = np.zeros(possible.shape, np.int16)
-        upper_bounds(blocks_of(maps), cells, directions, *where, bounds)
-        highest = np.where(possible, bounds * weights[:, None], -np.inf)
+        blocks, *first_of_them = maps.blocks_about(origins)
+        upper_bounds(blocks, cells, directions, *first_of_them, *size, bounds)
+        highest = bounds * weights[:, None]
+        if orientation is not None:
+            highest[~possible] = -np.inf
         pairs, scores, place = _best(highest.ravel(), exact, known, count)
         row, column = np.divmod(place, len(columns))
         pixels = _middle(np.stack([columns[column], rows[row]], axis=-1))
-        return _Places(scores, pixels, np.full(len(scores), depth),
-                       tried[pairs // possible.shape[1]])
+        template = pairs // possible.shape[1]
+        return _Places(scores, pixels, np.full(len(scores), origins.depth),
+                       np.arange(len(offsets))[templates][template])
 
-    def _places(self, pinhole: Pinhole, depth: float, reach: int, shape: tuple[int, ...]
-                ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows and columns of cells where the origin may be seen at a depth; none: out of view.
+    def _origins(self, pinhole: Pinhole, depth: float, farthest: float, shape: tuple[int, ...]
+                 ) -> '_Origins | None':
+        """Where the origin may be seen at a depth; None: out of view.
 
-        reach: of the object [cells]. shape: rows and columns of the image.
+        farthest: of the templates' offsets [px]. shape: rows and columns of the image.
         """
         left, top, right, bottom = self._region.footprint(pinhole, depth)
+        scale = self.templates.depth / depth
+        reach = int(np.rint(farthest * np.float32(scale / _CELL))) + 1
         # Farther out than the object's reach nothing of it is seen.
-        height, width = shape
+        height, width = _whole_cells(shape)
         rows = np.arange(max(int(np.floor(top / _CELL)), -reach),
                          min(int(np.ceil(bottom / _CELL)), height + reach) + 1)
         columns = np.arange(max(int(np.floor(left / _CELL)), -reach),
                             min(int(np.ceil(right / _CELL)), width + reach) + 1)
-        return rows, columns
+        return _Origins(depth, scale, reach, rows, columns) if len(rows) and len(columns) else None
 
     def _possible(self, pinhole: Pinhole, rows: NDArray[np.int64], columns: NDArray[np.int64],
-                  orientation: Orientation | None) -> NDArray[np.bool_]:
-        """(templates, squares) where turned templates show the object as it can be.
+                  orientation: Orientation | None
+                  ) -> tuple[slice | NDArray[np.int64], NDArray[np.bool_]]:
+        """Turned templates that show the object as it can be, (templates, squares) and where.
 
         rows, columns: of cells, of which squares are made as `upper_bounds` does.
         """
         top, left = np.meshgrid(rows[::SQUARE], columns[::SQUARE], indexing='ij')
         number = len(self.templates.rotations) * len(self._turns)
         if orientation is None:
-            return np.broadcast_to(True, (number, top.size))
+            return slice(None), np.broadcast_to(True, (number, top.size))
         sight = _towards(pinhole, _middle(np.stack([left.ravel(), top.ravel()], axis=-1)
                                           + SQUARE // 2))
         turned = (Rotation.from_rotvec(self._turns[:, None] * [0, 0, 1.0]).as_matrix()
                   @ self.templates.rotations[:, None]).reshape(-1, 3, 3)
-        return orientation.allows_seen(turned, sight.inv().apply(orientation.direction), _ASIDE)
+        possible = orientation.allows_seen(turned, sight.inv().apply(orientation.direction),
+                                           _ASIDE)
+        templates = np.flatnonzero(possible.any(axis=1))
+        return templates, possible[templates]
 
 
-def _padded(maps: NDArray[np.int16], rows: NDArray[np.int64], columns: NDArray[np.int64],
-            reach: int) -> tuple[NDArray[np.int16], int, int]:
-    """Maps that templates lie in wherever their origin is; the first row and column there."""
-    _, height, width = maps.shape
-    beyond = reach + 1 + MARGIN
-    before = max(0, reach - int(rows[0])), max(0, reach - int(columns[0]))
-    after = max(0, int(rows[-1]) + beyond - height), max(0, int(columns[-1]) + beyond - width)
-    # Around the image there is no evidence either way.
-    maps = np.pad(maps, ((0, 0), *zip(before, after, strict=True)))
-    return maps, int(rows[0]) + before[0], int(columns[0]) + before[1]
+@dataclass(frozen=True)
+class _Origins:
+    """Cells where the origin may be seen at a depth.
+
+    depth: [m]. scale: of the templates there. reach: of these [cells]. rows, columns: of cells.
+    """
+
+    depth: float
+    scale: float
+    reach: int
+    rows: NDArray[np.int64]
+    columns: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _LaidMaps:
+    """Evidence maps with room around them: templates lie in them wherever their origin is.
+
+    strips, blocks: as of `strips_of` and `blocks_of`. top, left: cells before the image.
+    """
+
+    strips: NDArray[np.int16]
+    blocks: NDArray[np.int16]
+    top: int
+    left: int
+
+    @classmethod
+    def around(cls, maps: NDArray[np.int16], origins: Sequence[_Origins]) -> '_LaidMaps':
+        """maps: (directions, rows, columns) of cells."""
+        pads = []
+        for size, cells in zip(maps.shape[1:], ([each.rows for each in origins],
+                                                [each.columns for each in origins]), strict=True):
+            ends = [(int(of[0]) - each.reach, int(of[-1]) + each.reach)
+                    for each, of in zip(origins, cells, strict=True)]
+            pads.append((max(0, -min(first for first, _ in ends)),
+                         max(0, max(last for _, last in ends) + 1 + MARGIN - size)))
+        # Around the image there is no evidence either way.
+        padded = np.pad(maps, ((0, 0), *pads))
+        return cls(strips_of(padded), blocks_of(padded), pads[0][0], pads[1][0])
+
+    def first(self, origins: _Origins) -> tuple[int, int]:
+        """Row and column of the first of the cells."""
+        return int(origins.rows[0]) + self.top, int(origins.columns[0]) + self.left
+
+    def blocks_about(self, origins: _Origins) -> tuple[NDArray[np.int16], int, int]:
+        """The blocks that templates reach from cells; row and column of the first of these there.
+
+        Bounds of all that lies between the reached blocks of a row are summed too.
+        """
+        row, column = self.first(origins)
+        beyond = origins.reach + 1 + MARGIN
+        above, before = (max(first - origins.reach, 0) // BLOCK for first in (row, column))
+        below = -(-(row + len(origins.rows) + beyond) // BLOCK)
+        after = -(-(column + len(origins.columns) + beyond) // BLOCK)
+        part = self.blocks[..., above:below, before:after]
+        return np.ascontiguousarray(part), row - BLOCK * above, column - BLOCK * before
 
 
 def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64], count: int
@@ -221,20 +273,33 @@ def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64]
     """
     found = []
     known = np.sort(known)[-count:]
-    while len(left := np.flatnonzero(bounds > (known[0] if len(known) == count else -np.inf))):
-        first = left
-        if len(left) > AT_ONCE:
-            first = left[np.argpartition(-bounds[left], AT_ONCE)[:AT_ONCE]]
+    left = np.flatnonzero(bounds > (known[0] if len(known) == count else -np.inf))
+    while len(left):
+        first, left = _highest(left, bounds)
         scores, places = exact(first)
         found.append((first, scores, places))
         known = np.sort(np.concatenate([known, scores]))[-count:]
-        bounds[first] = -np.inf
+        left = left[bounds[left] > (known[0] if len(known) == count else -np.inf)]
     if not found:
         return np.zeros(0, np.int64), np.zeros(0), np.zeros(0, np.int32)
     pairs, scores, places = (np.concatenate(part) for part in zip(*found, strict=True))
     best = np.flatnonzero(scores >= known[0])
     best = best[np.argsort(pairs[best])]
     return pairs[best], scores[best], places[best]
+
+
+def _highest(left: NDArray[np.int64], bounds: NDArray[np.float64]
+             ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The `AT_ONCE` of those left that have the highest bounds, and the others."""
+    if len(left) <= AT_ONCE:
+        return left, left[:0]
+    order = np.argpartition(-bounds[left], AT_ONCE)
+    return left[order[:AT_ONCE]], left[order[AT_ONCE:]]
+
+
+def _whole_cells(shape: tuple[int, ...]) -> tuple[int, int]:
+    """Rows and columns of cells in an image of a shape (height, width, ...)."""
+    return max(1, shape[0] // _CELL), max(1, shape[1] // _CELL)
 
 
 def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
@@ -246,7 +311,7 @@ def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32],
     tensor = edges.tensor[:, :, below]
     if part:
         tensor = (1 - part) * tensor + part * edges.tensor[:, :, below + 1]
-    height, width = (max(1, side // _CELL) for side in tensor.shape[:2])
+    height, width = _whole_cells(tensor.shape)
     return tensor[:height * _CELL, :width * _CELL], height, width
 
 
