@@ -56,9 +56,9 @@ class ContourMap(EvidenceVolume):
 
     @property
     def profile(self) -> ContourProfile:
-        """The log odds themselves, weighted."""
+        """The log odds themselves, weighted, read where contours are found."""
         ends = np.array([-_MOST, _MOST], np.float32)
-        return ContourProfile(np.zeros(1, np.float32), ends,
+        return ContourProfile(np.array([self.numbers.contour_offset], np.float32), ends,
                               np.float32(self.numbers.contour_weight) * ends[None],
                               least=self.numbers.least_evidence)
 

@@ -101,6 +101,9 @@ class LearnedMapEvidence(Settings):
         gt=0, le=1, description="of the contour's log odds: neighbouring pixels share noise [1]")
     inside_weight: float = Field(
         ge=0, le=1, description="of the covered pixels' log odds, for the same reason [1]")
+    contour_offset: float = Field(
+        0.0, ge=-3, le=3, description='where contours are found in pictures, from where they are: '
+        'outwards [px]')
     least_evidence: float = Field(
         description='mean evidence of a contour below which the object is lost [nat / px]')
     least_support: float = Field(description='support below which it is [nat / px]')

@@ -1,6 +1,6 @@
 """Learns the displacement of contours from the model, by comparing found and true poses."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.render.back_end import Renderer
+from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms
 from pmcl_ros.runtime.errors import LocalizationError
 
 LEVEL = 0.9  # nominal coverage to calibrate to
@@ -27,13 +28,15 @@ class Deviation:
     """Deviation of a true pose from the one found, and the covariances that explain it.
 
     deviation: (d,) in the tangent space at the pose found [m, rad]. noise: (d, d) covariance of
-    the posterior without a model error. common, local: (d, d) by model errors of 1 px.
+    the posterior without a model error. common, local: (d, d) by model errors of 1 px. moved: (d,)
+    by how much contours that are found 1 px too far outwards move the pose.
     """
 
     deviation: NDArray[np.float64]
     noise: NDArray[np.float64]
     common: NDArray[np.float64]
     local: NDArray[np.float64]
+    moved: NDArray[np.float64]
 
     @classmethod
     def from_estimate(cls, example: Example, estimate: PoseEstimate, profile: ContourProfile,
@@ -47,9 +50,11 @@ class Deviation:
             for error in (ModelError(1, 0, LENGTH), ModelError(0, 1, LENGTH)))
         basis = common.basis
         noise = basis.T @ estimate.covariance @ basis
+        terms = ViewTerms.from_view(ViewContour(points, example.edges, profile), pose, basis)
+        moved = np.linalg.solve(common.information, terms.curved.sum(axis=0))
         truth = symmetry.nearest_equivalents(example.pose[None], pose)
         return cls(basis.T @ symmetry.local(truth, pose)[0], noise,
-                   common.model_error, local.model_error)
+                   common.model_error, local.model_error, moved)
 
     def spread(self, common: float, local: float) -> NDArray[np.float64]:
         """(d, d) covariance by noise and model errors of these sizes [px]."""
@@ -61,6 +66,48 @@ class Deviation:
         return float(chdtr(len(self.deviation), off))
 
 
+def fitted_offset(given: Sequence[Deviation]) -> float:
+    """Where contours are found, from where they are, outwards [px]: the most likely mean.
+
+    Raises LocalizationError where there are no poses.
+    """
+    common, local = _most_likely(given, lambda common, local: _mean(given, common, local))
+    return _mean(given, common, local)
+
+
+def _mean(given: Sequence[Deviation], common: float, local: float) -> float:
+    """The mean displacement [px] by generalised least squares, for such model errors [px]."""
+    spreads = [np.linalg.inv(each.spread(common, local)) for each in given]
+    total = sum(float(each.moved @ spread @ each.moved)
+                for each, spread in zip(given, spreads, strict=True))
+    # The pose found is that of the displaced contour, the deviation leads back to the true one.
+    return -sum(float(each.moved @ spread @ each.deviation)
+                for each, spread in zip(given, spreads, strict=True)) / total
+
+
+def _most_likely(given: Sequence[Deviation], mean: Callable[[float, float], float]
+                 ) -> tuple[float, float]:
+    """The common and the local error of the highest likelihood [px].
+
+    mean: displacement of all contours, for such errors. Raises LocalizationError without poses.
+    """
+    if not given:
+        raise LocalizationError('0 poses bound no displacement of contours; learn from more '
+                                'scenes')
+
+    def unlikely(logarithms: NDArray[np.float64]) -> float:
+        common, local = np.exp(logarithms)
+        offset, total = mean(common, local), 0.0
+        for each in given:
+            spread = each.spread(common, local)
+            off = each.deviation + offset * each.moved
+            total += 0.5 * (off @ np.linalg.solve(spread, off) + np.linalg.slogdet(spread)[1])
+        return float(total)
+
+    common, local = np.exp(minimize(unlikely, np.log([_FIRST, _FIRST]), method='Nelder-Mead').x)
+    return float(common), float(local)
+
+
 def fitted_error(given: Sequence[Deviation]) -> ModelError:
     """The model error of the most likely ratio, scaled to the nominal coverage.
 
@@ -68,19 +115,7 @@ def fitted_error(given: Sequence[Deviation]) -> ModelError:
     factor until regions of the level `LEVEL` hold that share of the truths.
     Raises LocalizationError where no factor does.
     """
-    def unlikely(logarithms: NDArray[np.float64]) -> float:
-        common, local = np.exp(logarithms)
-        total = 0.0
-        for each in given:
-            spread = each.spread(common, local)
-            off = each.deviation @ np.linalg.solve(spread, each.deviation)
-            total += 0.5 * (off + np.linalg.slogdet(spread)[1])
-        return float(total)
-
-    if not given:
-        raise LocalizationError('0 poses bound no displacement of contours; learn from more '
-                                'scenes')
-    common, local = np.exp(minimize(unlikely, np.log([_FIRST, _FIRST]), method='Nelder-Mead').x)
+    common, local = _most_likely(given, lambda *_: 0.0)
 
     def excess(scale: float) -> float:
         levels = [each.level(scale * common, scale * local) for each in given]

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
@@ -11,8 +12,12 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.learning.contour_errors import Deviation, fitted_offset
+from pmcl_ros.learning.contour_tables import Example
+from pmcl_ros.learning.searches import found
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
@@ -52,6 +57,26 @@ def test_a_known_pose_is_found(model, pose):
     assert not found.lost
     assert error.translation < 0.004
     assert error.rotation < np.deg2rad(3)
+
+
+def test_contours_that_are_found_inside_are_looked_for_there():
+    mask = (depth_of(CUP, CUP_POSE) > 0).astype(np.uint8)
+    inside = cv2.erode(mask, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))) > 0
+    odds = map_seen(inside, CAMERA, NEAR, FAR, ZOOM)  # half a pixel inside
+    region = Region(tuple(CUP_POSE[:3, 3]), (0.06, 0.06, 0.1))
+    off, told = [], []
+    for offset in (0.0, -0.5):
+        numbers = NUMBERS.model_copy(update={'inside_weight': 0.0, 'contour_offset': offset})
+        example = Example(replace(odds, numbers=numbers), CUP, CUP_POSE, region)
+        estimate = found(example, CUP, None, 0)
+        off.append(estimate.pose[2, 3] - CUP_POSE[2, 3])
+        told.append(fitted_offset([Deviation.from_estimate(
+            example, estimate, example.edges.profile, NumbaRenderer())]))
+    # A contour of the half size r px that is half a pixel smaller is farther by 0.5 / r.
+    assert off[0] > 0.002
+    assert abs(off[1]) < 0.001
+    assert told[0] == pytest.approx(-0.5, abs=0.1)
+    assert told[1] == pytest.approx(0, abs=0.1)
 
 
 def test_a_score_is_that_of_its_contour_and_of_the_pixels_it_covers():
