@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from resource import RUSAGE_SELF, getrusage
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -117,7 +117,13 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
             whole = _timed_by(times.whole, partial(
                 localizer.localize, builder().build(given), np.random.default_rng(seed)))
     return replace(times, error_mm=(off(whole), off(further)),
-                   peak=getrusage(RUSAGE_SELF).ru_maxrss / 1024)
+                   peak=_peak())
+
+
+def _peak() -> float:
+    """Memory that this process has had at most [MiB] (Linux); `getrusage` counts its parent's."""
+    status = Path('/proc/self/status').read_text()
+    return int(status.partition('VmHWM:')[2].split()[0]) / 1024
 
 
 def _timed_by(seconds: list[float], do: Callable[[], T]) -> T:
