@@ -110,8 +110,9 @@ def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
     """Where contours are found, by searches with the weights; thresholds and errors by others."""
     numbers = LearnedMapEvidence(**_WEIGHTS, least_evidence=0, least_support=0, least_weight=0,
                                  common_error=1, local_error=1, error_length=1)
-    looked = searches(maps_of(captures, views, numbers, 'searches 1 of 2'), None, seed)
-    offset = round(fitted_offset(_claimed(list(looked), _LEAST_WEIGHT)), _DIGITS)
+    first = list(searches(maps_of(captures, views, numbers, 'searches 1 of 2'), None, seed))
+    offset = round(fitted_offset(_claimed(
+        first, Supports.from_searches(first, _LEAST_WEIGHT), _LEAST_WEIGHT)), _DIGITS)
     click.echo(f'contours are found {offset:+.2f} px outwards')
     numbers = numbers.model_copy(update={'contour_offset': offset})
     looked = searches(maps_of(captures, views, numbers, 'searches 2 of 2'), None, seed)
@@ -120,11 +121,10 @@ def _learn_map_evidence(captures: Sequence[Capture], views: int, seed: int
         | _learn_thresholds(list(looked), _LEAST_WEIGHT), 'the contour map')
 
 
-def _claimed(looked: Sequence[Search], least_weight: float) -> list[Deviation]:
+def _claimed(looked: Sequence[Search], supports: Supports, least_weight: float
+             ) -> list[Deviation]:
     """Of right poses, by the thresholds that these searches teach."""
-    supports = Supports.from_searches(looked, least_weight)
-    least, evidence = (supports.threshold(_FALSE_ALARMS),
-                       supports.least_evidence(_FALSE_ALARMS))
+    least, evidence = supports.threshold(_FALSE_ALARMS), supports.least_evidence(_FALSE_ALARMS)
     return [each.deviation for each in looked if each.deviation is not None
             and each.support >= least and each.evidence >= evidence
             and each.weight >= least_weight]
@@ -142,7 +142,7 @@ def _learn_thresholds(looked: Sequence[Search], least_weight: float = 0.0) -> di
     evidence = supports.least_evidence(_FALSE_ALARMS)
     click.echo(f'evidence of objects found: {np.sort(supports.evidence).round(2).tolist()}')
     click.echo(f'least evidence {evidence:.2f}: {100 * _FALSE_ALARMS:.0f} % of them have less')
-    deviations = _claimed(looked, least_weight)
+    deviations = _claimed(looked, supports, least_weight)
     error = fitted_error(deviations)
     levels = np.array([each.level(error.common, error.local) for each in deviations])
     click.echo(f'model error: {error.common:.2f} px in common, {error.local:.2f} px locally')

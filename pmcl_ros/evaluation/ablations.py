@@ -24,7 +24,8 @@ def without_directions(of: ContourMap) -> ContourMap:
 def at_one_depth(of: ContourMap) -> ContourMap:
     """A light field is refocused at one depth only, the middle one."""
     middle = of.tensor.shape[2] // 2
-    tensor, inside = (each[:, :, middle:middle + 1] for each in (of.tensor, of.inside))
+    tensor, inside = (np.ascontiguousarray(each[:, :, middle:middle + 1])
+                      for each in (of.tensor, of.inside))
     return replace(of, tensor=tensor, inside=inside)
 
 

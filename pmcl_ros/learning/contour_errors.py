@@ -67,9 +67,9 @@ class Deviation:
 
 
 def fitted_offset(given: Sequence[Deviation]) -> float:
-    """Where contours are found, from where they are, outwards [px]: the most likely mean.
+    """Where contours are found, from where these searches read them, outwards [px].
 
-    Raises LocalizationError where there are no poses.
+    It is the most likely mean displacement. Raises LocalizationError where there are no poses.
     """
     common, local = _most_likely(given, lambda common, local: _mean(given, common, local))
     return _mean(given, common, local)
@@ -77,12 +77,11 @@ def fitted_offset(given: Sequence[Deviation]) -> float:
 
 def _mean(given: Sequence[Deviation], common: float, local: float) -> float:
     """The mean displacement [px] by generalised least squares, for such model errors [px]."""
-    spreads = [np.linalg.inv(each.spread(common, local)) for each in given]
-    total = sum(float(each.moved @ spread @ each.moved)
-                for each, spread in zip(given, spreads, strict=True))
+    weighted = [np.linalg.solve(each.spread(common, local), each.moved) for each in given]
+    total = sum(float(weight @ each.moved) for each, weight in zip(given, weighted, strict=True))
     # The pose found is that of the displaced contour, the deviation leads back to the true one.
-    return -sum(float(each.moved @ spread @ each.deviation)
-                for each, spread in zip(given, spreads, strict=True)) / total
+    return -sum(float(weight @ each.deviation)
+                for each, weight in zip(given, weighted, strict=True)) / total
 
 
 def _most_likely(given: Sequence[Deviation], mean: Callable[[float, float], float]

@@ -103,8 +103,10 @@ def _offsets(contour: RevolutionContour, of: PosedMap, reach: float
              ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Of each point: evidence there [nat / px], mean [px] and variance [px^2] of its offset."""
     shifts = np.arange(-2 * reach, 2 * reach + _STEP / 2, _STEP)
-    table = evidence_across(of.evidence, contour.pixels - _INWARDS * contour.normals,
-                            contour.normals, contour.depths, of.evidence.profile, shifts)
+    profile = of.evidence.profile
+    inwards = _INWARDS + float(profile.offsets[0])  # by its own offset the profile reads aside
+    table = evidence_across(of.evidence, contour.pixels - inwards * contour.normals,
+                            contour.normals, contour.depths, profile, shifts)
     logs = _STRETCH * table - shifts ** 2 / (2 * reach ** 2)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
