@@ -116,8 +116,7 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
         for given in all_given:
             whole = _timed_by(times.whole, partial(
                 localizer.localize, builder().build(given), np.random.default_rng(seed)))
-    return replace(times, error_mm=(off(whole), off(further)),
-                   peak=_peak())
+    return replace(times, error_mm=(off(whole), off(further)), peak=_peak())
 
 
 def _peak() -> float:

@@ -6,43 +6,35 @@ each orientation is rendered once, scaled to each depth, and correlated with map
 evidence.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, fields
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evidence.contour_map import ContourMap, harmonics
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.orientation import Orientation
-from pmcl_ros.pmcl.proposals.branch_and_bound import (
-    BLOCK,
-    MARGIN,
-    SQUARE,
-    best_places,
-    blocks_of,
-    strips_of,
-    upper_bounds,
+from pmcl_ros.pmcl.proposals.branch_and_bound import SQUARE, best_places, upper_bounds
+from pmcl_ros.pmcl.proposals.evidence_maps import (
+    CELL,
+    UNIT,
+    LaidMaps,
+    Origins,
+    maps_at,
+    whole_cells,
 )
-from pmcl_ros.pmcl.proposals.templates import DIRECTIONS, POINTS, Templates
+from pmcl_ros.pmcl.proposals.templates import POINTS, Templates
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 
-_CELL = 4  # image px: the step of places
-_BLUR = 2.0  # image px: smoothing of the edge energy, so that a contour a cell off still counts
-# Weight of the energy outside a contour relative to that on it: about that of the profile.
-_OUTSIDE = 0.5
 _TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed
-_LOG_ODDS = -1.0, 2.0  # half the log odds that a point of a template counts at least and most
-_UNIT = 255  # of evidence in 16-bit integers: 64 points of 2 at most fit
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
@@ -117,10 +109,10 @@ class Proposals:
         if not origins:
             raise self._region.out_of_view(pinhole)
         flat = bool((edges.tensor == edges.tensor[:, :, :1]).all())  # the same at any depth
-        laid = _LaidMaps.around(_maps_at(edges, origins[0].depth), origins) if flat else None
+        laid = LaidMaps.around(maps_at(edges, origins[0].depth), origins) if flat else None
         best = _Places.none()
         for each in origins:
-            maps = laid or _LaidMaps.around(_maps_at(edges, each.depth), [each])
+            maps = laid or LaidMaps.around(maps_at(edges, each.depth), [each])
             best = (best + self._at_depth(pinhole, each, maps, offsets, directions, orientation,
                                           best.scores, _TRIED * count)).best(_TRIED * count)
         side, turn = np.divmod(best.templates, len(self._turns))
@@ -132,7 +124,7 @@ class Proposals:
         kept = _suppress_duplicates(poses, count, self._symmetry)
         return poses[kept], best.scores[kept]
 
-    def _at_depth(self, pinhole: Pinhole, origins: '_Origins', maps: '_LaidMaps',
+    def _at_depth(self, pinhole: Pinhole, origins: Origins, maps: LaidMaps,
                   offsets: NDArray[np.float32], directions: NDArray[np.uint8],
                   orientation: Orientation | None, known: NDArray[np.float64], count: int
                   ) -> _Places:
@@ -140,13 +132,13 @@ class Proposals:
 
         known: scores of the best elsewhere.
         """
-        cells = np.rint(offsets * np.float32(origins.scale / _CELL)).astype(np.int32)
+        cells = np.rint(offsets * np.float32(origins.scale / CELL)).astype(np.int32)
         rows, columns = origins.rows, origins.columns
         templates, possible = self._possible(pinhole, rows, columns, orientation)
         cells, directions = cells[templates], directions[templates]
         focal = np.sqrt(pinhole.fx * pinhole.fy)
         weights = (np.repeat(self.templates.lengths, len(self._turns))[templates]
-                   * (focal * origins.scale / _UNIT / POINTS))
+                   * (focal * origins.scale / UNIT / POINTS))
         size, first = (len(rows), len(columns)), maps.first(origins)
 
         def exact(pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -170,21 +162,21 @@ class Proposals:
                        np.arange(len(offsets))[templates][template])
 
     def _origins(self, pinhole: Pinhole, depth: float, farthest: float, shape: tuple[int, ...]
-                 ) -> '_Origins | None':
+                 ) -> Origins | None:
         """Where the origin may be seen at a depth; None: out of view.
 
         farthest: of the templates' offsets [px]. shape: rows and columns of the image.
         """
         left, top, right, bottom = self._region.footprint(pinhole, depth)
         scale = self.templates.depth / depth
-        reach = int(np.rint(farthest * np.float32(scale / _CELL))) + 1
+        reach = int(np.rint(farthest * np.float32(scale / CELL))) + 1
         # Farther out than the object's reach nothing of it is seen.
-        height, width = _whole_cells(shape)
-        rows = np.arange(max(int(np.floor(top / _CELL)), -reach),
-                         min(int(np.ceil(bottom / _CELL)), height + reach) + 1)
-        columns = np.arange(max(int(np.floor(left / _CELL)), -reach),
-                            min(int(np.ceil(right / _CELL)), width + reach) + 1)
-        return _Origins(depth, scale, reach, rows, columns) if len(rows) and len(columns) else None
+        height, width = whole_cells(shape)
+        rows = np.arange(max(int(np.floor(top / CELL)), -reach),
+                         min(int(np.ceil(bottom / CELL)), height + reach) + 1)
+        columns = np.arange(max(int(np.floor(left / CELL)), -reach),
+                            min(int(np.ceil(right / CELL)), width + reach) + 1)
+        return Origins(depth, scale, reach, rows, columns) if len(rows) and len(columns) else None
 
     def _possible(self, pinhole: Pinhole, rows: NDArray[np.int64], columns: NDArray[np.int64],
                   orientation: Orientation | None
@@ -205,64 +197,6 @@ class Proposals:
                                            _ASIDE)
         templates = np.flatnonzero(possible.any(axis=1))
         return templates, possible[templates]
-
-
-@dataclass(frozen=True)
-class _Origins:
-    """Cells where the origin may be seen at a depth.
-
-    depth: [m]. scale: of the templates there. reach: of these [cells]. rows, columns: of cells.
-    """
-
-    depth: float
-    scale: float
-    reach: int
-    rows: NDArray[np.int64]
-    columns: NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class _LaidMaps:
-    """Evidence maps with room around them: templates lie in them wherever their origin is.
-
-    strips, blocks: as of `strips_of` and `blocks_of`. top, left: cells before the image.
-    """
-
-    strips: NDArray[np.int16]
-    blocks: NDArray[np.int16]
-    top: int
-    left: int
-
-    @classmethod
-    def around(cls, maps: NDArray[np.int16], origins: Sequence[_Origins]) -> '_LaidMaps':
-        """maps: (directions, rows, columns) of cells."""
-        pads = []
-        for size, cells in zip(maps.shape[1:], ([each.rows for each in origins],
-                                                [each.columns for each in origins]), strict=True):
-            ends = [(int(of[0]) - each.reach, int(of[-1]) + each.reach)
-                    for each, of in zip(origins, cells, strict=True)]
-            pads.append((max(0, -min(first for first, _ in ends)),
-                         max(0, max(last for _, last in ends) + 1 + MARGIN - size)))
-        # Around the image there is no evidence either way.
-        padded = np.pad(maps, ((0, 0), *pads))
-        return cls(strips_of(padded), blocks_of(padded), pads[0][0], pads[1][0])
-
-    def first(self, origins: _Origins) -> tuple[int, int]:
-        """Row and column of the first of the cells."""
-        return int(origins.rows[0]) + self.top, int(origins.columns[0]) + self.left
-
-    def blocks_about(self, origins: _Origins) -> tuple[NDArray[np.int16], int, int]:
-        """The blocks that templates reach from cells; row and column of the first of these there.
-
-        Bounds of all that lies between the reached blocks of a row are summed too.
-        """
-        row, column = self.first(origins)
-        beyond = origins.reach + 1 + MARGIN
-        above, before = (max(first - origins.reach, 0) // BLOCK for first in (row, column))
-        below = -(-(row + len(origins.rows) + beyond) // BLOCK)
-        after = -(-(column + len(origins.columns) + beyond) // BLOCK)
-        part = self.blocks[..., above:below, before:after]
-        return np.ascontiguousarray(part), row - BLOCK * above, column - BLOCK * before
 
 
 def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64], count: int
@@ -297,65 +231,6 @@ def _highest(left: NDArray[np.int64], bounds: NDArray[np.float64]
     return left[order[:AT_ONCE]], left[order[AT_ONCE:]]
 
 
-def _whole_cells(shape: tuple[int, ...]) -> tuple[int, int]:
-    """Rows and columns of cells in an image of a shape (height, width, ...)."""
-    return max(1, shape[0] // _CELL), max(1, shape[1] // _CELL)
-
-
-def _cells_at(edges: EvidenceVolume, depth: float) -> tuple[NDArray[np.float32], int, int]:
-    """The tensor at a depth, of whole cells; rows and columns of cells."""
-    last = edges.tensor.shape[2] - 1
-    label = np.clip(edges.labels(depth), 0, last)
-    below = int(label)
-    part = np.float32(label - below)
-    tensor = edges.tensor[:, :, below]
-    if part:
-        tensor = (1 - part) * tensor + part * edges.tensor[:, :, below + 1]
-    height, width = _whole_cells(tensor.shape)
-    return tensor[:height * _CELL, :width * _CELL], height, width
-
-
-def _maps_at(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
-    """(directions, rows, columns) of cells: what templates are correlated with."""
-    return (_log_odds_maps(edges, depth) if isinstance(edges, ContourMap)
-            else _evidence_maps(edges, depth))
-
-
-def _evidence_maps(edges: EvidenceVolume, depth: float) -> NDArray[np.int16]:
-    """(directions, rows, columns) of cells, in units of 1 / 255.
-
-    Edge energy on a contour of each normal there, less half of that outside it.
-    """
-    whole, height, width = _cells_at(edges, depth)
-    cells = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
-    # A cell's mean is a part of the blur.
-    tensor = cv2.GaussianBlur(cells, (0, 0), (_BLUR ** 2 - (_CELL ** 2 - 1) / 12) ** 0.5 / _CELL)
-    maps = np.zeros((DIRECTIONS, height, width), np.int16)
-    for k, angle in enumerate(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS):
-        nx, ny = np.cos(angle), np.sin(angle)
-        across = tensor @ np.array([nx * nx, ny * ny, 2 * nx * ny], np.float32)
-        energy = np.sqrt(np.maximum(across, 0))
-        outside = np.zeros_like(energy)
-        for distance in (3.0, 4.5, 6.0):
-            step = distance * _BLUR / _CELL
-            move = np.array([[1, 0, -step * nx], [0, 1, -step * ny]])
-            outside += cv2.warpAffine(energy, move, (width, height),
-                                      borderMode=cv2.BORDER_REPLICATE) / 3
-        maps[k] = np.rint(_UNIT * (np.minimum(energy, 2) - _OUTSIDE * np.minimum(outside, 2)))
-    return maps
-
-
-def _log_odds_maps(odds: ContourMap, depth: float) -> NDArray[np.int16]:
-    """As `_evidence_maps`: log odds of a contour of each normal somewhere in a cell, halved."""
-    tensor, height, width = _cells_at(odds, depth)
-    maps = np.zeros((DIRECTIONS, height, width), np.int16)
-    for k, each in enumerate(harmonics(2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS)):
-        ratio = cv2.resize(np.exp(tensor @ each), (width, height), interpolation=cv2.INTER_AREA)
-        ratio = cv2.GaussianBlur(ratio, (0, 0), _BLUR / _CELL)
-        maps[k] = np.rint(_UNIT * np.clip(np.log(ratio) / 2, *_LOG_ODDS))
-    return maps
-
-
 def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.float64],
            rotations: NDArray[np.float64], turns: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4, 4) with the origin at `pixels` (n, 2) and `depths` (n,) [m].
@@ -386,7 +261,7 @@ def _towards(pinhole: Pinhole, pixels: NDArray[np.float64]) -> Rotation:
 
 def _middle(cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """(n, 2) pixel in the middle of each of cells (n, 2)."""
-    return np.asarray(cells * _CELL + (_CELL - 1) / 2)
+    return np.asarray(cells * CELL + (CELL - 1) / 2)
 
 
 def _suppress_duplicates(poses: NDArray[np.float64], count: int, symmetry: Symmetry) -> list[int]:

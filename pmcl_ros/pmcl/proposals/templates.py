@@ -18,9 +18,9 @@ POINTS = 64  # of an outline, a multiple of 4
 DIRECTIONS = 32  # of its normals
 _SIDE = 256  # px, of the z-buffers that outlines are taken from
 _TILTS = 25  # of a symmetry axis against the line of sight: 7.5 degrees apart
-_AT_ONCE = 40  # sides rendered
 _SIDES = 400  # from which an object without symmetry is seen: about 10 degrees apart
 _BORDER = 0.09  # half of that [rad]
+_AT_ONCE = 40  # sides rendered
 
 
 @dataclass(frozen=True)
