@@ -81,12 +81,12 @@ class ObjectModel:
         """All that leaves the object as it is."""
         return Symmetry(self.axis, self.discrete)
 
-    @property
+    @cached_property
     def radius(self) -> float:
         """Of the smallest sphere about the origin that holds the mesh [m]."""
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
-    @property
+    @cached_property
     def diameter(self) -> float:
         """Diagonal of the mesh's bounding box [m]."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))

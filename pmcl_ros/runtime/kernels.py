@@ -6,7 +6,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from functools import cached_property, lru_cache
@@ -84,16 +84,30 @@ class Threads:
 
     def __call__(self, *arguments: Any) -> list[Any]:
         """What each portion returns."""
+        return self.together([arguments])[0]
+
+    def together(self, calls: Sequence[tuple[Any, ...]]) -> list[list[Any]]:
+        """What each portion of each of several calls returns; one wait for all of them.
+
+        A thread's portion differs from call to call, so that calls of a single round are divided
+        among the threads too.
+        """
         with LOCK:
             number = threads()
-            others = [_pool().submit(self._kernel, *arguments, (portion, number))
-                      for portion in range(1, number)]
+
+            def share(thread: int) -> list[Any]:
+                return [self._kernel(*arguments, ((thread + k) % number, number))
+                        for k, arguments in enumerate(calls)]
+
+            others = [_pool().submit(share, thread) for thread in range(1, number)]
             try:
-                first = self._kernel(*arguments, (0, number))
+                first = share(0)
             finally:
                 for each in others:
                     each.exception()  # waits: they write into the arguments
-            return [first, *(each.result() for each in others)]
+            made = [first, *(each.result() for each in others)]
+        return [[made[(portion - k) % number][k] for portion in range(number)]
+                for k in range(len(calls))]
 
 
 def threads() -> int:

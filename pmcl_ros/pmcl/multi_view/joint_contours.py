@@ -2,8 +2,8 @@
 
 import contextlib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import reduce
+from dataclasses import dataclass, field
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +59,7 @@ class JointContours:
     joint: JointEvidence
     scores: Sequence[ContourScore]
     levels: Sequence[Sequence[EvidenceVolume]]
+    _last: dict[bytes, '_Contours'] = field(default_factory=dict)  # drawn, by what was asked for
 
     @classmethod
     def opened(cls, joint: JointEvidence, stack: contextlib.ExitStack) -> 'JointContours':
@@ -74,6 +75,19 @@ class JointContours:
     def contours(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
                  ) -> list[ViewContour]:
         """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
+        return self._drawn(pose, motions, level).views
+
+    def _drawn(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
+               ) -> '_Contours':
+        """The last ones are kept: of a mode that was found several things are asked."""
+        asked = b'/'.join((pose.tobytes(), motions.tobytes(), bytes([level % len(self.levels)])))
+        if asked not in self._last:
+            self._last.clear()
+            self._last[asked] = _Contours(self.joint, pose, self._draw(pose, motions, level))
+        return self._last[asked]
+
+    def _draw(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int
+              ) -> list[ViewContour]:
         joint = self.joint
         cameras = joint.errors.moved(joint.cameras, motions)
         seen = [score.points(np.linalg.inv(camera) @ pose)
@@ -131,8 +145,8 @@ class JointContours:
         uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
                                         [float((np.linalg.inv(camera) @ pose)[2, 3])
                                          for camera in joint.cameras])
-        made = []
-        for number, contour, alone, wide in zip(joint.numbers, *self._alone(pose, motions),
+        made, drawn = [], self._drawn(pose, motions)
+        for number, contour, alone, wide in zip(joint.numbers, drawn.views, drawn.alone,
                                                 uncertain, strict=True):
             off, expected = _off(alone)
             made.append(ViewFit(
@@ -142,17 +156,24 @@ class JointContours:
 
     def disagreement(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
         """Mean square by which views are off, in units of the model error of one view."""
-        _, alone = self._alone(pose, motions)
+        alone = self._drawn(pose, motions).alone
         off, expected = np.square([_off(each) for each in alone]).sum(axis=0)
         return float(off / max(expected, 1e-12))
 
-    def _alone(self, pose: NDArray[np.float64], motions: NDArray[np.float64]
-               ) -> tuple[list[ViewContour], list[LocalModel]]:
-        """The contour of a pose (4, 4) in each view, and the local model by it alone."""
-        contours = self.contours(pose, motions)
-        return contours, [
-            LocalModel.from_views(pose, self.joint.model.symmetry, [contour], view.error)
-            for contour, view in zip(contours, self.joint.views, strict=True)]
+
+@dataclass(frozen=True)
+class _Contours:
+    """The contour of a pose (4, 4) in each view."""
+
+    joint: JointEvidence
+    pose: NDArray[np.float64]
+    views: list[ViewContour]
+
+    @cached_property
+    def alone(self) -> list[LocalModel]:
+        """In each view, by its contour alone, with its uncertainty."""
+        return [LocalModel.from_views(self.pose, self.joint.model.symmetry, [contour], view.error)
+                for contour, view in zip(self.views, self.joint.views, strict=True)]
 
 
 def _off(alone: LocalModel) -> tuple[float, float]:

@@ -6,6 +6,7 @@ each pose in each view, and sums the slopes of the evidence along its contour.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,12 @@ class Expansion:
     information: NDArray[np.float64]
     moments: NDArray[np.float64]
 
+    @classmethod
+    def blank(cls, count: int) -> 'Expansion':
+        """Zeros, of `count` poses."""
+        return cls(np.zeros(count), np.zeros(count), np.zeros((count, 6)),
+                   np.zeros((count, 6, 6)), np.zeros((count, 6, 6)))
+
     def __add__(self, other: 'Expansion') -> 'Expansion':
         return Expansion(*(getattr(self, each) + getattr(other, each)
                            for each in self.__dataclass_fields__))
@@ -96,17 +103,25 @@ class ContourExpansion:
         self._step = float(step)
         self.evaluations = 0
 
-    def __call__(self, poses: NDArray[np.float64]) -> Expansion:
-        """At poses (n, 4, 4)."""
+    @classmethod
+    def of_all(cls, views: Sequence['ContourExpansion'], poses: NDArray[np.float64]) -> Expansion:
+        """At poses (n, 4, 4), summed over views (one at least), which the threads share."""
+        made = [Expansion.blank(len(poses)) for _ in views]
+        _expand.together([each._call(poses, found)
+                          for each, found in zip(views, made, strict=True)])
+        first, *others = (each._in_frame(found) for each, found in zip(views, made, strict=True))
+        return sum(others, first)
+
+    def _call(self, poses: NDArray[np.float64], made: Expansion) -> tuple[Any, ...]:
+        """What `_expand` is called with."""
         if self._camera is not None:
             poses = np.linalg.inv(self._camera) @ poses
-        poses, count = np.array(poses, np.float64, order='C'), len(poses)
-        made = Expansion(np.zeros(count), np.zeros(count), np.zeros((count, 6)),
-                         np.zeros((count, 6, 6)), np.zeros((count, 6, 6)))
-        _expand(self._drawing, self._room, self._edges, self._found, self._pinhole,
-                self._step, poses, made.values, made.lengths, made.gradient,
+        self.evaluations += len(poses)
+        return (self._drawing, self._room, self._edges, self._found, self._pinhole, self._step,
+                np.array(poses, np.float64, order='C'), made.values, made.lengths, made.gradient,
                 made.information, made.moments)
-        self.evaluations += count
+
+    def _in_frame(self, made: Expansion) -> Expansion:
         return made if self._camera is None else made.rotated(self._camera[:3, :3])
 
 
@@ -158,8 +173,7 @@ class GaussNewton:
         return best, at.values
 
     def _expanded(self, poses: NDArray[np.float64]) -> Expansion:
-        first, *others = (each(poses) for each in self._views)
-        return sum(others, first)
+        return ContourExpansion.of_all(self._views, poses)
 
     def _step_from(self, poses: NDArray[np.float64], gradient: NDArray[np.float64],
                    information: NDArray[np.float64], moments: NDArray[np.float64],
