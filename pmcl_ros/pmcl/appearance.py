@@ -9,6 +9,7 @@ from pmcl_ros.runtime.settings import Settings
 Material = Literal['glass', 'acrylic', 'pet', 'frosted', 'tinted', 'opaque']
 Share = Annotated[float, Field(ge=0, le=1)]
 Absorption = Annotated[float, Field(ge=0, le=10_000)]
+_SCATTERING = 'frosted', 'opaque'
 _OPAQUE_ONLY = 'colour', 'texture', 'texture_side'
 _THICKNESS = 'wall', 'inner', 'solid'
 
@@ -66,6 +67,11 @@ class Appearance(Settings):
     up: tuple[float, float, float] | None = Field(
         None, description='direction in the mesh frame that points up when the object stands; '
         'default: the axis of symmetry, z where there is none')
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it shows what is behind it, as it does not scatter light."""
+        return self.material not in _SCATTERING and not self.roughness
 
     @model_validator(mode='after')
     def _consistent(self) -> 'Appearance':

@@ -52,7 +52,8 @@ class ObjectSettings(Settings):
         'matrices, each 16 numbers row by row, their translations in units of the mesh; those '
         'that follow from them need not be given')
     appearance: Appearance | None = Field(
-        None, description='what the object is made of; simulated pictures need it')
+        None, description='what the object is made of; simulated pictures need it, and of a clear '
+        'object no depth of the surface is looked for')
     profile: list[tuple[float, float, float]] | None = Field(
         None, description='of a surface of revolution that pmcl profile has measured, from the '
         'bottom up: height, radius, standard deviation of the surface [m]; to be read by people')
@@ -67,6 +68,7 @@ class ObjectModel:
         symmetric, or None.
     closed: the mesh is watertight with outward faces.
     discrete: (k, 4, 4) as of `Symmetry`.
+    clear: it is said to be of a clear material: its surface shows what is behind it.
     """
 
     name: str
@@ -75,6 +77,7 @@ class ObjectModel:
     axis: NDArray[np.float64] | None
     closed: bool
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+    clear: bool = False
 
     @cached_property
     def symmetry(self) -> Symmetry:
@@ -152,7 +155,8 @@ class ObjectModel:
         reach = float(np.linalg.norm(vertices, axis=1).max())
         discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
         _check_group(mesh, discrete, name)
-        return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete)
+        return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
+                   settings.appearance is not None and settings.appearance.is_clear)
 
 
 def mesh_file(path: Path | str) -> tuple[Path, float]:

@@ -110,6 +110,15 @@ def test_a_description_scales_and_finds(tmp_path):
     assert model.name == 'thing'
 
 
+@pytest.mark.parametrize(('appearance', 'clear'), [
+    (None, False), ({'material': 'glass'}, True), ({'material': 'tinted'}, True),
+    ({'material': 'glass', 'roughness': 0.1}, False), ({'material': 'frosted'}, False),
+    ({'material': 'opaque'}, False)])
+def test_a_description_says_whether_the_object_is_clear(tmp_path, appearance, clear):
+    said = {} if appearance is None else {'appearance': appearance}
+    assert ObjectModel.load(describe(tmp_path, cup(), **said)).clear == clear
+
+
 @pytest.mark.parametrize('said', ['mesh', 'description'])
 @pytest.mark.parametrize(('unit', 'scale', 'words'), [
     (1.0, 1.0, ''), (0.06, 1.0, 'metres, it measures 1.07 x 1.07 x 1.67 m'),

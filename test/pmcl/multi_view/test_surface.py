@@ -114,6 +114,8 @@ def test_what_says_nothing_changes_nothing(seen, caplog):
     single = replace(evidence, views=evidence.views[:1])
     for other in (plain, uncertain, unknown, single):
         assert with_surface(estimate, other, model, SETTINGS) is estimate
+    clear = replace(model, clear=True)
+    assert with_surface(estimate, evidence, clear, SETTINGS) is estimate
     away = retract(truth, np.concatenate([0.02 * BASE[:3, 2], np.zeros(3)])[None])[0]
     wrong = estimate_at(away, model)  # its surface is nowhere near
     assert with_surface(wrong, evidence, model, SETTINGS) is wrong
