@@ -22,7 +22,7 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, WIDEST
 from pmcl_ros.pmcl.uncertain_cameras import Nuisance, UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, pairs, pairs_in_image
+from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, sums_over_pairs
 
 # px: along a contour, beyond which contributions share no noise. Contrast is normalised by that of
 # a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
@@ -94,19 +94,14 @@ class LocalModel:
         variability, off = information, np.zeros_like(information)
         if error is not None and length > 0:
             stretched = [each.stretches() for each in terms if len(each.points.lengths)]
-            each, curved = (np.concatenate(values) for values in zip(
-                *((one.each, one.curved) for one in stretched), strict=True))
-            distance, same_side, alike = (pairs_in_image(stretched[0]) if len(stretched) == 1
-                                          else pairs(stretched, stretched, error))
-            together = np.where(same_side, np.clip(1 - distance / _REACH, 0, None), 0) * alike
+            together, displaced = sums_over_pairs(stretched, error, _REACH)
             # The slopes at the best pose are smaller than at the true one, as d directions of them
             # were fitted. A stretch of _REACH counts as one degree of freedom.
             free = max(1 - len(gradient) * _REACH / length, _LEAST_FREE)
             noise = _LEAST_VARIANCE * sum((each.moments for each in terms), least)
-            variability = each.T @ (together @ each) / free + noise
+            variability = together / free + noise
             # The model error moves the contour; the pose follows by weighted least squares.
-            follow = np.linalg.solve(information, curved.T)
-            off = follow @ ((error.covariance(distance, same_side) * alike) @ follow.T)
+            off = np.linalg.solve(information, np.linalg.solve(information, displaced).T)
             off = without_negative(off)  # the limit of `same_side` can make eigenvalues negative
         return cls(evidence, length, basis, gradient, information, variability, off,
                    moments / max(length, 1.0), nuisance)

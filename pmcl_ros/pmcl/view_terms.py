@@ -148,6 +148,28 @@ class ViewTerms:
                        scale=scale[:, 0], points=replace(self.points, pixels=pixels))
 
 
+def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError, reach: float
+                    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(d, d) sums over all pairs of stretches: of `each`, of `curved`.
+
+    Those of `each` have the share of noise that is common to both, which falls to 0 over `reach`
+    px; those of `curved` the covariance of their displacements by the model error.
+    """
+    together = displaced = np.zeros(())
+    for k, one in enumerate(views):  # with those that follow: all at once take 20 MB an array
+        rest = views[k:]
+        distance, same_side, alike = (pairs_in_image(one) if len(views) == 1
+                                      else pairs([one], rest, error))
+        noise = np.where(same_side, np.clip(1 - distance / reach, 0, None), 0)
+        moved = error.covariance(distance, same_side)
+        alike = alike * np.repeat([0.5, 1], [len(one.each), distance.shape[1] - len(one.each)])
+        each, curved = (np.concatenate(values) for values in zip(
+            *((other.each, other.curved) for other in rest), strict=True))
+        together = together + one.each.T @ ((alike * noise) @ each)
+        displaced = displaced + one.curved.T @ ((alike * moved) @ curved)
+    return together + together.T, displaced + displaced.T
+
+
 def pairs_in_image(view: ViewTerms
                    ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
     """As `pairs`, within one view; distances are those in its image."""

@@ -83,9 +83,9 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
                  settings: PmclSettings) -> PoseEstimate:
     """The estimate in the reference frame, with what the object's surface says of its depth.
 
-    It is as it was where that is nothing, where the object is clear, one view alone sees it, or the
-    cameras' poses are uncertain: their pictures then do not fit each other that well. Raises
-    VolumeError.
+    It is as it was where that is nothing, where the object is clear, where one view alone sees it,
+    or the cameras' poses are uncertain: their pictures then do not fit each other that well.
+    Raises VolumeError.
     """
     if model.clear or not evidence.are_exact or estimate.in_view < _LEAST_IN_VIEW:
         return estimate

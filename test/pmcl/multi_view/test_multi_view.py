@@ -13,6 +13,7 @@ from textured_planes import views_of_planes
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.learned import learned_views
+from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import PosedEvidence, ViewsEvidence
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import retract
@@ -26,7 +27,13 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms
+from pmcl_ros.pmcl.view_terms import (
+    ViewContour,
+    ViewTerms,
+    pairs,
+    pairs_in_image,
+    sums_over_pairs,
+)
 from pmcl_ros.runtime.errors import LocalizationError, VolumeError
 
 DEPTHS = depth_labels(0.3, 0.7, 20)
@@ -370,6 +377,24 @@ def test_views_add_up_in_the_frame_of_the_pose(contours):
     np.testing.assert_allclose(turn @ own.gradient, other.gradient)
     np.testing.assert_allclose(turn @ own.information @ turn.T, other.information, rtol=1e-6,
                                atol=1e-6 * other.information.max())
+
+
+@pytest.mark.parametrize('count', [1, 2])
+def test_sums_over_pairs_are_those_of_dense_matrices(contours, count):
+    pose, views = contours
+    terms = [ViewTerms.from_view(each, pose, np.eye(6)).stretches() for each in views[:count]]
+    error, reach = ModelError(0.3, 0.5, 12.0), 20.0
+    distance, same_side, alike = (pairs_in_image(terms[0]) if count == 1
+                                  else pairs(terms, terms, error))
+    noise = np.where(same_side, np.maximum(1 - distance / reach, 0), 0) * alike
+    moved = error.covariance(distance, same_side) * alike
+    each, curved = (np.concatenate([getattr(one, name) for one in terms])
+                    for name in ('each', 'curved'))
+    for mine, values, of in zip(sums_over_pairs(terms, error, reach), (noise, moved),
+                                (each, curved), strict=True):
+        expected = of.T @ values @ of
+        # The angle of a view to itself is 0 or 2e-8, by how its product was summed.
+        np.testing.assert_allclose(mine, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 def test_places_of_one_edge_coincide_in_the_frame_of_the_pose(context):
