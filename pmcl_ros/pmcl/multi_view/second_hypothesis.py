@@ -24,7 +24,7 @@ class Found:
     """What a search found.
 
     estimate: in the reference frame. fits: of the views, to its pose. modes: (n, 4, 4) in the
-    reference frame. shown: views that show a lost object, if most do and some do not; else none.
+    reference frame. shown: views that show a lost object (`shown_in`).
     """
 
     estimate: PoseEstimate
@@ -47,20 +47,24 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
 
 
 def shown_in(fits: Sequence[Sequence[ViewFit]]) -> tuple[int, ...]:
-    """Numbers of the views that show an object, where most do but not all; else none.
+    """Numbers of the views that show an object, where enough do but not all; else none.
 
     fits: of all views, to each mode. A view whose contour is more likely absent than present does
     not show it: something is before it, or it is elsewhere. The mode is the one with the most
-    evidence in views that do.
+    evidence in views that do. Enough are most of them, two at least; or half, where the others
+    show no other mode.
     """
     best = max(fits, key=lambda views: sum(max(each.total, 0) for each in views))
     shown = tuple(each.number for each in best if each.total > 0)
-    return shown if len(best) > len(shown) > max(len(best) / 2, 1) else ()
+    elsewhere = any(each.total > 0 for views in fits for each in views
+                    if each.number not in shown)
+    least = len(best) / 2 if not elsewhere else max(len(best) // 2 + 1, 2)
+    return shown if len(best) > len(shown) >= least else ()
 
 
 def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
                     ) -> tuple[Found, ViewsEvidence] | None:
-    """Found without the views that do not show it, if most do."""
+    """Found without the views that do not show it, if enough do."""
     if not lost.shown:
         return None
     hidden = tuple(sorted({each.number for each in lost.fits} - set(lost.shown)))
