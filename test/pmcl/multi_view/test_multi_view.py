@@ -270,6 +270,23 @@ def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     np.testing.assert_allclose(np.diag(estimate.covariance), np.diag(rest.covariance), rtol=0.5)
 
 
+def test_one_of_two_views_suffices_where_the_other_shows_nothing(context, caplog):
+    """Something is before the object in view 1: what is there has no contour."""
+    truth, cameras = truth_of(CUP), around([-15, 15])
+    evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
+    blank = replace(evidence.views[1].evidence, tensor=np.full_like(
+        evidence.views[1].evidence.tensor, evidence.views[1].evidence.tensor.min()))
+    given = replace(evidence, views=(evidence.views[0],
+                                     replace(evidence.views[1], evidence=blank)))
+    estimate = found(CUP, given)
+    assert not estimate.lost
+    assert estimate.hidden == (1,)
+    assert 'found without views 1' in caplog.text
+    alone = found(CUP, replace(evidence, views=evidence.views[:1]))
+    assert CUP.symmetry.credible_level(alone.pose, estimate.pose, alone.covariance) < 0.5
+    np.testing.assert_allclose(np.diag(estimate.covariance), np.diag(alone.covariance), rtol=0.5)
+
+
 def test_views_of_two_places_show_no_object(context, caplog):
     """Half of the views is no majority: which of them are right cannot be said."""
     truth, cameras = truth_of(CUP), around([-25, 0, 15, 30])
