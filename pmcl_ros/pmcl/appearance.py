@@ -1,4 +1,4 @@
-"""What an object is made of, as its YAML file says it; simulated pictures show it so."""
+"""What an object is made of, as its YAML file says it."""
 
 from typing import Annotated, Literal
 

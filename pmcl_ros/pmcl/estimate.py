@@ -48,7 +48,7 @@ class PoseEstimate:
     least_support, least_evidence: the thresholds that support and evidence were compared with.
     disagreement: of several views: mean square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
-    hidden: numbers of the views that show something else there, and were not used.
+    hidden: numbers of the views that do not show it there, and were not used.
     """
 
     header: Header

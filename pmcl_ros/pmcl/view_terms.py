@@ -156,7 +156,7 @@ def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError, reach: float
     px; those of `curved` the covariance of their displacements by the model error.
     """
     together = displaced = np.zeros(())
-    for k, one in enumerate(views):  # with those that follow: all at once take 20 MB an array
+    for k, one in enumerate(views):  # with those that follow: arrays of all pairs take 20 MB each
         rest = views[k:]
         distance, same_side, alike = (pairs_in_image(one) if len(views) == 1
                                       else pairs([one], rest, error))

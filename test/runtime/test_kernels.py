@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
@@ -20,7 +21,7 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.runtime import kernels
-from pmcl_ros.runtime.kernels import compiled, rounds
+from pmcl_ros.runtime.kernels import Threads, compiled, rounds
 
 KERNELS = Path(kernels.__file__)
 _FORK = multiprocessing.get_context('fork')
@@ -260,6 +261,25 @@ def test_each_round_of_a_loop_is_in_one_portion(count, monkeypatch):
     np.testing.assert_array_equal(times, 1)
     assert (np.diff(where) >= 0).all()
     assert np.ptp(np.bincount(where, minlength=5)) <= 1  # none has more to do than others
+
+
+def test_calls_together_are_those_one_after_the_other_by_all_threads(monkeypatch):
+    monkeypatch.setattr(kernels, 'CORES', 3)
+    monkeypatch.setattr(kernels, '_threads', 3)
+    calls = [(np.zeros(count, np.int64), np.zeros(count, np.int64)) for count in (1, 0, 7, 1)]
+    assert _count.together(calls) == [[3] * 3] * len(calls)
+    for times, where in calls:
+        np.testing.assert_array_equal(times, 1)
+        assert (np.diff(where) >= 0).all()
+    assert Threads(lambda value, portion: (value, *portion)).together([('a',), ('b',)]) == [
+        [(value, number, 3) for number in range(3)] for value in 'ab']
+    barrier = threading.Barrier(3, timeout=30)
+
+    def meet(portion):
+        if portion[0] == 2:
+            barrier.wait()
+
+    Threads(meet).together([()] * 3)  # three calls of one round each, at once in three threads
 
 
 def test_what_one_portion_raises_is_raised_when_all_have_ended(all_threads):

@@ -163,7 +163,7 @@ def _sureness(run: Localization) -> list[Fact]:
                           'more where it is larger'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
-                          'they show something else there'))
+                          'they do not show it there'))
     return facts
 
 

@@ -59,7 +59,8 @@ class JointContours:
     joint: JointEvidence
     scores: Sequence[ContourScore]
     levels: Sequence[Sequence[EvidenceVolume]]
-    _last: dict[bytes, '_Contours'] = field(default_factory=dict)  # drawn, by what was asked for
+    _last: dict[bytes, '_Contours'] = field(  # what `_drawn` made last, by its arguments
+        init=False, repr=False, compare=False, default_factory=dict)
 
     @classmethod
     def opened(cls, joint: JointEvidence, stack: contextlib.ExitStack) -> 'JointContours':
@@ -83,7 +84,8 @@ class JointContours:
         asked = b'/'.join((pose.tobytes(), motions.tobytes(), bytes([level % len(self.levels)])))
         if asked not in self._last:
             self._last.clear()
-            self._last[asked] = _Contours(self.joint, pose, self._draw(pose, motions, level))
+            self._last[asked] = _Contours(self.joint, pose.copy(),
+                                          self._draw(pose, motions, level))
         return self._last[asked]
 
     def _draw(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int

@@ -47,24 +47,23 @@ def second_hypothesis(evidence: ViewsEvidence, lost: Found, search: _Search
 
 
 def shown_in(fits: Sequence[Sequence[ViewFit]]) -> tuple[int, ...]:
-    """Numbers of the views that show an object, where enough do but not all; else none.
+    """Numbers of the views that show an object, where half or more do but not all; else none.
 
     fits: of all views, to each mode. A view whose contour is more likely absent than present does
     not show it: something is before it, or it is elsewhere. The mode is the one with the most
-    evidence in views that do. Enough are most of them, two at least; or half, where the others
-    show no other mode.
+    evidence in views that do.
     """
     best = max(fits, key=lambda views: sum(max(each.total, 0) for each in views))
     shown = tuple(each.number for each in best if each.total > 0)
-    elsewhere = any(each.total > 0 for views in fits for each in views
-                    if each.number not in shown)
-    least = len(best) / 2 if not elsewhere else max(len(best) // 2 + 1, 2)
-    return shown if len(best) > len(shown) >= least else ()
+    return shown if len(best) > len(shown) >= len(best) / 2 else ()
 
 
 def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
                     ) -> tuple[Found, ViewsEvidence] | None:
-    """Found without the views that do not show it, if enough do."""
+    """Found without the views that do not show it, if most do.
+
+    Half of them suffice where the others show it nowhere.
+    """
     if not lost.shown:
         return None
     hidden = tuple(sorted({each.number for each in lost.fits} - set(lost.shown)))
@@ -72,8 +71,11 @@ def _hidden_in_some(evidence: ViewsEvidence, lost: Found, search: _Search
     found = search(rest)
     if found.estimate.lost:
         return None
-    _LOG.warning('found without views %s, which show something else there: is something before '
-                 "the object, has it moved, or is the camera's pose wrong?",
+    half = len(lost.shown) == len(hidden)
+    if half and not search(evidence.without(lost.shown)).estimate.lost:
+        return None
+    _LOG.warning('found without views %s, which do not show it there: is something before the '
+                 "object, has it moved, or is the camera's pose wrong?",
                  ', '.join(map(str, hidden)))
     return replace(found, estimate=replace(found.estimate, hidden=hidden)), rest
 

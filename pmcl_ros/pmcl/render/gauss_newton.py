@@ -81,7 +81,7 @@ class Expansion:
 
 
 class ContourExpansion:
-    """Expands the evidence of poses in one view: `Expansion`.
+    """Expands the evidence of poses in one view, with that of others: `Expansion`.
 
     step: of the finite differences along the normals [image px]. camera: (4, 4) of the view, in
     the frame of the poses; default: that frame.
@@ -107,16 +107,17 @@ class ContourExpansion:
     def of_all(cls, views: Sequence['ContourExpansion'], poses: NDArray[np.float64]) -> Expansion:
         """At poses (n, 4, 4), summed over views (one at least), which the threads share."""
         made = [Expansion.blank(len(poses)) for _ in views]
-        _expand.together([each._call(poses, found)
+        _expand.together([each._arguments(poses, found)
                           for each, found in zip(views, made, strict=True)])
+        for each in views:
+            each.evaluations += len(poses)
         first, *others = (each._in_frame(found) for each, found in zip(views, made, strict=True))
         return sum(others, first)
 
-    def _call(self, poses: NDArray[np.float64], made: Expansion) -> tuple[Any, ...]:
+    def _arguments(self, poses: NDArray[np.float64], made: Expansion) -> tuple[Any, ...]:
         """What `_expand` is called with."""
         if self._camera is not None:
             poses = np.linalg.inv(self._camera) @ poses
-        self.evaluations += len(poses)
         return (self._drawing, self._room, self._edges, self._found, self._pinhole, self._step,
                 np.array(poses, np.float64, order='C'), made.values, made.lengths, made.gradient,
                 made.information, made.moments)

@@ -160,3 +160,19 @@ def test_a_warm_climb_compiles_no_more(shown):
         for reach in ((8, 2.0, 0.05), (0, 0, 0)):
             climb(beside(truth, 2)[::-1], *reach)
     assert not compiled
+
+
+def test_two_views_expand_as_the_sum_of_each(shown):
+    """Expansions are in the frame of the poses, whatever the cameras."""
+    model, truth, edges = shown
+    aside = np.linalg.inv(retract(np.eye(4)[None], np.array([[0.01, 0, 0, 0, 0.02, 0.05]]))[0])
+    views = [ContourExpansion(seen(model), edges, PROFILE, 1.0, camera)
+             for camera in (None, aside)]
+    poses = beside(truth, 5)
+    both = ContourExpansion.of_all(views, poses)
+    assert [each.evaluations for each in views] == [5, 5]
+    one, other = (ContourExpansion.of_all([each], poses) for each in views)
+    for name in ('values', 'lengths', 'gradient', 'information', 'moments'):
+        np.testing.assert_array_equal(getattr(both, name),
+                                      getattr(one, name) + getattr(other, name))
+    assert np.abs(one.gradient - other.gradient).max() > 0
