@@ -132,15 +132,15 @@ class LearnedViews(Settings):
     error_views: float = Field(
         gt=0, le=1000, description='number of independent views that this is worth [1]')
     disagreement: float = Field(
-        gt=0, le=100, description='mean square by which a view is off, relative to what the model '
-        'error of one view lets expect, where that model error holds [1]')
+        gt=0, le=100, description='median square by which views are off, relative to what the '
+        'model error of one view lets expect, where that model error holds [1]')
 
     def share(self, views: float, disagreement: float) -> float:
         """Variance of the model error, relative to that of one view.
 
-        views: independent ones. disagreement: of these. It is the mean of a scaled inverse
-        chi-squared distribution with that prior, but for a constant; of views of about one place,
-        which cannot disagree, it is 1.
+        views: independent ones. disagreement: of these. It would be the mean of a scaled inverse
+        chi-squared distribution with that prior, but for a constant, if disagreement were a mean
+        square; of views of about one place, which cannot disagree, it is 1.
         """
         alike = _alike(views)
         found = views * disagreement / self.disagreement

@@ -46,7 +46,7 @@ class PoseEstimate:
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
     least_support, least_evidence: the thresholds that support and evidence were compared with.
-    disagreement: of several views: mean square by which each alone would move the contour,
+    disagreement: of several views: median square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
     hidden: numbers of the views that do not show it there, and were not used.
     """

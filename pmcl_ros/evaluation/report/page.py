@@ -159,7 +159,7 @@ def _sureness(run: Localization) -> list[Fact]:
                       f'lost below {estimate.least_support:+.2f}'))
     if np.isfinite(estimate.disagreement):
         facts.append(Fact('disagreement', 'the views disagree by', f'{estimate.disagreement:.2f}',
-                          'of what is expected (mean squares); the weakest fifth has to reach '
+                          'of what is expected (median square); the weakest fifth has to reach '
                           'more where it is larger'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),

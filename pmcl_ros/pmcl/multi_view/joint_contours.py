@@ -157,10 +157,14 @@ class JointContours:
         return made
 
     def disagreement(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
-        """Mean square by which views are off, in units of the model error of one view."""
-        alone = self._drawn(pose, motions).alone
-        off, expected = np.square([_off(each) for each in alone]).sum(axis=0)
-        return float(off / max(expected, 1e-12))
+        """Median square by which views are off, in units of the model error of one view.
+
+        One view of several in which something hides a part of the object does not decide. 0 where
+        no view shows a contour.
+        """
+        alone = [_off(each) for each in self._drawn(pose, motions).alone if each.length > 0]
+        return float(np.median([off ** 2 / max(expected ** 2, 1e-12) for off, expected in alone]
+                               or [0.0]))
 
 
 @dataclass(frozen=True)
