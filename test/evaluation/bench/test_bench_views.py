@@ -14,6 +14,7 @@ def test_a_further_view_takes_less_than_a_search():
     assert times.further[1] < times.whole[1]
     assert max(times.error_mm) < 10
     assert np.ptp(times.error_mm) < 2
-    assert result.lines()[0] == '2 views of 240x200 px over 60 degrees'
+    assert result.lines()[0] == ('2 views of 240x200 px over 60 degrees, objects said to be '
+                                 'clear')
     assert len(result.lines()) == 2 + 2 + 1
     assert 100 < times.peak < 1e5
