@@ -13,7 +13,7 @@ import hypothesis
 import pytest
 
 import pmcl_ros
-from pmcl_ros.runtime import kernels
+from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.runtime.gl import GlContext
 
 
@@ -44,7 +44,7 @@ os.environ.setdefault('ROS_PYTHON_CHECK_FIELDS', '1')
 
 
 # The workers share the cores: threads of theirs would wait for each other, and spin.
-kernels.set_threads(1)
+kernel_threads.set_threads(1)
 
 # A busy machine takes long now and then; the same examples are drawn each time.
 hypothesis.settings.register_profile('pmcl_ros', deadline=None, derandomize=True,
@@ -55,10 +55,10 @@ hypothesis.settings.load_profile('pmcl_ros')
 # Rooms and files whose tests start processes, search for poses, trace rays or wait for a camera.
 SLOW = {'nodes', 'launch', 'evaluation', 'simulation', 'learning', 'cli', 'tracking',
         'multi_object', 'multi_view', 'test_contour_map_search.py', 'test_sunken.py',
-        'test_contour_net.py', 'test_faults.py', 'test_kernels.py', 'test_same_digits.py',
-        'test_localizer.py', 'test_particle_filter.py', 'test_level_of_detail.py',
-        'test_proposals.py', 'test_pipeline.py', 'test_package.py', 'test_launch.py',
-        'test_docs.py', 'test_calibrate.py', 'test_boards.py', 'test_bundle.py',
+        'test_contour_net.py', 'test_faults.py', 'test_kernels.py', 'test_kernel_threads.py',
+        'test_same_digits.py', 'test_localizer.py', 'test_particle_filter.py',
+        'test_level_of_detail.py', 'test_proposals.py', 'test_pipeline.py', 'test_package.py',
+        'test_launch.py', 'test_docs.py', 'test_calibrate.py', 'test_boards.py', 'test_bundle.py',
         'test_back_end.py', 'test_render_back_end.py'}
 # A file of these rooms that is not: pages that are older than the code are told by a quick run.
 QUICK = {'test_reference.py'}
@@ -101,9 +101,9 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture
 def all_threads():
     """Kernels of the test run on as many threads as there are cores; their number."""
-    kernels.set_threads(kernels.CORES)
-    yield kernels.CORES
-    kernels.set_threads(1)
+    kernel_threads.set_threads(kernel_threads.CORES)
+    yield kernel_threads.CORES
+    kernel_threads.set_threads(1)
 
 
 @pytest.fixture

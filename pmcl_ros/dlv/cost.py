@@ -23,7 +23,8 @@ from pmcl_ros.dlv.sampling import TAPS
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.window_sums import sum_across, sum_down
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.runtime.kernels import compiled, rounds, threads
+from pmcl_ros.runtime.kernel_threads import threads
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _NONE = np.empty((0, 0, 0), np.float32)
 

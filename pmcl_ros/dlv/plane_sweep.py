@@ -23,7 +23,8 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import VolumeError
-from pmcl_ros.runtime.kernels import compiled, rounds, threads
+from pmcl_ros.runtime.kernel_threads import threads
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 _LOG = logging.getLogger(__name__)
 _CHANNELS = 5  # of `matching_planes`, side by side

@@ -10,7 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.synchronize import Event
 
 from pmcl_ros.evaluation.trials import Camera, Job, Trial, Worker
-from pmcl_ros.runtime import kernels
+from pmcl_ros.runtime import kernel_threads
 from pmcl_ros.runtime.errors import PmclError
 
 _POLL = 0.2  # s between two questions whether to stop
@@ -78,7 +78,7 @@ _WORKERS: list[Worker] = []  # the one of this process
 def _start(camera: Camera | None, stop: Event, threads: int) -> None:
     """Prepare a process of the pool: it shares the cores with the others."""
     os.environ['LP_NUM_THREADS'] = str(threads)  # of Mesa's renderer on the processor
-    kernels.set_threads(min(threads, kernels.threads()))
+    kernel_threads.set_threads(min(threads, kernel_threads.threads()))
     _WORKERS.append(Worker(camera, stop.is_set))
 
 

@@ -22,11 +22,8 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, WIDEST
 from pmcl_ros.pmcl.uncertain_cameras import Nuisance, UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, ViewTerms, sums_over_pairs
+from pmcl_ros.pmcl.view_terms import REACH, ViewContour, ViewTerms, sums_over_pairs
 
-# px: along a contour, beyond which contributions share no noise. Contrast is normalised by that of
-# a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
-_REACH = 20.0
 _LEAST_FREE = 0.25  # share of the degrees of freedom that remain, however short the contour is
 _LEAST_VARIANCE = 0.05  # of the slope of a contribution: no capture is without noise
 _FARTHEST = 1.0  # px, rms along the contour: largest step; the model does not hold farther off
@@ -94,10 +91,10 @@ class LocalModel:
         variability, off = information, np.zeros_like(information)
         if error is not None and length > 0:
             stretched = [each.stretches() for each in terms if len(each.points.lengths)]
-            together, displaced = sums_over_pairs(stretched, error, _REACH)
+            together, displaced = sums_over_pairs(stretched, error)
             # The slopes at the best pose are smaller than at the true one, as d directions of them
-            # were fitted. A stretch of _REACH counts as one degree of freedom.
-            free = max(1 - len(gradient) * _REACH / length, _LEAST_FREE)
+            # were fitted. A stretch of REACH counts as one degree of freedom.
+            free = max(1 - len(gradient) * REACH / length, _LEAST_FREE)
             noise = _LEAST_VARIANCE * sum((each.moments for each in terms), least)
             variability = together / free + noise
             # The model error moves the contour; the pose follows by weighted least squares.

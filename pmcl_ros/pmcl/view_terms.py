@@ -19,6 +19,9 @@ from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, LEAST_SHOWN
 
 _STEP = 1.0  # px: along the normals, for differences; about half the width of an edge's energy
 _STRETCH = 3.0  # px: of a contour, one point in the covariances between points
+# px: along a contour, beyond which contributions share no noise. Contrast is normalised by that of
+# a neighbourhood of 12 px (Gaussian), and texture is coarse where it is out of focus.
+REACH = 20.0
 
 
 @dataclass(frozen=True)
@@ -148,19 +151,19 @@ class ViewTerms:
                        scale=scale[:, 0], points=replace(self.points, pixels=pixels))
 
 
-def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError, reach: float
+def sums_over_pairs(views: Sequence[ViewTerms], error: ModelError
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(d, d) sums over all pairs of stretches: of `each`, of `curved`.
 
-    Those of `each` have the share of noise that is common to both, which falls to 0 over `reach`
-    px; those of `curved` the covariance of their displacements by the model error.
+    Those of `each` have the share of noise that is common to both, which falls to 0 at `REACH`;
+    those of `curved` the covariance of their displacements by the model error.
     """
     together = displaced = np.zeros(())
     for k, one in enumerate(views):  # with those that follow: arrays of all pairs take 20 MB each
         rest = views[k:]
         distance, same_side, alike = (pairs_in_image(one) if len(views) == 1
                                       else pairs([one], rest, error))
-        noise = np.where(same_side, np.clip(1 - distance / reach, 0, None), 0)
+        noise = np.where(same_side, np.clip(1 - distance / REACH, 0, None), 0)
         moved = error.covariance(distance, same_side)
         alike = alike * np.repeat([0.5, 1], [len(one.each), distance.shape[1] - len(one.each)])
         each, curved = (np.concatenate(values) for values in zip(

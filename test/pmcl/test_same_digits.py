@@ -15,8 +15,8 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
-from pmcl_ros.runtime import kernels
-kernels.set_threads(int(sys.argv[1]))
+from pmcl_ros.runtime import kernel_threads
+kernel_threads.set_threads(int(sys.argv[1]))
 renderer, model, region = NumbaRenderer(), bench.vessel(), Region(bench.PLACE, (0.16,) * 3)
 scene = Scene(model, bench.CAMERA, region.window(bench.CAMERA, model.radius),
               *region.grown(model.radius))

@@ -7,7 +7,6 @@ import os
 import shutil
 import subprocess
 import sys
-import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
@@ -21,9 +20,9 @@ from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.runtime import kernels
-from pmcl_ros.runtime.kernels import Threads, compiled, rounds
+from pmcl_ros.runtime.kernels import compiled
 
-KERNELS = Path(kernels.__file__)
+RUNTIME = Path(kernels.__file__).parent
 _FORK = multiprocessing.get_context('fork')
 CALLER = """
 import sys
@@ -54,11 +53,12 @@ def inner(x):
 
 
 def package_in(folder):
-    """A package of this name that holds nothing but `kernels` and files of the test."""
+    """A package of this name with `kernels`, its threads and files of the test alone."""
     package = folder / 'pmcl_ros'
     (package / 'runtime').mkdir(parents=True)
     (package / '__init__.py').touch()
-    shutil.copy(KERNELS, package / 'runtime')
+    for name in 'kernels.py', 'kernel_threads.py':
+        shutil.copy(RUNTIME / name, package / 'runtime')
     (package / 'outer.py').write_text(CALLER)
     (package / 'inner.py').write_text(INNER)
     (package / 'constant.py').write_text('SUMMAND = 1\n')
@@ -239,69 +239,6 @@ def test_two_threads_may_build_at_once():
     for one, other in zip(alone, together, strict=True):
         for here, there in zip(one, other, strict=True):
             np.testing.assert_array_equal(here, there)
-
-
-@compiled(parallel=True)
-def _count(times, where, portion):
-    """Add one to each of `times`; where: who was there; fails at a negative number."""
-    for n in rounds(len(times), portion):
-        if times[n] < 0:
-            raise ValueError('negative')
-        times[n] += 1
-        where[n] = portion[0]
-    return portion[1]
-
-
-@pytest.mark.parametrize('count', [0, 1, 2, 3, 100])
-def test_each_round_of_a_loop_is_in_one_portion(count, monkeypatch):
-    monkeypatch.setattr(kernels, 'CORES', 5)
-    monkeypatch.setattr(kernels, '_threads', 5)
-    times, where = np.zeros(count, np.int64), np.zeros(count, np.int64)
-    assert _count(times, where) == [5] * 5
-    np.testing.assert_array_equal(times, 1)
-    assert (np.diff(where) >= 0).all()
-    assert np.ptp(np.bincount(where, minlength=5)) <= 1  # none has more to do than others
-
-
-def test_calls_together_are_those_one_after_the_other_by_all_threads(monkeypatch):
-    monkeypatch.setattr(kernels, 'CORES', 3)
-    monkeypatch.setattr(kernels, '_threads', 3)
-    calls = [(np.zeros(count, np.int64), np.zeros(count, np.int64)) for count in (1, 0, 7, 1)]
-    assert _count.together(calls) == [[3] * 3] * len(calls)
-    for times, where in calls:
-        np.testing.assert_array_equal(times, 1)
-        assert (np.diff(where) >= 0).all()
-    assert Threads(lambda value, portion: (value, *portion)).together([('a',), ('b',)]) == [
-        [(value, number, 3) for number in range(3)] for value in 'ab']
-    barrier = threading.Barrier(3, timeout=30)
-
-    def meet(portion):
-        if portion[0] == 2:
-            barrier.wait()
-
-    Threads(meet).together([()] * 3)  # three calls of one round each, at once in three threads
-
-
-def test_what_one_portion_raises_is_raised_when_all_have_ended(all_threads):
-    times = np.zeros(1000, np.int64)
-    times[-1] = -1
-    with pytest.raises(ValueError, match='negative'):
-        _count(times, np.zeros(1000, np.int64))
-    np.testing.assert_array_equal(times[:-1], 1)
-
-
-def test_several_callers_and_a_fork_have_threads(all_threads):
-    def count(_):
-        times = np.zeros(1000, np.int64)
-        _count(times, np.zeros(1000, np.int64))
-        return int(times.sum())
-
-    with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(count, range(30))) == [1000] * 30
-    child = os.fork()
-    if child == 0:
-        os._exit(count(0) != 1000)
-    assert os.waitpid(child, 0)[1] == 0
 
 
 PLAIN = """

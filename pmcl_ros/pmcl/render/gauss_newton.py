@@ -81,7 +81,7 @@ class Expansion:
 
 
 class ContourExpansion:
-    """Expands the evidence of poses in one view, with that of others: `Expansion`.
+    """Expands the evidence of poses in one view, or with others (`of_all`): `Expansion`.
 
     step: of the finite differences along the normals [image px]. camera: (4, 4) of the view, in
     the frame of the poses; default: that frame.

@@ -19,7 +19,8 @@ from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_su
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
-from pmcl_ros.runtime.kernels import LOCK, compiled, rounds
+from pmcl_ros.runtime.kernel_threads import LOCK
+from pmcl_ros.runtime.kernels import compiled, rounds
 
 
 @dataclass(frozen=True)

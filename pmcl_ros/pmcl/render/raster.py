@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from pmcl_ros.pmcl.render.refraction import apparent
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
-from pmcl_ros.runtime.kernels import CORES, compiled
+from pmcl_ros.runtime.kernel_threads import CORES
+from pmcl_ros.runtime.kernels import compiled
 
 MARGIN = 3  # px around the box: what looks at a pixel's neighbours needs no bounds
 _HALF = 128  # half a pixel, in the units of corners

@@ -1,5 +1,6 @@
 """One object in several views: against known truth, other frames, and dense linear algebra."""
 
+import contextlib
 import logging
 from dataclasses import replace
 
@@ -21,7 +22,7 @@ from pmcl_ros.lightfield.posed_view import PosedView
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
-from pmcl_ros.pmcl.multi_view.joint_contours import ViewFit
+from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.second_hypothesis import shown_in
@@ -30,6 +31,7 @@ from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
 from pmcl_ros.pmcl.view_terms import (
+    REACH,
     ViewContour,
     ViewTerms,
     pairs,
@@ -288,6 +290,31 @@ def test_one_of_two_views_suffices_where_the_other_shows_nothing(context, caplog
     np.testing.assert_allclose(np.diag(estimate.covariance), np.diag(alone.covariance), rtol=0.5)
 
 
+def test_views_disagree_by_the_median_and_one_without_a_contour_says_nothing(context):
+    truth, cameras = truth_of(CUP), around([-25, 0, 25])
+    given = maps_seen(context, CUP, truth, cameras)
+    aside = cameras[1].copy()
+    aside[:3, 3] += 0.5 * aside[:3, 0]  # it sees nothing of the region
+    off = retract(truth, np.array([[0.002, 0, 0.001, 0, 0, 0]]))[0]
+    wider = settings(size=(0.8, 0.8, 0.14))
+    values = []
+    for views in given.views, (*given.views, replace(given.views[1], camera_to_reference=aside)):
+        joint = JointEvidence.from_views(replace(given, views=views), NumbaRenderer(), CUP, wider)
+        into = np.linalg.inv(views[joint.numbers[0]].camera_to_reference)
+        with contextlib.ExitStack() as stack:
+            contours = JointContours.opened(joint, stack)
+            none = np.zeros(joint.errors.number)
+            squares = [(each.off / each.expected) ** 2
+                       for each in contours.fits(into @ off, none) if each.expected > 0]
+            contours.contours(into @ truth, none)  # what is kept is of the pose that is asked for
+            values.append(contours.disagreement(into @ off, none))
+        assert len(squares) == 3
+        assert values[-1] == pytest.approx(np.median(squares))
+        assert min(squares) < values[-1] < max(squares)
+    assert len(joint.views) == 4
+    assert values[0] == values[1]
+
+
 @pytest.mark.parametrize(('totals', 'shown'), [
     ([[3, 2]], ()), ([[3, -1]], (0,)), ([[-3, -1]], ()), ([[3, -1, -1]], ()),
     ([[3, -1, 2]], (0, 2)), ([[3, -9, 2, -9]], (0, 2)), ([[3, -1, -2, -1]], ()), ([[3]], ()),
@@ -415,14 +442,14 @@ def test_views_add_up_in_the_frame_of_the_pose(contours):
 def test_sums_over_pairs_are_those_of_dense_matrices(contours, count):
     pose, views = contours
     terms = [ViewTerms.from_view(each, pose, np.eye(6)).stretches() for each in views[:count]]
-    error, reach = ModelError(0.3, 0.5, 12.0), 20.0
+    error = ModelError(0.3, 0.5, 12.0)
     distance, same_side, alike = (pairs_in_image(terms[0]) if count == 1
                                   else pairs(terms, terms, error))
-    noise = np.where(same_side, np.maximum(1 - distance / reach, 0), 0) * alike
+    noise = np.where(same_side, np.maximum(1 - distance / REACH, 0), 0) * alike
     moved = error.covariance(distance, same_side) * alike
     each, curved = (np.concatenate([getattr(one, name) for one in terms])
                     for name in ('each', 'curved'))
-    for mine, values, of in zip(sums_over_pairs(terms, error, reach), (noise, moved),
+    for mine, values, of in zip(sums_over_pairs(terms, error), (noise, moved),
                                 (each, curved), strict=True):
         expected = of.T @ values @ of
         # The angle of a view to itself is 0 or 2e-8, by how its product was summed.

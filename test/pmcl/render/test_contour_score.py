@@ -18,7 +18,7 @@ from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
-from pmcl_ros.runtime.kernels import set_threads
+from pmcl_ros.runtime.kernel_threads import set_threads
 
 NARROW = Pinhole(71, 57, 110, 95, 33.2, 30.6)
 WIDE = Pinhole(97, 61, 40, 44, 50, 28)
