@@ -41,7 +41,8 @@ def write_capture(folder: Path, scene: Scene, capture: SyntheticCapture, seed: i
 
     model.obj and truth.json are of the first target; those of other targets lie in numbered
     subfolders.
-    A target with discrete symmetries has a model.yaml too.
+    A target with discrete symmetries, or of which a user says what it is made of, has a model.yaml
+    too.
     Views are kept with 11 bits of precision, far below their noise.
     """
     light_field = capture.light_field
@@ -135,17 +136,24 @@ def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_
         place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
         mesh.export(out.path(f'{place}model.obj'), digits=7)
-        if len(target.discrete) > 1:
-            out.path(f'{place}model.yaml').write_text(yaml.safe_dump(_object(target)))
+        if described := _described(target):
+            out.path(f'{place}model.yaml').write_text(
+                yaml.safe_dump({'mesh': 'model.obj'} | described))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
         truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target, key)
         out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
 
 
-def _object(target: Target) -> dict[str, Any]:
-    """As `ObjectSettings` reads it."""
-    return {'mesh': 'model.obj', 'symmetries_continuous': [],
-            'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
+def _described(target: Target) -> dict[str, Any]:
+    """What model.yaml says of a mesh, as `ObjectSettings` reads it: what a search makes use of."""
+    values: dict[str, Any] = {}
+    if len(target.discrete) > 1:
+        values |= {'symmetries_continuous': [],
+                   'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
+    if target.appearance is not None:
+        values['appearance'] = target.appearance.model_dump(
+            include={'material', 'roughness'}, exclude_none=True)
+    return values
 
 
 def _truth(target: Target, key: str) -> dict[str, Any]:

@@ -145,6 +145,20 @@ def test_clear_things_in_a_white_room_are_white() -> None:
     assert (seen > 0.98).mean() > 0.98  # but what is trapped for more bounces than are followed
 
 
+def test_ground_glass_in_a_white_room_loses_what_a_second_facet_reflects() -> None:
+    room = np.ones((256, 512, 3), np.float32)
+    lamp = np.array([[0.2, 0.3, 0.0, 0.2, 1, 1, 1]])  # as bright as the room
+    rng = np.random.default_rng(5)
+    vessel = random_vessel(rng, ('stemmed',))
+    glass = Solid(Frusta.from_profile(vessel.closed, 0, 1), (Clear(1.52, roughness=0.24),),
+                  standing(rng))
+    own, traced = both(scene((glass,), room=Environment(room, lamp, room)))
+    shown = (np.abs(traced - 1) > 1e-3).any(axis=2)
+    assert 0.1 < shown.mean() < 0.3
+    assert 0.97 < own[shown].mean() <= 1
+    assert 0.85 < traced[shown].mean() < 0.95
+
+
 def test_a_slab_absorbs_and_reflects_as_fresnel_and_beer_say() -> None:
     absorption = (5.0, 20.0, 60.0)
     its = sensor(24, 24)

@@ -88,7 +88,8 @@ class _Description:
         media = self._media()
         solids = tuple(Solid(each, media, pose) for each in surfaces)
         return SceneObject(f'{look.material} {model.name}', solids, model.vertices, model.faces,
-                           axis, 'upright' if look.liquid else '', self.turn[2], model.discrete)
+                           axis, 'upright' if look.liquid else '', self.turn[2], model.discrete,
+                           look)
 
     def _media(self) -> tuple[Medium, ...]:
         look = self.appearance

@@ -8,6 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.simulation.scenes.materials import Medium, Opaque, random_glass, random_liquid
 from pmcl_ros.simulation.scenes.poses import Pose, pose_of, resting
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
@@ -28,7 +29,7 @@ class SceneObject:
     solids: their poses are in the object's frame. vertices, faces: its closed outer surface [m].
     axis: of its rotational symmetry, or None. way: in which it rests, as of `poses.resting`;
     '': any. up: (3,) what points up when it stands. discrete: (k, 4, 4) symmetries as in
-    `ObjectModel`.
+    `ObjectModel`. appearance: as of `Target`.
     """
 
     name: str
@@ -39,6 +40,7 @@ class SceneObject:
     way: str = ''
     up: NDArray[np.float64] = field(default_factory=lambda: np.array([0, 0, 1.0]))
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+    appearance: Appearance | None = None
 
     @classmethod
     def from_mesh(cls, mesh: trimesh.Trimesh, medium: Medium, name: str = 'mesh') -> 'SceneObject':

@@ -183,7 +183,7 @@ def random_target(rng: np.random.Generator, of: SceneObject, pose: Pose, side: f
     """
     x, y, z = (float(each) for each in pose[:3, 3] + 0.2 * side * rng.uniform(-1, 1, 3))
     return Target(of.vertices, of.faces, of.axis, pose, (x, y, z), (side,) * 3, empty,
-                  of.discrete)
+                  of.discrete, of.appearance)
 
 
 def random_room(rng: np.random.Generator, camera: Pose) -> list[Sheet]:

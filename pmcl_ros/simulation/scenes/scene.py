@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.sensor import Sensor
@@ -73,6 +74,7 @@ class Target:
     vertices: (n, 3) [m], faces: (m, 3), closed, outward. axis: of its rotational symmetry, or
     None. pose: (4, 4), object to camera. roi_center, roi_size: camera's frame [m].
     empty: the object is not in the scene. discrete: (k, 4, 4) symmetries as in `ObjectModel`.
+    appearance: what its user says that it is made of.
     """
 
     vertices: NDArray[np.float64]
@@ -83,6 +85,7 @@ class Target:
     roi_size: tuple[float, float, float]
     empty: bool
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
+    appearance: Appearance | None = None
 
 
 @dataclass(frozen=True)

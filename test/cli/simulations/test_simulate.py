@@ -53,6 +53,8 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
     source = read_source(capture.source)
     assert isinstance(source, PosedViews)
     model = ObjectModel.load(tumbler)
+    assert model.clear
+    assert ObjectModel.load(capture.model).clear  # its user says so, and the capture after him
     for view in source.views:
         into = np.linalg.inv(view.camera_to_reference)
         inside = silhouette(view.pinhole, model, into @ capture.truth.pose, 1) > 0
