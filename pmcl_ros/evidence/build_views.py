@@ -1,9 +1,9 @@
 """PosedViews -> ViewsEvidence, as views come."""
 
-import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evidence.binning import binned_to_fit
@@ -24,17 +24,18 @@ class ViewsEvidenceBuilder:
     def __init__(self, settings: DlvSettings, contour_maps: bool = True,
                  size_in: Callable[[PosedView], float] = lambda _: 0.0) -> None:
         self._settings, self._contour_maps, self._size_in = settings, contour_maps, size_in
-        self._kept: dict[bytes, EvidenceVolume] = {}  # of the last views, by their pictures
+        self._kept: list[tuple[PosedView, EvidenceVolume]] = []  # of the last views
 
     def build(self, views: PosedViews) -> ViewsEvidence:
         """The evidence of each view, `binned_to_fit`. Raises as `build_map`."""
         views = binned_to_fit(views, self._settings)
-        keys = [_key(each) for each in views.views]
-        self._kept = {key: self._kept.get(key) or self._build(view)
-                      for key, view in zip(keys, views.views, strict=True)}
+        made: list[tuple[PosedView, EvidenceVolume]] = []
+        for each in views.views:
+            made.append((each, _of_same_picture(each, made + self._kept) or self._build(each)))
+        self._kept = made
         return ViewsEvidence(views.header, tuple(
-            PosedEvidence(self._kept[key], each.camera_to_reference, each.sigma, each.group,
-                          each.common, each) for key, each in zip(keys, views.views, strict=True)))
+            PosedEvidence(evidence, each.camera_to_reference, each.sigma, each.group, each.common,
+                          each) for each, evidence in made))
 
     def _build(self, view: PosedView) -> EvidenceVolume:
         if self._contour_maps:
@@ -42,7 +43,13 @@ class ViewsEvidenceBuilder:
         return view_edges(view, self._settings)
 
 
-def _key(view: PosedView) -> bytes:
-    found = hashlib.blake2b(np.ascontiguousarray(view.picture).data)
-    found.update(repr(view.pinhole).encode())
-    return found.digest()
+def _of_same_picture(view: PosedView, kept: Iterable[tuple[PosedView, EvidenceVolume]]
+                     ) -> EvidenceVolume | None:
+    """The evidence of the view, among others, of this picture by this camera."""
+    return next((evidence for other, evidence in kept if other.pinhole == view.pinhole
+                 and _same(other.picture, view.picture)), None)
+
+
+def _same(one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
+    """Whether pictures are; most that are not differ in their first row."""
+    return np.array_equal(one[0], other[0]) and np.array_equal(one, other)
