@@ -122,9 +122,12 @@ class Simulated:
         """Of object, camera, plan and settings: other values, another digest."""
         of = self.simulation
         assert isinstance(of.draw, Draw)
-        settings = [each.model_dump_json() for each in (of.draw.settings, of.camera, of.plan)
+        # As text: a pickle of settings differs from process to process.
+        settings = [each.model_dump_json()
+                    for each in (of.draw.settings, of.camera, of.plan, of.draw.thing.appearance)
                     if each is not None]
-        values = of.draw.thing, of.draw.surroundings, settings, of.samples, __version__
+        thing = replace(of.draw.thing, appearance=None)
+        values = thing, of.draw.surroundings, settings, of.samples, __version__
         return hashlib.sha256(pickle.dumps(values)).hexdigest()[:16]
 
     @classmethod

@@ -1,6 +1,9 @@
 """`pmcl simulate` and `pmcl feasibility`, on small pictures."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +105,17 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     tumbler.write_text(tumbler.read_text().replace('0.0025', '0.003'))
     other = run(tumbler, 'feasibility', '--scenes', '1', *options)
     assert 'scenes of another simulation: all that is simulated' in other.output
+
+
+def test_another_process_goes_on(tumbler: Path) -> None:
+    """Whatever order its sets and dictionaries have."""
+    command = [sys.executable, '-m', 'pmcl_ros.cli', 'simulate', str(tumbler), '--camera',
+               str(tumbler.with_name('camera.yaml')), '--renderer', 'fast', '--samples', '1',
+               '--count', '1', '-o', str(tumbler.parent / 'out')]
+    for seed in ('1', '2', '3'):
+        made = subprocess.run(command, env=os.environ | {'PYTHONHASHSEED': seed}, text=True,
+                              capture_output=True, timeout=300)
+        assert made.returncode == 0, made.stderr
 
 
 def test_what_is_impossible_is_one_line(tumbler: Path) -> None:
