@@ -21,7 +21,7 @@ from pmcl_ros.runtime.resources import resolve
 @click.command()
 @source_options
 @click.option('--object', 'object_path', type=OBJECT, help='A mesh, or an object YAML; '
-              'default: model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
+              'default: model.yaml or model.obj beside SOURCE, or models/NAME.obj of a bag NAME.')
 @region_options
 @click.option('--mode', type=click.Choice(['default', 'faithful']), default='default',
               show_default=True, help=PmclSettings.model_fields['mode'].description)
@@ -72,8 +72,9 @@ def report(source: GivenSource, object_path: Path | None, region: GivenRegion,
 
 
 def _object(source: Path, folder: Path) -> Path:
-    if (folder / 'model.obj').is_file():
-        return folder / 'model.obj'
+    for name in ('model.yaml', 'model.obj'):
+        if (folder / name).is_file():
+            return folder / name
     if is_bag(source):
         try:
             return resolve(f'package://pmcl_ros/models/{source.resolve().name}.obj', 'object')

@@ -1,7 +1,7 @@
 """Reads captures with known truth: folders with a picture, a model.obj and a truth.json.
 
-A model.yaml beside them gives the object's symmetries (`ObjectSettings`). Further objects in the
-same picture have a model.obj and a truth.json in subfolders.
+A model.yaml beside them gives the object's symmetries and material (`ObjectSettings`). Further
+objects in the same picture have a model.obj and a truth.json in subfolders.
 """
 
 import hashlib

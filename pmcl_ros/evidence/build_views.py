@@ -15,7 +15,8 @@ from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 
 
 class ViewsEvidenceBuilder:
-    """Makes the evidence of some views. Pictures that came the last time are not read again.
+    """Makes the evidence of some views. A picture that came before, or the last time, is not read
+    again: the last views are held.
 
     contour_maps: whether it is contour maps, else edges. settings: as of `build_map`. size_in: how
     large the object is in a view [px], as of `build_map`.
@@ -51,5 +52,6 @@ def _of_same_picture(view: PosedView, kept: Iterable[tuple[PosedView, EvidenceVo
 
 
 def _same(one: NDArray[np.float32], other: NDArray[np.float32]) -> bool:
-    """Whether pictures are; most that are not differ in their first row."""
-    return np.array_equal(one[0], other[0]) and np.array_equal(one, other)
+    """Whether pictures are; most that are not differ in some of their pixels already."""
+    some = slice(None, None, 16)
+    return np.array_equal(one[some, some], other[some, some]) and np.array_equal(one, other)

@@ -145,11 +145,16 @@ def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_
 
 
 def _described(target: Target) -> dict[str, Any]:
-    """What model.yaml says of a mesh, as `ObjectSettings` reads it: what a search makes use of."""
-    values: dict[str, Any] = {}
-    if len(target.discrete) > 1:
-        values |= {'symmetries_continuous': [],
-                   'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
+    """What model.yaml says of a mesh, as `ObjectSettings` reads it: what a search makes use of.
+
+    Nothing where the mesh alone says all.
+    """
+    if len(target.discrete) == 1 and target.appearance is None:
+        return {}
+    axes = [] if target.axis is None else [{'axis': target.axis.tolist()}]
+    values: dict[str, Any] = {
+        'scale': 1.0, 'symmetries_continuous': axes,
+        'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
     if target.appearance is not None:
         values['appearance'] = target.appearance.model_dump(
             include={'material', 'roughness'}, exclude_none=True)

@@ -145,7 +145,7 @@ def test_clear_things_in_a_white_room_are_white() -> None:
     assert (seen > 0.98).mean() > 0.98  # but what is trapped for more bounces than are followed
 
 
-def test_ground_glass_in_a_white_room_loses_what_a_second_facet_reflects() -> None:
+def test_ground_glass_in_a_white_room_is_darker_by_path_tracing() -> None:
     room = np.ones((256, 512, 3), np.float32)
     lamp = np.array([[0.2, 0.3, 0.0, 0.2, 1, 1, 1]])  # as bright as the room
     rng = np.random.default_rng(5)

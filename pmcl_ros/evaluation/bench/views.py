@@ -109,7 +109,7 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
                            np.random.default_rng(seed))  # templates are made once
         all_given = [PosedViews(tuple(views[:number])) for number in range(1, len(views) + 1)]
         growing, kept = GrowingSearch(localizer), builder()
-        for given in all_given:
+        for given in map(_received, all_given):
             evidence = _timed_by(times.evidence, partial(kept.build, given))
             further = _timed_by(times.further, partial(
                 growing.localize, evidence, np.random.default_rng(seed)))
@@ -118,6 +118,11 @@ def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
             whole = _timed_by(times.whole, partial(
                 localizer.localize, builder().build(given), np.random.default_rng(seed)))
     return replace(times, error_mm=(off(whole), off(further)), peak=_peak())
+
+
+def _received(views: PosedViews) -> PosedViews:
+    """As a node has them: each message brings all pictures anew."""
+    return PosedViews(tuple(replace(each, picture=each.picture.copy()) for each in views.views))
 
 
 def _peak() -> float:

@@ -63,7 +63,7 @@ class WorkplaceLook:
         x, y, z = (float(each) for each in inside[:3, 3] + middle)
         side = float(np.ptp(self.thing.vertices, axis=0).max())
         seen = Target(self.thing.vertices, self.thing.faces, self.thing.axis, inside, (x, y, z),
-                      (side,) * 3, False, self.thing.discrete)
+                      (side,) * 3, False, self.thing.discrete, self.thing.appearance)
         return Scene(f'{self.place.kind}: {self.thing.name}', (*target, *solids), tuple(sheets),
                      light, camera[:3, :3], sensor, (seen,),
                      (0,) * len(target) + (1,) * len(solids))

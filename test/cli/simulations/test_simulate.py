@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -76,6 +77,32 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
         (capture.folder / '000.png').write_bytes(kept)
         assert run(tumbler, 'simulate', *options).exit_code == 0
         assert (capture.folder / '000.png').read_bytes() == kept
+
+@pytest.mark.parametrize(('look', 'clear'), [
+    ({'material': 'glass'}, True), ({'material': 'glass', 'roughness': 0.1}, False),
+    ({'material': 'frosted'}, False)])
+@pytest.mark.parametrize('declared', [
+    {}, {'symmetries_continuous': []},
+    {'symmetries_discrete': [np.diag([1.0, -1, -1, 1]).ravel().tolist()]}])
+def test_captures_keep_symmetry_and_material(tmp_path: Path, look: dict[str, Any], clear: bool,
+                                             declared: dict[str, Any]) -> None:
+    trimesh.creation.cylinder(0.03, 0.1, sections=32).export(tmp_path / 'rod.stl')
+    (tmp_path / 'camera.yaml').write_text(yaml.safe_dump(CAMERA))
+    rod = tmp_path / 'rod.yaml'
+    rod.write_text(yaml.safe_dump({'mesh': 'rod.stl', 'scale': 1.0, **declared,
+                                   'appearance': {'solid': True, **look}}))
+    made = run(rod, 'simulate', '--renderer', 'fast', '--samples', '1', '--count', '1', '-o',
+               str(tmp_path / 'out'))
+    assert made.exit_code == 0, made.output
+    capture, = find_captures(tmp_path / 'out')
+    told, kept = ObjectModel.load(rod), ObjectModel.load(capture.model)
+    assert told.clear is kept.clear is clear
+    none = 'symmetries_continuous' in declared
+    assert (kept.axis is None) == (told.axis is None) == none
+    if told.axis is not None and kept.axis is not None:
+        np.testing.assert_allclose(kept.axis, told.axis, atol=1e-9)
+    np.testing.assert_allclose(kept.discrete, told.discrete, atol=1e-9)
+    assert len(kept.discrete) == (2 if 'symmetries_discrete' in declared else 1)
 
 
 def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
