@@ -14,6 +14,7 @@ import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
 
+from pmcl_ros.pmcl.render.clipping import CORNERS, clipped
 from pmcl_ros.pmcl.render.refraction import apparent
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.runtime.errors import RenderError
@@ -25,7 +26,6 @@ _HALF = 128  # half a pixel, in the units of corners
 _EXTENT = 2040  # px: edges of triangles up to this size fit 32 bits
 LARGEST = 1800  # px: of a window
 _SLIVER = np.float32(1 / 256)  # px: so narrow that rounding the corners may turn it round
-_CORNERS = 8  # that a triangle has at most, clipped by five planes
 
 
 class Drawing(NamedTuple):
@@ -283,36 +283,9 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
              water, guard, closed, window, stride, z):
     """Draw what of a triangle is beyond `near` and within the guard band around the window."""
     fx, fy, cx, cy = camera
-    polygon = np.zeros((_CORNERS, 3), np.float64)
-    distances = np.zeros(_CORNERS, np.float64)
-    for k in range(3):
-        for axis in range(3):
-            polygon[k, axis] = pose[axis, 3]
-            for j in range(3):
-                polygon[k, axis] += float(pose[axis, j]) * vertices[j, face[k]]
-        if len(water) > 0:
-            polygon[k] = apparent(polygon[k, 0], polygon[k, 1], polygon[k, 2], water)
-    count = 3
-    reach = guard / 256 - 1
-    for plane in range(5):
-        for k in range(count):
-            distances[k] = _inside(polygon[k], plane, fx, fy, cx, cy, width, height, near, reach)
-        kept = 0
-        result = np.zeros((_CORNERS, 3), np.float64)
-        for k in range(count):
-            here, there = distances[k], distances[(k + 1) % count]
-            if here >= 0:
-                for axis in range(3):
-                    result[kept, axis] = polygon[k, axis]
-                kept += 1
-            if (here >= 0) != (there >= 0):
-                part = here / (here - there)
-                point = polygon[k] + part * (polygon[(k + 1) % count] - polygon[k])
-                for axis in range(3):
-                    result[kept, axis] = point[axis]
-                kept += 1
-        polygon, count = result, kept
-    corners, exact = np.zeros((2, _CORNERS), np.int32), np.zeros((3, _CORNERS), np.float32)
+    polygon, count = clipped(vertices, face, pose, camera, width, height, near, water,
+                             guard / 256 - 1)
+    corners, exact = np.zeros((2, CORNERS), np.int32), np.zeros((3, CORNERS), np.float32)
     for k in range(count):
         for axis, focal, middle in ((0, fx, cx), (1, fy, cy)):
             exact[axis, k] = focal * polygon[k, axis] / polygon[k, 2] + middle + 0.5
@@ -320,20 +293,6 @@ def _clipped(vertices, face, pose, camera, width, height, near,  # type: ignore[
         exact[2, k] = 1 / polygon[k, 2]
     for k in range(1, count - 1):
         _fill(corners, exact, 0, k, k + 1, closed, window, stride, z)
-
-
-@compiled(inner=True)
-def _inside(p, plane, fx, fy, cx, cy, width, height, near, reach):  # type: ignore[no-untyped-def]
-    """How far inside one of the five planes a point is; of any scale."""
-    if plane == 0:
-        return p[2] - near
-    if plane == 1:
-        return fx * p[0] + (cx + 0.5 + reach) * p[2]
-    if plane == 2:
-        return (width + reach - cx - 0.5) * p[2] - fx * p[0]
-    if plane == 3:
-        return fy * p[1] + (cy + 0.5 + reach) * p[2]
-    return (height + reach - cy - 0.5) * p[2] - fy * p[1]
 
 
 @compiled(inner=True)
