@@ -19,7 +19,6 @@ from pmcl_ros.pipeline import size_in
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
@@ -93,8 +92,7 @@ def _pictures(scene: Scene, camera: OrdinaryCamera, count: int, rng: np.random.G
 
 
 def _timed(target: Target, views: list[PosedView], seed: int) -> KindTimes:
-    model = ObjectModel('target', target.vertices, target.faces, target.axis, True,
-                        target.discrete, clear=True)
+    model = replace(target.model('target'), clear=True)
     settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
 
     def builder() -> ViewsEvidenceBuilder:

@@ -84,7 +84,7 @@ def profile_trial(seed: int, of: ProfileStudy) -> ProfileTrial:
     alone = _scene(rng, of, replace(vessel, way='upright'), clutter=0)
     other = _scene(rng, of, vessel)
     views = _taken(rng, of, alone, _round(rng, of, alone))
-    model = _model(alone.targets[0])
+    model = alone.targets[0].model('true')
     arc = CameraPlan(arc=(of.views, of.apart)).cameras(other)
     others = PosedViews(_taken(rng, of, other, arc))
     found: MeasuredProfile | None = None
@@ -190,10 +190,6 @@ def _drawn(rng: np.random.Generator, view: PosedView, target: Target) -> Box:
 def _by_ruler(rng: np.random.Generator, model: ObjectModel) -> float:
     """The height of a vessel, as somebody measures it [m]."""
     return float(np.ptp(_true(model)[:, 1]) + rng.normal(0, _RULER))
-
-
-def _model(target: Target) -> ObjectModel:
-    return ObjectModel('true', target.vertices, target.faces, target.axis, True, target.discrete)
 
 
 def _localised(seed: int, views: PosedViews, scene: Scene, model: ObjectModel) -> Trial:

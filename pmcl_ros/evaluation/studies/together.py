@@ -73,8 +73,7 @@ def together(seed: int, count: int, settings: SceneSettings, samples: int,
     source = (render(group.scene, rng, samples).light_field if camera is None or plan is None
               else _posed_views(group.scene, camera, plan, rng, samples))
     targets = group.scene.targets
-    made = [ObjectModel(f'target {k}', each.vertices, each.faces, each.axis, True, each.discrete)
-            for k, each in enumerate(targets)]
+    made = [each.model(f'target {k}') for k, each in enumerate(targets)]
     models = [made[k] for k in group.copies]
     other = random_transparent(rng) if rng.random() < 0.5 else random_opaque(rng)
     models.append(ObjectModel('missing', other.vertices, other.faces, other.axis, True))

@@ -21,7 +21,6 @@ from pmcl_ros.pmcl.multi_view.next_view import (
     next_views,
     position_sigma,
 )
-from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
@@ -77,8 +76,7 @@ def view_gain(seed: int, of: ViewGainSettings) -> ViewGain:
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, of.scenes, sensor=of.camera.sensor(rng))
     target = scene.targets[0]
-    model = ObjectModel('target', target.vertices, target.faces, target.axis, True,
-                        target.discrete)
+    model = target.model('target')
     settings = PmclSettings(roi_center=target.roi_center, roi_size=target.roi_size)
 
     def taken(pose: NDArray[np.float64]) -> PosedView:

@@ -77,7 +77,7 @@ def group_scene(rng: np.random.Generator, count: int, settings: SceneSettings,
     x, y, z = ((low + high) / 2).tolist()
     width, height, depth = (high - low).tolist()
     targets = tuple(Target(each.vertices, each.faces, each.axis, pose, (x, y, z),
-                           (width, height, depth), False)
+                           (width, height, depth), False, each.discrete, each.appearance)
                     for each, pose in zip(objects, poses, strict=True))
     scene = Scene(', '.join(each.name for each in objects), tuple(solids), tuple(sheets),
                   random_environment(rng), camera[:3, :3].T, sensor, targets, tuple(owners))

@@ -132,10 +132,7 @@ class SyntheticCapture:
 
     def model(self, number: int = 0) -> ObjectModel:
         """A target as an object model."""
-        target = self.targets[number]
-        look = target.appearance
-        return ObjectModel(f'target {number}', target.vertices, target.faces, target.axis, True,
-                           target.discrete, look is not None and look.is_clear)
+        return self.targets[number].model(f'target {number}')
 
 
 def render(scene: Scene, rng: np.random.Generator, samples: int = 2,

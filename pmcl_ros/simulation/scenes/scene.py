@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.appearance import Appearance
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.scenes.environment import Environment
 from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.sensor import Sensor
@@ -86,6 +87,11 @@ class Target:
     empty: bool
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
     appearance: Appearance | None = None
+
+    def model(self, name: str) -> ObjectModel:
+        """It as a search knows it."""
+        return ObjectModel(name, self.vertices, self.faces, self.axis, True, self.discrete,
+                           self.appearance is not None and self.appearance.is_clear)
 
 
 @dataclass(frozen=True)
