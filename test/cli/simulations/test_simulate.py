@@ -78,6 +78,7 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
         assert run(tumbler, 'simulate', *options).exit_code == 0
         assert (capture.folder / '000.png').read_bytes() == kept
 
+
 @pytest.mark.parametrize(('look', 'clear'), [
     ({'material': 'glass'}, True), ({'material': 'glass', 'roughness': 0.1}, False),
     ({'material': 'frosted'}, False)])
