@@ -15,7 +15,8 @@ particle filter reads. The nodes call the same stages themselves; of this module
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -100,7 +101,8 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
                    size_in: Callable[[PosedView], float] = lambda _: 0.0) -> Evidence:
     """What the localizer of a mode reads of a capture, `binned_to_fit`.
 
-    size_in: how large the object is in an ordinary picture, as of `build_map`.
+    kind: as of `evidence_kind`. size_in: how large the object is in an ordinary picture, as of
+    `build_map`.
     Raises VolumeError, RenderError, PictureError, SettingsError without the map's network.
     """
     if mode == 'faithful':
@@ -114,8 +116,11 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     if kind == 'map':
         return build_map(source, settings,
                          size=size_in(source) if isinstance(source, PosedView) else 0.0)
-    return (build_edges(source, settings) if isinstance(source, LightField)
-            else view_edges(source, settings))
+    if not isinstance(source, LightField):
+        return view_edges(source, settings)
+    edges = build_edges(source, settings)
+    return (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
+            else edges)
 
 
 def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView], float]:
@@ -125,10 +130,13 @@ def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView],
 
 
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
-    """The kind that was chosen; by default edges of a light field, the map of pictures."""
-    if settings.evidence != 'auto':
+    """The kind that was chosen; by default the map of pictures.
+
+    Of a light field it stays auto: edges, and where these lose the object, the map.
+    """
+    if settings.evidence != 'auto' or isinstance(source, LightField):
         return settings.evidence
-    if isinstance(source, LightField) or settings.mode == 'faithful':
+    if settings.mode == 'faithful':
         return 'edges'
     _LOG.info('evidence map: poses are found in pictures by contour maps')
     return 'map'

@@ -7,17 +7,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from pmcl_scenes import CAMERA, cup, model_of
 
+from pmcl_ros.cli import main
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evaluation.captures import find_captures
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges, edge_volume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid, nominal_positions
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, PosedViews
 from pmcl_ros.pipeline import (
@@ -81,6 +85,38 @@ def test_a_volume_that_is_asked_for_changes_no_pose():
                                   build_volume(light_field(), found.settings).likelihood)
     np.testing.assert_array_equal(found.evidence.tensor,
                                   build_edges(light_field(), found.settings).tensor)
+
+
+def test_edges_of_a_light_field_give_its_contour_map_when_they_are_asked():
+    found, _, settings = run('default')
+    other = found.evidence.other()
+    np.testing.assert_array_equal(other.tensor, build_map(light_field(), found.settings).tensor)
+    kinds = [evidence_kind(settings, light_field()), 'edges']
+    assert kinds[0] == 'auto'
+    asked = [build_evidence(light_field(), found.settings, 'default', each).other()
+             for each in kinds]
+    assert [type(each) for each in asked] == [ContourMap, type(None)]
+
+
+def test_what_edges_lose_in_a_light_field_is_found_where_the_map_proposes_it(tmp_path):
+    # A generated scene in which the search by edges ends 350 nat below the truth.
+    done = CliRunner().invoke(main, ['scenes', 'render', '--preset', 'standard', '--views', '5',
+                                     '--samples', '1', '--count', '1', '--seed', '650043',
+                                     '--out', str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    capture, = find_captures(tmp_path)
+    settings = PmclSettings(roi_center=capture.truth.roi_center, roi_size=capture.truth.roi_size)
+    model = capture.load_model(capture.model)
+
+    def found(kind):
+        chosen = settings.model_copy(update={'evidence': kind})
+        with Pipeline.for_object(model, chosen) as pipeline:
+            return pipeline.run(lambda: capture.read(None), np.random.default_rng(0)).estimate
+
+    assert found('edges').lost
+    estimate = found('auto')
+    assert not estimate.lost
+    assert pose_error(estimate.pose, capture.truth.pose, model.symmetry).right
 
 
 def test_a_picture_has_the_evidence_of_a_centre_view():

@@ -105,7 +105,9 @@ class DlvNode(StageNode):
             Output(layers.wanted, lambda made: layers.publish(made.volume))]
         self._outputs: list[Output[Products]] = [
             Output(edges.wanted, lambda made: edges.publish(made.edges)),
-            Output(odds.wanted, lambda made: odds.publish(made.contour_map)),
+            # Where edges are wanted the search reads those, and the map only where it needs to.
+            Output(odds.wanted, lambda made: odds.publish(
+                made.contour_map, each_a_capture=not edges.wanted())),
             *(Output[Products](each.wanted, each.publish) for each in self._volumes)]
 
     def start(self) -> None:

@@ -1,12 +1,17 @@
 """The input of pmcl_node: evidence, from `dlv/contour_map`, `dlv/edges` or `dlv`."""
 
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
 
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
+from pmcl_ros.evidence.contour_map import ContourMap
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.messages.volume import edges_from, map_from, volume_from
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
@@ -21,6 +26,8 @@ ENDED = 'the node was reset or deactivated before it was searched'
 _LOOK = 0.25  # s between two looks for publishers
 _PATIENCE = 5.0  # s: how much later than its volume the evidence may come
 _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
+_MAPS = 2  # captures whose contour maps are kept
+_WAIT = 2.0  # s: how much later than the search by its edges a contour map may come
 
 
 class EvidenceInput:
@@ -30,12 +37,14 @@ class EvidenceInput:
     published and that topic is not, `dlv` replaces it: a likelihood alone is less exact. DDS may
     discover the publishers one after the other: the first volumes wait some seconds for their
     evidence.
-    callback: gets the evidence of each capture, once. discovery: how long after the subscription
-    to `dlv` a publisher of the evidence may still be discovered [s].
+    callback: gets the evidence of each capture, once. both: whether edges come with the contour
+    map of the capture (`EdgeVolume.other`), where that is published. discovery: how long after the
+    subscription to `dlv` a publisher of the evidence may still be discovered [s].
     """
 
     def __init__(self, node: StageNode, settings: PmclSettings,
-                 callback: Callable[[Evidence], None], discovery: float = _DISCOVERY) -> None:
+                 callback: Callable[[Evidence], None], both: bool = False,
+                 discovery: float = _DISCOVERY) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
         self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
         self._volumes: ExitStack | None = None  # the subscription to dlv, while there is one
@@ -46,6 +55,7 @@ class EvidenceInput:
         if settings.mode == 'faithful':
             subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback, BIG)
             return
+        self._maps = _Maps(node) if both else None
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
         node.active.callback(self.forget)
@@ -61,6 +71,8 @@ class EvidenceInput:
         if self._held is not None and self._held[1].header.stamp_ns == evidence.header.stamp_ns:
             self._held = None
         self._drop_held(f'no {self._topic} came with it before the next')
+        if self._maps is not None and isinstance(evidence, EdgeVolume):
+            evidence = self._maps.beside(evidence)
         self._callback(evidence)
 
     def _on_volume(self, volume: DepthLikelihoodVolume) -> None:
@@ -108,3 +120,34 @@ class EvidenceInput:
         if self._volumes is not None:
             self._volumes.close()
             self._volumes = None
+
+
+class _Maps:
+    """The contour maps of the last captures, for the thread that searches in their edges."""
+
+    def __init__(self, node: StageNode) -> None:
+        self._kept: dict[int, ContourMap] = {}  # by stamp
+        self._came = threading.Condition()
+        # One that is lost is no capture lost: its edges are searched all the same.
+        self._subscription = subscribe_value(
+            node, Float32MultiArray, 'dlv/contour_map', map_from, self._on_map, BIG,
+            each_a_capture=False)
+
+    def beside(self, edges: EdgeVolume) -> EdgeVolume:
+        """The edges, with the map of their capture if anybody publishes maps."""
+        if not self._subscription.get_publisher_count() and not self._kept:
+            return edges
+        return replace(edges, other=partial(self._of, edges.header.stamp_ns))
+
+    def _on_map(self, odds: ContourMap) -> None:
+        with self._came:
+            self._kept[odds.header.stamp_ns] = odds
+            while len(self._kept) > _MAPS:
+                del self._kept[next(iter(self._kept))]
+            self._came.notify_all()
+
+    def _of(self, stamp: int) -> ContourMap | None:
+        """The map of a capture, once it has come; None where it does not."""
+        with self._came:
+            self._came.wait_for(lambda: stamp in self._kept, _WAIT)
+            return self._kept.get(stamp)

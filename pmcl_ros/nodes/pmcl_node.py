@@ -138,7 +138,8 @@ class PmclNode(StageNode):
         else:
             self.subscribe(CameraInfo, 'center/camera_info', self._on_camera, SMALL)
             self.subscribe(Image, 'center/image', self._overlays.on_picture, SMALL)
-            self._input = EvidenceInput(self, self._settings, self._on_evidence)
+            self._input = EvidenceInput(self, self._settings, self._on_evidence,
+                                        both=self._settings.searches_again)
         self.serve('~/localize', self._again)
         self.serve('~/reset', self._reset)
         self._of_views.start()

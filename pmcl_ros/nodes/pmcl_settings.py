@@ -40,6 +40,15 @@ class PmclNodeSettings(TrackingSettings):
         """Paths of the objects of a joint search; empty: `object` is the only one."""
         return tuple(each for each in self.objects if each)
 
+    @property
+    def searches_again(self) -> bool:
+        """Whether a light field in which edges lose the object is searched by its contour map too.
+
+        Not while it is tracked: captures come fast, and what was found before says more.
+        """
+        return (self.evidence == 'auto' and self.mode == 'default' and self.tracking == 'none'
+                and not self.several)
+
     @model_validator(mode='after')
     def _some_exclude_others(self) -> 'PmclNodeSettings':
         if self.several and (self.tracking != 'none' or self.mode != 'default'):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
@@ -94,8 +95,10 @@ class Localizer:
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
+        An object that is lost is searched again from what other evidence of the capture proposes
+        (`EdgeVolume.other`), if there is any.
         progress: called with 0..1; returning False ends the search with what was found so far.
-        start: (k, 4, 4) where to look first; proposed from the edges if not given.
+        start: (k, 4, 4) where alone to look; proposed from the edges if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
         feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in the region.
         Raises LocalizationError when the edges' labels do not reach the region of interest, and
@@ -105,7 +108,10 @@ class Localizer:
         self._renderer.use()
         progress = progress or (lambda _: True)
         try:
-            return self._search(edges, rng, progress, start, watch, feasible)
+            found = self._search(edges, rng, progress, start, watch, feasible)
+            if found.lost and start is None and isinstance(edges, EdgeVolume) and progress(1.0):
+                return self._search_again(found, edges, rng, progress, watch, feasible)
+            return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
 
@@ -160,11 +166,7 @@ class Localizer:
             raise LocalizationError('no pose to start from was given; leave `start` out to have '
                                     'them proposed')
         if start is None:
-            start, scores = self._proposals.propose(
-                edges.coarser or edges, self._settings.proposals, self._orientation)
-            if watch is not None:
-                watch(Generation('proposals', start, scores))
-            start = with_sunken(start, self._model, evidence.interface)
+            start = self._proposed(edges, watch)
         stages = Stages(progress)
         with contextlib.ExitStack() as stack:
             search, exact, optimizers = _opened(evidence, stack)
@@ -182,6 +184,29 @@ class Localizer:
                 flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
+
+    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, rng: np.random.Generator,
+                      progress: Progress, watch: Watch | None, feasible: Feasible | None
+                      ) -> PoseEstimate:
+        """From what other evidence proposes; `lost` where the object is lost again."""
+        other = edges.other()
+        if other is None:
+            return lost
+        found = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, watch),
+                             watch, feasible)
+        if not found.lost:
+            _LOG.info('capture %d: edges alone lose the object; it is found where the %s proposes '
+                      'it', edges.header.stamp_ns, other.kind)
+        return replace(lost if found.lost else found,
+                       evaluations=lost.evaluations + found.evaluations)
+
+    def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
+        """(k, 4, 4) poses where a search begins."""
+        start, scores = self._proposals.propose(
+            evidence.coarser or evidence, self._settings.proposals, self._orientation)
+        if watch is not None:
+            watch(Generation('proposals', start, scores))
+        return with_sunken(start, self._model, self._settings.interface)
 
     def follow(self, edges: EvidenceVolume, prior: Gaussian, rng: np.random.Generator,
                particles: int, candidates: int) -> PoseEstimate:

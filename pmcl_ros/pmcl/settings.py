@@ -12,7 +12,7 @@ from pmcl_ros.pmcl.render.back_end import BackEnd
 from pmcl_ros.runtime.settings import Settings
 
 Mode = Literal['default', 'faithful']
-EvidenceKind = Literal['edges', 'map']
+EvidenceKind = Literal['auto', 'edges', 'map']
 WIDEST = 10.0  # m: of a region of interest
 _Size = Annotated[float, Field(gt=0, le=WIDEST)]
 _Depth = Annotated[float, Field(ge=0, le=10)]
@@ -27,10 +27,11 @@ class PmclSettings(Settings):
         'default', description='default: global search by contour evidence; faithful: the '
         'particle filter of the paper; for all of the paper set interpolation to phase, truncate '
         'to true and view_weights to equal in dlv_node too')
-    evidence: Literal['auto', 'edges', 'map'] = Field(
+    evidence: EvidenceKind = Field(
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
-        'contour map of the learned network (dlv/contour_map); auto: edges of light fields, the '
-        'map of pictures of ordinary cameras')
+        'contour map of the learned network (dlv/contour_map); auto: the map of pictures of '
+        'ordinary cameras; edges of light fields, searched again from what the map proposes where '
+        'the object is lost (not with tracking, nor for several objects)')
     object: str = Field('', description='path of the object: a mesh, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

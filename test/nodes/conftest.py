@@ -19,6 +19,7 @@ from synthetic_camera import SIDE, SyntheticCamera, waves
 from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.edges import build_edges
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -120,3 +121,9 @@ def small_volume(small_light_field):
 def small_edges(small_light_field):
     """Its edge volume."""
     return build_edges(small_light_field, DlvSettings(edge_labels=8, views=3))
+
+
+@pytest.fixture(scope='session')
+def small_map(small_light_field):
+    """Its contour map."""
+    return build_map(small_light_field, DlvSettings(views=3))

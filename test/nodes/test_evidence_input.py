@@ -1,7 +1,9 @@
 """Each capture's evidence is delivered once, or its loss is counted."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import rclpy
 from rclpy.context import Context
@@ -24,7 +26,7 @@ class Searcher(StageNode):
         self.evidence = []
 
     def start(self):
-        self.input = EvidenceInput(self, PmclSettings(), self.evidence.append,
+        self.input = EvidenceInput(self, PmclSettings(), self.evidence.append, both=True,
                                    discovery=3600.0)
 
     def hand_over(self, topic, value, stamp):
@@ -70,6 +72,40 @@ def test_edges_replace_the_volume_that_waits_and_end_the_subscription(
         (type(small_edges), 2)]
     assert searcher.health.dropped == 1
     assert 'dropped capture 1: no dlv/edges came with it' in capfd.readouterr().err
+
+
+def test_edges_come_with_the_contour_map_of_their_capture(searcher, user, small_edges, small_map):
+    searcher.hand_over('dlv/edges', small_edges, 1)  # nobody has published a map yet
+    assert searcher.hand_over('dlv/contour_map', small_map, 2) == 1
+    settle(user)
+    for stamp in (2, 3):
+        searcher.hand_over('dlv/edges', small_edges, stamp)
+        settle(user)
+    before, second, third = searcher.evidence
+    assert before.other() is None
+    assert second.other().header == Header(2)
+    np.testing.assert_array_equal(second.other().tensor, small_map.tensor)
+    with ThreadPoolExecutor(1) as pool:  # as the thread that searches, before the map has come
+        waiting = pool.submit(third.other)
+        searcher.hand_over('dlv/contour_map', small_map, 3)
+        user.wait(waiting.done, 'the map')
+    assert waiting.result().header == Header(3)
+    np.testing.assert_array_equal(third.tensor, small_edges.tensor)
+    assert searcher.health.dropped == 0
+
+
+def test_a_contour_map_that_does_not_come_is_waited_for_in_vain(searcher, user, small_edges,
+                                                                small_map):
+    for stamp in (1, 2, 3):
+        searcher.hand_over('dlv/contour_map', small_map, stamp)
+        settle(user)
+    for stamp in (1, 3, 4):
+        searcher.hand_over('dlv/edges', small_edges, stamp)
+        settle(user)
+    old, last, next_one = searcher.evidence
+    assert old.other() is None  # too late: two captures' maps are kept
+    assert last.other().header == Header(3)
+    assert next_one.other() is None
 
 
 @pytest.mark.parametrize('end', [lambda node: node.input.forget(),

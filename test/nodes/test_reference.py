@@ -32,8 +32,8 @@ ASKED = {'grasp_node': {'grasps': f'{ROOT}/config/objects/wine_glass.grasps.yaml
 INSTALLED = [each for each in OPTIONAL if find_spec(each.type.partition('/')[0])]
 
 # Topics to which a node subscribes in other circumstances.
-# dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map;
-# posed_views: in place of all these.
+# dlv: mode faithful, or while nobody publishes dlv/edges; dlv/contour_map: evidence map, or auto
+# without tracking; posed_views: in place of all these.
 CONDITIONAL = {'pmcl_node': ('dlv', 'dlv/contour_map', *PRESETS['posed_views'])}
 
 

@@ -55,13 +55,17 @@ class ValuePublisher(Generic[T]):
         """Whether all messages arrive in the subscribers' histories within `patience`."""
         return bool(self._publisher.wait_for_all_acked(patience))
 
-    def publish(self, value: T) -> None:
-        """Pass the value by reference, then send it if other subscribers exist."""
+    def publish(self, value: T, each_a_capture: bool = True) -> None:
+        """Pass the value by reference, then send it if other subscribers exist.
+
+        each_a_capture: false where the capture goes on by another topic, so that a message that
+        does not arrive is no capture lost.
+        """
         sent = self._others() > 0
         if self._node.bus.publish(self._topic, value, value.header.stamp_ns, sent):
             self._node.health.count(f'{self._name} handed over')
         if sent:
-            if self._each_a_capture:
+            if self._each_a_capture and each_a_capture:
                 self._count_unreceived(value.header.stamp_ns)
             self._publisher.publish(self._write(value, self._buffer))
             self._node.health.count(f'{self._name} sent')

@@ -1,0 +1,105 @@
+"""An object that edges lose is searched again from what other evidence of the capture proposes."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pmcl_scenes import COARSE, cup, depth_of, edges_seen, model_of, pose_of
+from scipy.spatial.transform import Rotation
+
+from pmcl_ros.dlv.volume import depth_labels
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.settings import PmclSettings
+
+CUP = model_of(cup(), [0, 0, 1])
+DEPTHS = depth_labels(0.3, 0.5, 8)
+TRUTH = pose_of(Rotation.from_euler('xyz', [1.8, 0.3, 0.0]), [-0.035, 0.0, 0.4])
+DECOY = pose_of(Rotation.from_euler('xyz', [1.3, -0.4, 0.0]), [0.035, 0.0, 0.4])
+# Of one proposal only, so that the stronger of two outlines is all that is looked at.
+SETTINGS = PmclSettings(roi_center=(0, 0, 0.4), roi_size=(0.1, 0.04, 0.04), proposals=1,
+                        particles=32, moves=1, renderer='numba')
+
+
+def outline(context, pose, strength):
+    return edges_seen(depth_of(context, CUP, pose, COARSE, 4), COARSE, DEPTHS, 0.2 * CUP.radius,
+                      strength=strength)
+
+
+@pytest.fixture
+def truth_alone(context):
+    """What other evidence sees: the object, and nothing else."""
+    return outline(context, TRUTH, 2.0)
+
+
+@pytest.fixture
+def edges(context, truth_alone):
+    """The object, and beside it a stronger outline of the same kind, the lower half of which is
+    missing."""
+    decoy = outline(context, DECOY, 6.0).tensor
+    decoy[COARSE.height // 2:] = 0
+    return replace(truth_alone, tensor=truth_alone.tensor + decoy
+                   + np.array([0.05, 0.05, 0], np.float32))
+
+
+class Asked:
+    """Gives evidence, and counts how often it is asked for."""
+
+    def __init__(self, evidence):
+        self.evidence, self.times = evidence, 0
+
+    def __call__(self):
+        self.times += 1
+        return self.evidence
+
+
+def localized(edges, **options):
+    with Localizer(CUP, SETTINGS) as localizer:
+        return localizer.localize(edges, np.random.default_rng(0), **options)
+
+
+def test_it_is_found_where_the_other_evidence_proposes_it(edges, truth_alone, caplog):
+    alone, other = localized(edges), Asked(truth_alone)
+    assert alone.lost
+    assert np.linalg.norm(alone.pose[:3, 3] - DECOY[:3, 3]) < 0.02
+    with caplog.at_level(logging.INFO):
+        found = localized(replace(edges, other=other))
+    assert not found.lost
+    error = pose_error(found.pose, TRUTH, CUP.symmetry)
+    assert error.translation < 0.01  # pixels are large here
+    assert error.rotation < np.deg2rad(5)
+    assert found.evaluations > alone.evaluations
+    assert other.times == 1
+    assert 'capture 7: edges alone lose the object' in caplog.text
+
+
+def test_what_edges_find_needs_no_other_evidence(edges, truth_alone):
+    seen, other = replace(edges, tensor=truth_alone.tensor), Asked(truth_alone)
+    found, plain = localized(replace(seen, other=other)), localized(seen)
+    assert not found.lost
+    assert other.times == 0
+    np.testing.assert_array_equal(found.pose, plain.pose)
+    np.testing.assert_array_equal(found.particles, plain.particles)
+
+
+def test_what_is_lost_again_stays_as_edges_saw_it(edges):
+    decoy = replace(edges, tensor=edges.tensor * (np.arange(COARSE.width) > COARSE.width // 2)[
+        None, :, None, None].astype(np.float32))
+    alone, other = localized(decoy), Asked(decoy)
+    again = localized(replace(decoy, other=other))
+    assert alone.lost
+    assert again.lost
+    assert other.times == 1
+    np.testing.assert_array_equal(again.pose, alone.pose)
+    assert again.evaluations > alone.evaluations
+    without = localized(replace(decoy, other=Asked(None)))
+    assert without.evaluations == alone.evaluations
+
+
+def test_a_search_that_is_stopped_or_told_where_to_begin_is_not_begun_again(edges, truth_alone):
+    other = Asked(truth_alone)
+    both = replace(edges, other=other)
+    assert localized(both, progress=lambda _: False).lost
+    assert localized(both, start=DECOY[None]).lost
+    assert other.times == 0
