@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 import click
 import numpy as np
@@ -18,11 +18,7 @@ from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.coverage import run_coverage
 from pmcl_ros.evaluation.studies.figures import FIGURES, TABLES
-from pmcl_ros.evaluation.studies.profile_errors import (
-    ProfileStudy,
-    ProfileTrial,
-    profile_trial,
-)
+from pmcl_ros.evaluation.studies.profile_errors import ProfileStudy, profile_trial
 from pmcl_ros.evaluation.studies.profile_errors import summary as summary_of_profiles
 from pmcl_ros.evaluation.studies.together import CAMERA, Together, summary
 from pmcl_ros.evaluation.studies.together import together as in_scene
@@ -34,7 +30,7 @@ from pmcl_ros.evaluation.studies.tracking import (
     recovery,
     row,
 )
-from pmcl_ros.evaluation.studies.view_gain import ViewGain, ViewGainSettings
+from pmcl_ros.evaluation.studies.view_gain import ViewGainSettings
 from pmcl_ros.evaluation.studies.view_gain import summary as summary_of_gains
 from pmcl_ros.evaluation.studies.view_gain import view_gain as in_one_scene
 from pmcl_ros.evaluation.trials import Trial
@@ -47,7 +43,17 @@ from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
 
 _FIELDS = SequenceSettings.model_fields
-Done = TypeVar('Done')  # what a study has of one seed
+
+
+class OfSeed(Protocol):
+    """What a study has of one seed."""
+
+    @property
+    def seed(self) -> int:
+        """The seed."""
+
+
+Done = TypeVar('Done', bound=OfSeed)
 
 
 @click.command()
@@ -111,13 +117,7 @@ def profile_errors(count: int, seed: int, camera: Path | None, samples: int, cad
     ordinary = OrdinaryCamera.make(CAMERA) if camera is None else OrdinaryCamera.load(camera)
     run = partial(profile_trial, of=ProfileStudy(
         ordinary, samples, with_cad=cad, with_height=height))
-    done: list[ProfileTrial] = []
-    for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
-                               console=STDERR, transient=True, description='vessels'):
-        done = sorted([*done, each], key=lambda one: one.seed)
-        if written is not None:
-            written.write_text(summary_of_profiles(done) + '\n')
-    click.echo(summary_of_profiles(done))
+    _tabulate(run, range(seed, seed + count), processes, 'vessels', summary_of_profiles, written)
 
 
 @click.command()
@@ -151,14 +151,30 @@ def together(count: int, seed: int, objects: int, views: int, size: int, samples
         results.reserve('results.md', *(f'{each:06d}.png' for each in seeds))
     run = partial(in_scene, count=objects, settings=settings, samples=samples,
                   plan=None if cameras is None else CameraPlan.parse(cameras))
-    done: list[Together] = []
-    for each in progress.track(_all(run, seeds, processes), total=count, console=STDERR,
-                               transient=True, description='scenes'):
-        done = sorted([*done, each], key=lambda one: one.seed)
+
+    def draw(scene: Together) -> None:
         if results is not None:
-            write_png(results.path(f'{each.seed:06d}.png'), each.picture)
-            results.path('results.md').write_text(summary(done) + '\n')
-    click.echo(summary(done))
+            write_png(results.path(f'{scene.seed:06d}.png'), scene.picture)
+
+    _tabulate(run, seeds, processes, 'scenes', summary,
+              None if results is None else results.path('results.md'), draw)
+
+
+def _tabulate(run: Callable[[int], Done], seeds: range, processes: int, what: str,
+              text: Callable[[list[Done]], str], written: Path | None,
+              keep: Callable[[Done], None] = lambda _: None) -> None:
+    """Run all seeds, which are of `what`, and print the text of all.
+
+    written: gets the text of those that are done. keep: called with each.
+    """
+    done: list[Done] = []
+    for each in progress.track(_all(run, seeds, processes), total=len(seeds), console=STDERR,
+                               transient=True, description=what):
+        done = sorted([*done, each], key=lambda one: one.seed)
+        keep(each)
+        if written is not None:
+            written.write_text(text(done) + '\n')
+    click.echo(text(done))
 
 
 def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> Iterator[Done]:
@@ -207,13 +223,7 @@ def view_gain(count: int, seed: int, kinds: tuple[str, ...], camera: Path | None
                                  'field': min(ordinary.field, 1.5)}, 'pmcl view-gain')
     run = partial(in_one_scene, of=ViewGainSettings(scenes, ordinary, samples, apart, cap,
                                                     candidates))
-    done: list[ViewGain] = []
-    for each in progress.track(_all(run, range(seed, seed + count), processes), total=count,
-                               console=STDERR, transient=True, description='scenes'):
-        done = sorted([*done, each], key=lambda one: one.seed)
-        if written is not None:
-            written.write_text(summary_of_gains(done) + '\n')
-    click.echo(summary_of_gains(done))
+    _tabulate(run, range(seed, seed + count), processes, 'scenes', summary_of_gains, written)
 
 
 @click.command()

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.settings import Odd, Settings
 
 BackEnd = Literal['auto', 'numba', 'gl']
 LayersFrom = Literal['volume', 'joint']
@@ -19,9 +19,9 @@ class DlvSettings(Settings):
     far: float = Field(0.9, ge=0.01, le=1000, description='depth of the farthest label [m]')
     labels: int = Field(75, ge=3, le=MOST_LABELS,
                         description='number of depth labels, uniform in inverse depth [labels]')
-    views: int = Field(7, ge=3, le=99,
+    views: Odd = Field(7, ge=3, le=99,
                        description='side of the square of inner views compared, odd [views]')
-    window: int = Field(5, ge=1, le=99,
+    window: Odd = Field(5, ge=1, le=99,
                         description='side of the square R_x over which costs are summed, odd [px]')
     beta: float = Field(0.5, ge=0, le=1,
                         description='share of the colour cost, the rest is the gradient cost [1]')
@@ -64,13 +64,6 @@ class DlvSettings(Settings):
     back_end: BackEnd = Field(
         'auto', description='what makes the volume: numba, on the processor; gl, compute shaders; '
         'auto, gl where OpenGL runs on a GPU, else numba. phase has one form of its own')
-
-    @field_validator('views', 'window')
-    @classmethod
-    def _odd(cls, value: int) -> int:
-        if value % 2 == 0:
-            raise ValueError('must be odd, to have a centre')
-        return value
 
     @model_validator(mode='after')
     def _ordered(self) -> 'DlvSettings':

@@ -37,11 +37,8 @@ def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
 
     picture: (height, width, 3) of the pinhole's size.
     """
-    canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
-                                   interpolation=cv2.INTER_CUBIC), np.uint8)
-    covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
-    outline, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-    cv2.drawContours(canvas, outline, -1, _CONTOUR, 1, cv2.LINE_AA)
+    canvas = _magnified(picture)
+    _draw_outline(canvas, pinhole, model, pose, _CONTOUR, 1)
     arms = np.concatenate([np.zeros((1, 3)), 0.4 * model.radius * np.eye(3)])
     ends = _enlarged(pinhole.project(arms @ pose[:3, :3].T + pose[:3, 3]), _ZOOM)
     if (np.abs(ends) < _FARTHEST).all():
@@ -55,15 +52,24 @@ def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
              things: Sequence[tuple['ObjectModel', NDArray[np.floating], str]]
              ) -> NDArray[np.uint8]:
     """Outlines of models at poses (4, 4), each in its colour and with a word; see `overlay`."""
-    canvas = np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
-                                   interpolation=cv2.INTER_CUBIC), np.uint8)
+    canvas = _magnified(picture)
     for number, (model, pose, word) in enumerate(things):
-        covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
-        found, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
-        cv2.drawContours(canvas, found, -1, _COLOURS[number % len(_COLOURS)], 2, cv2.LINE_AA)
+        _draw_outline(canvas, pinhole, model, pose, _COLOURS[number % len(_COLOURS)], 2)
         x, y = _enlarged(pinhole.project(pose[:3, 3]), _ZOOM).clip(0, _FARTHEST).astype(int)
         _write(canvas, word, int(x), int(y))
     return canvas
+
+
+def _magnified(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
+                                 interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _draw_outline(canvas: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
+                  pose: NDArray[np.floating], colour: tuple[int, int, int], width: int) -> None:
+    covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+    outline, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(canvas, outline, -1, colour, width, cv2.LINE_AA)
 
 
 def contact_sheet(pictures: Sequence[NDArray[np.uint8]], width: int = 1920) -> NDArray[np.uint8]:

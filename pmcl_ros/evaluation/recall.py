@@ -38,6 +38,14 @@ def interval(flags: ArrayLike) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
+def told_share(flags: ArrayLike) -> str:
+    """The share of true flags as a percentage, with count and interval."""
+    flags = np.asarray(flags, bool)
+    low, high = interval(flags)
+    return (f'{100 * share(flags):.0f} % ({flags.sum()} of {len(flags)}; {100 * low:.0f} to '
+            f'{100 * high:.0f} %)')
+
+
 def median(trials: Sequence[Trial], name: str) -> float:
     """The median of a field; NaN without trials."""
     return float(np.median(values(trials, name))) if trials else np.nan

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
@@ -108,8 +109,6 @@ def perturb(poses: NDArray[np.float64], translation: NDArray[np.floating] | floa
     translation: standard deviation along x, y, z of the camera's frame [m].
     rotation: about these axes through the object's origin [rad].
     """
-    moved = poses.copy()
-    moved[:, :3, 3] += rng.normal(size=(len(poses), 3)) * translation
-    turn = Rotation.from_rotvec(rng.normal(size=(len(poses), 3)) * rotation)
-    moved[:, :3, :3] = turn.as_matrix() @ poses[:, :3, :3]
-    return moved
+    shift = rng.normal(size=(len(poses), 3)) * translation
+    turn = rng.normal(size=(len(poses), 3)) * rotation
+    return retract(poses, np.concatenate([shift, turn], axis=1))

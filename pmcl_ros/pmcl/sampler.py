@@ -44,9 +44,7 @@ class Gaussian:
     def seen_from(self, camera: NDArray[np.float64]) -> 'Gaussian':
         """The same in the frame of a camera (4, 4), given in the frame of this."""
         into = np.linalg.inv(camera)
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = into[:3, :3]
-        root = turn @ self.basis @ self.spread
+        root = np.kron(np.eye(2), into[:3, :3]) @ self.basis @ self.spread
         return Gaussian.from_covariance(into @ self.pose, root @ root.T, self.symmetry)
 
     def deviations(self, normal: NDArray[np.float64]) -> NDArray[np.float64]:

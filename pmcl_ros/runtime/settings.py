@@ -8,10 +8,10 @@ import reprlib
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -21,6 +21,15 @@ from pmcl_ros.runtime.text_file import read_yaml_file
 T = TypeVar('T', bound='Settings')
 
 _NAMED = 5  # fields that one line names
+
+
+def _odd(value: int) -> int:
+    if value % 2 == 0:
+        raise ValueError('must be odd, to have a centre')
+    return value
+
+
+Odd = Annotated[int, AfterValidator(_odd)]  # side of a square of views, or of a window
 
 
 class _Short(reprlib.Repr):

@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.settings import Odd, Settings
 from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
 from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
@@ -53,7 +53,7 @@ class SequenceSettings(Settings):
         '0: it rests')
     occluded: int = Field(10, ge=0, le=1000, description='frames, in the middle, in which a card '
                           'before the camera hides all [frames]')
-    views: int = Field(3, ge=3, le=9, description='side of the square of views, odd [views]; they '
+    views: Odd = Field(3, ge=3, le=9, description='side of the square of views, odd [views]; they '
                        'span what the inner 7x7 of an F01 do')
     size: int = Field(256, ge=32, le=2000, description='side of a view [px]')
     field: float = Field(0.36, gt=0.1, le=1.5,
@@ -62,13 +62,6 @@ class SequenceSettings(Settings):
                             description='mean distance of the object from the camera [m]')
     noise: float = Field(1.0, ge=0, le=20, description='noise: standard deviation in units of '
                          'that of an F01 at ISO 80 in a lit room; 0: none')
-
-    @field_validator('views')
-    @classmethod
-    def _odd(cls, value: int) -> int:
-        if value % 2 == 0:
-            raise ValueError('must be odd, to have a centre')
-        return value
 
     @model_validator(mode='after')
     def _seen_at_all(self) -> 'SequenceSettings':

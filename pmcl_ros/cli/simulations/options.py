@@ -16,7 +16,6 @@ import numpy as np
 from pmcl_ros import __version__
 from pmcl_ros.cli.base import OBJECT
 from pmcl_ros.evaluation.feasibility.findings import Aim
-from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulation.camera_plan import CameraPlan
@@ -202,20 +201,14 @@ class Simulated:
             pictures = 1 if of.plan is None else len(of.plan.cameras(scene))
         taken: dict[float, float] = {}
         for factor in (_PROBED[0], *_PROBED):  # the first one compiles
-            small = replace(scene.sensor, grid=replace(
-                grid, pinhole=_reduced(grid.pinhole, factor)))
+            small = replace(scene.sensor, grid=replace(grid, pinhole=grid.pinhole.resized(
+                grid.pinhole.width // factor, grid.pinhole.height // factor)))
             begun = time.perf_counter()
             of.renderer(scene)(small, *grid.centre, 0, of.samples, seed)
             taken[factor ** -2] = time.perf_counter() - begun
         (few, short), (many, long) = taken.items()
         rate = max(long - short, 0) / (many - few)
         return pictures * (short + rate * (1 - few))
-
-
-def _reduced(pinhole: Pinhole, factor: int) -> Pinhole:
-    return Pinhole(pinhole.width // factor, pinhole.height // factor, pinhole.fx / factor,
-                   pinhole.fy / factor, (pinhole.cx + 0.5) / factor - 0.5,
-                   (pinhole.cy + 0.5) / factor - 0.5)
 
 
 def minutes(seconds: float) -> str:

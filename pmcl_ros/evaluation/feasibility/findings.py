@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.recall import interval, median, present, share
+from pmcl_ros.evaluation.recall import interval, median, present, share, told_share
 from pmcl_ros.evaluation.trials import Trial
 
 LEAST = 10  # trials of a cell; fewer say nothing
@@ -47,11 +47,7 @@ class Cell:
         return len(self.flags) >= LEAST
 
     def __str__(self) -> str:
-        if not self.counts:
-            return ''
-        low, high = interval(self.flags)
-        return (f'{100 * share(self.flags):.0f} % ({sum(self.flags)} of {len(self.flags)}; '
-                f'{100 * low:.0f} to {100 * high:.0f} %)')
+        return told_share(self.flags) if self.counts else ''
 
 
 def cell(trials: Sequence[Trial], aim: Aim) -> Cell:

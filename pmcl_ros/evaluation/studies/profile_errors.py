@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evaluation.recall import interval, share
+from pmcl_ros.evaluation.recall import told_share
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.grasps.revolution import Profile
@@ -210,7 +210,7 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
              f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
-             f'{_share(largest <= 1)}',
+             f'{told_share(largest <= 1)}',
              f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
              f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
              f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
@@ -221,8 +221,8 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
         near = np.array([_is_near(each) for each in by])
         claimed = np.array([_is_near(each) and each is not None and not each.lost for each in by])
         off = [each.translation_mm for each in by if each is not None]
-        lines.append(f'{name}: within 5 mm and 5 degrees in {_share(near)}, claimed too in '
-                     f'{_share(claimed)}; median error {np.median(off):.2f} mm')
+        lines.append(f'{name}: within 5 mm and 5 degrees in {told_share(near)}, claimed too in '
+                     f'{told_share(claimed)}; median error {np.median(off):.2f} mm')
     return '\n'.join([table(_HEAD, [_cells(each) for each in trials]), '',
                       *(f'- {line}' for line in lines)])
 
@@ -235,12 +235,6 @@ def _is_near(trial: Trial | None) -> bool:
 def _median(trials: Sequence[ProfileTrial], value: Callable[[ProfileTrial], float | None]
             ) -> float:
     return float(np.median([number for each in trials if (number := value(each)) is not None]))
-
-
-def _share(flags: NDArray[np.bool_]) -> str:
-    low, high = interval(flags.tolist())
-    return (f'{100 * share(flags.tolist()):.0f} % ({flags.sum()} of {len(flags)}; '
-            f'{100 * low:.0f} to {100 * high:.0f} %)')
 
 
 def _cells(of: ProfileTrial) -> list[str]:

@@ -3,14 +3,14 @@
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, Transform
+from geometry_msgs.msg import PoseStamped
 from numpy.typing import NDArray
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
-from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.messages.pose import pose_from, transform_from
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.runtime.errors import MessageError, PoseUnavailableError, SettingsError
 
@@ -140,7 +140,7 @@ class TfPoses:
         except self._tf.TransformException as error:
             raise PoseUnavailableError(f'/tf has no {self._frame} -> {child_frame} at the capture '
                                        f'{stamp_ns}: {error}') from error
-        return matrix_of(found.transform)
+        return transform_from(found)[2]
 
     def interpolated(self, stamp_ns: int, child_frame: str, gap: float) -> MovingPose | None:
         """The transform at a stamp, with the mean speed just before it."""
@@ -181,12 +181,3 @@ def tf2() -> Any:
     except ImportError:
         return None
     return tf2_ros
-
-
-def matrix_of(transform: Transform) -> NDArray[np.float64]:
-    """(4, 4) of a Transform; MessageError when it is none."""
-    message = PoseStamped()
-    for axis in 'xyz':
-        setattr(message.pose.position, axis, getattr(transform.translation, axis))
-    message.pose.orientation = transform.rotation
-    return pose_from(message)[1]

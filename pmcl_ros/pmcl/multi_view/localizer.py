@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.learned import LearnedViews
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.se3 import rotate_covariance
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
@@ -98,7 +99,7 @@ class MultiViewLocalizer:
 
         By the numbers of the views that see the region; cameras are where they are told to be.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        joint = self._joint(evidence)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             drawn = JointContours.opened(joint, stack)
@@ -136,7 +137,7 @@ class MultiViewLocalizer:
         return Found(in_frame(replace(estimate, evaluations=evaluations), first), fits,
                       first @ modes, shown)
 
-    def _joint(self, evidence: ViewsEvidence, beside: Beside | None) -> JointEvidence:
+    def _joint(self, evidence: ViewsEvidence, beside: Beside | None = None) -> JointEvidence:
         return JointEvidence.from_views(evidence, self._renderer, self.model, self._settings,
                                         beside)
 
@@ -179,7 +180,7 @@ class MultiViewLocalizer:
 
         prior, and the estimate: in the reference frame.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        joint = self._joint(evidence)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         near = prior.seen_from(first)
         optimizers = joint.optimizers()[1:]
@@ -205,7 +206,7 @@ class MultiViewLocalizer:
 
         Scaled as for a posterior about the best of them.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        joint = self._joint(evidence)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
@@ -217,7 +218,7 @@ class MultiViewLocalizer:
         By the noise of the evidence about this pose, with the cameras where they fit it best, and
         by the errors of their poses, without a model error.
         """
-        joint = JointEvidence.from_views(evidence, self._renderer, self.model, self._settings)
+        joint = self._joint(evidence)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             posterior = self._of_one_view(joint, stack)
@@ -336,9 +337,8 @@ def _tell(fits: Sequence[ViewFit], least: float) -> None:
 
 def in_frame(estimate: PoseEstimate, camera: NDArray[np.float64]) -> PoseEstimate:
     """An estimate in the frame of a camera (4, 4), in that camera's reference frame."""
-    turn = np.zeros((6, 6))
-    turn[:3, :3] = turn[3:, 3:] = camera[:3, :3]
     return replace(
-        estimate, pose=camera @ estimate.pose, covariance=turn @ estimate.covariance @ turn.T,
+        estimate, pose=camera @ estimate.pose,
+        covariance=rotate_covariance(estimate.covariance, camera[:3, :3]),
         particles=camera @ estimate.particles,
         modes=tuple(replace(each, pose=camera @ each.pose) for each in estimate.modes))

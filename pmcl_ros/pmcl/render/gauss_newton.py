@@ -68,8 +68,7 @@ class Expansion:
 
     def rotated(self, rotation: NDArray[np.float64]) -> 'Expansion':
         """In a frame into which `rotation` (3, 3) turns directions."""
-        both = np.zeros((6, 6))
-        both[:3, :3] = both[3:, 3:] = rotation
+        both = np.kron(np.eye(2), rotation)
         return Expansion(self.values, self.lengths, self.gradient @ both.T,
                          both @ self.information @ both.T, both @ self.moments @ both.T)
 

@@ -62,10 +62,3 @@ def sample_volume(model: ObjectModel) -> tuple[Array, float]:
     mesh = trimesh.Trimesh(model.vertices, model.faces, process=False)
     points = np.asarray(mesh.voxelized(_PITCH).fill().points, float)
     return points, float(mesh.volume) / len(points)
-
-
-def floating_mass(model: ObjectModel, sunk: float) -> float:
-    """The mass [kg] with which a share of the upright object's height is below water."""
-    points, volume = sample_volume(model)
-    low, high = model.vertices[:, 2].min(), model.vertices[:, 2].max()
-    return float(_WATER * volume * (points[:, 2] < low + sunk * (high - low)).sum())

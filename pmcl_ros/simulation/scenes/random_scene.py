@@ -6,12 +6,12 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import ViewGrid
-from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.settings import Odd, Settings
 from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import (
     Finish,
@@ -56,20 +56,13 @@ class SceneSettings(Settings):
     far: float = Field(0.75, ge=0.15, le=5, description='largest distance of the object [m]')
     roi: float = Field(0.16, gt=0, le=2,
                        description="side of the box that holds the object's origin [m]")
-    views: int = Field(7, ge=3, le=31, description='side of the square of views, odd [views]')
+    views: Odd = Field(7, ge=3, le=31, description='side of the square of views, odd [views]')
     size: int = Field(328, ge=16, le=2000, description='side of a view [px]')
     field: float = Field(0.347, gt=0.02, le=1.5,
                          description="field of view: the image's side over the focal length [1]; "
                          "the camera's own varies by a tenth about it")
     noise: float = Field(1.0, ge=0, le=20, description='noise: standard deviation in units of '
                          'that of an F01 at ISO 80 in a lit room; 0: none')
-
-    @field_validator('views')
-    @classmethod
-    def _odd(cls, value: int) -> int:
-        if value % 2 == 0:
-            raise ValueError('must be odd, to have a centre')
-        return value
 
 
 def random_scene(rng: np.random.Generator, settings: SceneSettings | None = None,
