@@ -188,17 +188,17 @@ class Localizer:
     def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, rng: np.random.Generator,
                       progress: Progress, watch: Watch | None, feasible: Feasible | None
                       ) -> PoseEstimate:
-        """From what other evidence proposes; `lost` where the object is lost again."""
+        """From what other evidence proposes: what has more evidence by the edges counts."""
         other = edges.other()
         if other is None:
             return lost
-        found = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, watch),
+        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, watch),
                              watch, feasible)
-        if not found.lost:
+        if not again.lost and again.score > lost.score:
             _LOG.info('capture %d: edges alone lose the object; it is found where the %s proposes '
                       'it', edges.header.stamp_ns, other.kind)
-        return replace(lost if found.lost else found,
-                       evaluations=lost.evaluations + found.evaluations)
+        return replace(again if again.score > lost.score else lost,
+                       evaluations=lost.evaluations + again.evaluations)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
         """(k, 4, 4) poses where a search begins."""
