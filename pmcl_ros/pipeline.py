@@ -40,7 +40,8 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.posed_scene import PosedSceneLocalizer
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, SceneLocalizer
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel

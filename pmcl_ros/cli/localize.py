@@ -23,7 +23,7 @@ from pmcl_ros.lightfield.readers import bop
 from pmcl_ros.lightfield.readers.read import Source, pictures_alone
 from pmcl_ros.pipeline import Estimate, Pipeline, Run
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings

@@ -38,7 +38,7 @@ from pmcl_ros.nodes.transport.losses import MissingCaptures
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, cameras_of, make_localizer, size_in
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma

@@ -32,7 +32,7 @@ from pmcl_ros.messages.types import message_class
 from pmcl_ros.nodes.runtime.base import LATCHED, SMALL, StageNode
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_scene_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, distinct_names
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate, distinct_names
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
 from pmcl_ros.pmcl.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings

@@ -16,7 +16,7 @@ from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate
+from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.camera_plan import CameraPlan

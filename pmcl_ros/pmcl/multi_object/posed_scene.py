@@ -12,11 +12,10 @@ from pmcl_ros.pmcl.multi_object.penetration import (
     MAX_PENETRATION,
     PlacedSolid,
     Solid,
-    deepest_penetration,
     outside_of,
     resolve_penetration,
 )
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneEstimate, names_of
+from pmcl_ros.pmcl.multi_object.scene_estimate import ListedObjects, SceneEstimate
 from pmcl_ros.pmcl.multi_object.visibility import residual_edges
 from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
@@ -40,12 +39,9 @@ class PosedSceneLocalizer:
     """
 
     def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings) -> None:
-        self.names = names_of(models, settings)
-        self.models = tuple(models)
-        distinct = list(dict.fromkeys(models))
-        self._listed = [distinct.index(each) for each in models]
-        self._solids = [Solid.from_model(each) for each in distinct]
-        self._localizers = [MultiViewLocalizer(each, settings) for each in distinct]
+        self._objects = ListedObjects.from_models(models, settings)
+        self._localizers = [MultiViewLocalizer(each, settings)
+                            for each in self._objects.distinct]
         self.renderer = self._localizers[0].renderer
 
     def __enter__(self) -> 'PosedSceneLocalizer':
@@ -64,15 +60,11 @@ class PosedSceneLocalizer:
         progress: called with 0..1; returning False ends the search with the poses found so far.
         Raises as `MultiViewLocalizer.localize`.
         """
-        search = _Pursuit(self._localizers, self._solids, evidence, rng,
+        search = _Pursuit(self._localizers, self._objects.solids, evidence, rng,
                           progress or (lambda _: True))
-        found = search.run(self._listed)
-        estimates = self._in_order(self._apart(found))
-        there = [(self._solids[number], each.pose)
-                 for number, each in zip(self._listed, estimates, strict=True) if not each.lost]
-        return SceneEstimate(self.names, estimates,
-                             tuple(search.alone[number] for number in self._listed),
-                             max(deepest_penetration(there), 0.0))
+        found = search.run(self._objects.numbers)
+        # Copies are named along the x axis of the reference frame.
+        return self._objects.estimate(self._apart(found), search.alone, lambda pose: pose[0, 3])
 
     def _apart(self, found: Sequence[PoseEstimate]) -> list[PoseEstimate]:
         """The estimates after `resolve_penetration`; of two that cannot be apart one is lost."""
@@ -88,19 +80,9 @@ class PosedSceneLocalizer:
         return result
 
     def _placed(self, place: int, estimate: PoseEstimate) -> PlacedSolid:
-        return PlacedSolid.from_estimate(self._solids[self._listed[place]], estimate,
-                                         self.models[place].symmetry)
-
-    def _in_order(self, found: Sequence[PoseEstimate]) -> tuple[PoseEstimate, ...]:
-        """Copies along the x axis of the reference frame, lost ones last, so that names stay."""
-        result = list(found)
-        for number in set(self._listed):
-            places = [k for k, each in enumerate(self._listed) if each == number]
-            ours = sorted((found[k] for k in places), key=lambda each: (each.lost,
-                                                                        each.pose[0, 3]))
-            for k, each in zip(places, ours, strict=True):
-                result[k] = each
-        return tuple(result)
+        objects = self._objects
+        return PlacedSolid.from_estimate(objects.solids[objects.numbers[place]], estimate,
+                                         objects.models[place].symmetry)
 
 
 class _Pursuit:

@@ -11,7 +11,8 @@ from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Solid, deepest_penetration
-from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer, distinct_names
+from pmcl_ros.pmcl.multi_object.scene_estimate import distinct_names
+from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
 from pmcl_ros.runtime.errors import LocalizationError
 
 FRONT, BEHIND = standing(-0.012, 0.005, 0.38, 0.3), standing(0.02, 0.0, 0.46, 0.3)
