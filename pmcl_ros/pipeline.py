@@ -8,8 +8,8 @@ The source is a LightField, a PosedView of an ordinary camera, or several of the
 PosedViews.
 The evidence is an EdgeVolume or a ContourMap, which the contour search reads; of several views
 one each, ViewsEvidence; or in the mode faithful the DepthLikelihoodVolume, which the paper's
-particle filter reads. The nodes call the same stages themselves; of this module they use
-`make_localizer`.
+particle filter reads. The nodes call the same stages themselves; of this module they use what
+makes localizers.
 """
 
 import logging

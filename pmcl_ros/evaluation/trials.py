@@ -170,6 +170,7 @@ class Worker:
     def __init__(self, camera: Camera | None, stopped: Callable[[], bool]) -> None:
         self._camera, self._stopped = camera, stopped
         self._source = _Last[Source]()
+        self._pictures: tuple[Path, tuple[Path, ...]] | None = None  # of that
         self._evidence = _Last[Evidence]()
         self._localizer = _Last[AnyLocalizer[PoseEstimate]](lambda localizer: localizer.close())
 
@@ -179,6 +180,9 @@ class Worker:
         model, surface = _model(job.sought.load_model, job.sought.model)
         decoders = self._decoders  # made once, not timed
         pictures = capture.source, capture.pictures
+        if pictures != self._pictures:  # the evidence can hold the source of the last job
+            self._evidence.clear()
+        self._pictures = pictures
         source = self._source.get(pictures, lambda: capture.read(decoders))
         settings = variant.volume(capture, model, source)
         search = variant.search(capture)

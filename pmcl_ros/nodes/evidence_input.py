@@ -26,7 +26,7 @@ ENDED = 'the node was reset or deactivated before it was searched'
 _LOOK = 0.25  # s between two looks for publishers
 _PATIENCE = 5.0  # s: how much later than its volume the evidence may come
 _DISCOVERY = 4.0  # s: DDS repeats lost discovery messages every 3 s
-_MAPS = 2  # captures whose contour maps are kept
+_MAPS = 4  # captures whose contour maps are kept
 _WAIT = 2.0  # s: how much later than the search by its edges a contour map may come
 
 
@@ -55,16 +55,23 @@ class EvidenceInput:
         if settings.mode == 'faithful':
             subscribe_value(node, Float32MultiArray, 'dlv', volume_from, callback, BIG)
             return
-        self._maps = _Maps(node) if both else None
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
+        self._maps = _Maps(node) if both else None  # second: whoever finds it has found edges
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
 
     def forget(self) -> None:
-        """Drop the volume that waits for its evidence."""
+        """Drop the volume that waits for its evidence, and what came before."""
         self._drop_held(ENDED)
+        if self._maps is not None:
+            self._maps.forget()
+
+    def wait_no_more(self) -> None:
+        """Let no search wait for a contour map, until `forget`."""
+        if self._maps is not None:
+            self._maps.wait_no_more()
 
     def _on_evidence(self, evidence: EvidenceVolume) -> None:
         self._end_volumes()  # a volume that comes after its evidence would be searched too
@@ -127,7 +134,7 @@ class _Maps:
 
     def __init__(self, node: StageNode) -> None:
         self._kept: dict[int, ContourMap] = {}  # by stamp
-        self._came = threading.Condition()
+        self._came, self._ended = threading.Condition(), False
         # One that is lost is no capture lost: its edges are searched all the same.
         self._subscription = subscribe_value(
             node, Float32MultiArray, 'dlv/contour_map', map_from, self._on_map, BIG,
@@ -135,7 +142,7 @@ class _Maps:
 
     def beside(self, edges: EdgeVolume) -> EdgeVolume:
         """The edges, with the map of their capture if anybody publishes maps."""
-        if not self._subscription.get_publisher_count() and not self._kept:
+        if not self._subscription.get_publisher_count():
             return edges
         return replace(edges, other=partial(self._of, edges.header.stamp_ns))
 
@@ -147,7 +154,23 @@ class _Maps:
             self._came.notify_all()
 
     def _of(self, stamp: int) -> ContourMap | None:
-        """The map of a capture, once it has come; None where it does not."""
+        """The map of a capture, once it has come; None where it does not.
+
+        Maps come in their order: after a later one it is not waited for.
+        """
         with self._came:
-            self._came.wait_for(lambda: stamp in self._kept, _WAIT)
+            self._came.wait_for(lambda: self._ended or any(each >= stamp for each in self._kept),
+                                _WAIT)
             return self._kept.get(stamp)
+
+    def wait_no_more(self) -> None:
+        """End all waiting: the thread that searches is to stop."""
+        with self._came:
+            self._ended = True
+            self._came.notify_all()
+
+    def forget(self) -> None:
+        """Begin anew, without maps."""
+        with self._came:
+            self._ended = False
+            self._kept.clear()

@@ -65,7 +65,7 @@ class PmclNode(StageNode):
     settings_class = PmclNodeSettings
 
     def set_up(self, settings: PmclNodeSettings) -> None:
-        """Load the objects and get a GL context."""
+        """Load the objects and make what searches for them, with a GL context if it needs one."""
         self._settings = settings
         self._overlays = Overlays(self)
         self._markers = self.publisher(MarkerArray, 'markers', SMALL)
@@ -182,6 +182,8 @@ class PmclNode(StageNode):
         return f'searching in capture {self._last.header.stamp_ns} again'
 
     def _stop(self) -> None:
+        if self._input is not None:
+            self._input.wait_no_more()
         waited = self._worker.stop()
         if waited is not None:
             self.dropped(f'capture {waited.args[0].header.stamp_ns}: {ENDED}')

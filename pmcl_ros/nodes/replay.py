@@ -40,7 +40,7 @@ class Player:
     def wait_for_subscribers(self, count: int, timeout: float) -> None:
         """Return once every topic has `count` subscribers; BagError names those that have not.
 
-        Of dlv, dlv/edges and dlv/contour_map one is enough: pmcl_node subscribes to one of them.
+        Of dlv, dlv/edges and dlv/contour_map one is enough: pmcl_node does not subscribe to all.
         """
         deadline = time.monotonic() + timeout
         while missing := self._missing(count):

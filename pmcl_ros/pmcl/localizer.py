@@ -192,8 +192,13 @@ class Localizer:
         other = edges.other()
         if other is None:
             return lost
-        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, watch),
-                             watch, feasible)
+        seen: list[Generation] = []
+        record = None if watch is None else seen.append
+        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, record),
+                             record, feasible)
+        if watch is not None and again.score > lost.score:
+            for each in seen:
+                watch(each)
         if not again.lost and again.score > lost.score:
             _LOG.info('capture %d: edges alone lose the object; it is found where the %s proposes '
                       'it', edges.header.stamp_ns, other.kind)

@@ -63,7 +63,8 @@ class PmclSettings(Settings):
         '1.2 and 1.9 of what lies; what looks the same upside down may be either way up [rad]')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
-        'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba')
+        'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba. Posed '
+        'views, contour maps and what is in water are always scored by numba')
     seed: int = Field(
         0, ge=0, le=2 ** 31 - 1,
         description='of the random numbers: the same seed gives the same pose')

@@ -8,10 +8,13 @@ import pytest
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from std_msgs.msg import Float32MultiArray
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.nodes.evidence_input import EvidenceInput
+from pmcl_ros.nodes.pmcl_node import PmclNode
 from pmcl_ros.nodes.runtime.base import BIG, StageNode
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.settings import Settings
@@ -74,15 +77,26 @@ def test_edges_replace_the_volume_that_waits_and_end_the_subscription(
     assert 'dropped capture 1: no dlv/edges came with it' in capfd.readouterr().err
 
 
-def test_edges_come_with_the_contour_map_of_their_capture(searcher, user, small_edges, small_map):
-    searcher.hand_over('dlv/edges', small_edges, 1)  # nobody has published a map yet
-    assert searcher.hand_over('dlv/contour_map', small_map, 2) == 1
+@pytest.fixture
+def maps(searcher, user):
+    """Somebody publishes contour maps."""
+    publisher = user.node.create_publisher(Float32MultiArray, 'dlv/contour_map', BIG)
+    user.wait(lambda: searcher.count_publishers('/dlv/contour_map')
+              and publisher.get_subscription_count(), 'the subscription to dlv/contour_map')
     settle(user)
-    for stamp in (2, 3):
-        searcher.hand_over('dlv/edges', small_edges, stamp)
+
+
+def given(searcher, user, topic, value, *stamps):
+    for stamp in stamps:
+        assert searcher.hand_over(topic, value, stamp) == 1
         settle(user)
-    before, second, third = searcher.evidence
-    assert before.other() is None
+
+
+def test_edges_come_with_the_contour_map_of_their_capture(searcher, user, maps, small_edges,
+                                                          small_map):
+    given(searcher, user, 'dlv/contour_map', small_map, 2)
+    given(searcher, user, 'dlv/edges', small_edges, 2, 3)
+    second, third = searcher.evidence
     assert second.other().header == Header(2)
     np.testing.assert_array_equal(second.other().tensor, small_map.tensor)
     with ThreadPoolExecutor(1) as pool:  # as the thread that searches, before the map has come
@@ -94,18 +108,42 @@ def test_edges_come_with_the_contour_map_of_their_capture(searcher, user, small_
     assert searcher.health.dropped == 0
 
 
-def test_a_contour_map_that_does_not_come_is_waited_for_in_vain(searcher, user, small_edges,
-                                                                small_map):
-    for stamp in (1, 2, 3):
-        searcher.hand_over('dlv/contour_map', small_map, stamp)
-        settle(user)
-    for stamp in (1, 3, 4):
-        searcher.hand_over('dlv/edges', small_edges, stamp)
-        settle(user)
-    old, last, next_one = searcher.evidence
-    assert old.other() is None  # too late: two captures' maps are kept
-    assert last.other().header == Header(3)
-    assert next_one.other() is None
+def test_where_nobody_publishes_maps_edges_come_alone(searcher, user, small_edges):
+    given(searcher, user, 'dlv/edges', small_edges, 1)
+    alone, = searcher.evidence
+    assert alone.other() is None
+
+
+def test_no_search_waits_for_a_map_that_cannot_come(searcher, user, maps, small_edges, small_map):
+    given(searcher, user, 'dlv/edges', small_edges, 1, 9)
+    given(searcher, user, 'dlv/contour_map', small_map, 2)
+    overtaken, next_one = searcher.evidence
+    assert overtaken.other() is None  # at once: that of a later capture has come
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(next_one.other)
+        searcher.input.wait_no_more()
+        assert waiting.result() is None
+    searcher.input.forget()
+    given(searcher, user, 'dlv/contour_map', small_map, 9)
+    assert next_one.other().header == Header(9)
+
+
+@pytest.mark.parametrize(('changes', 'both'), [
+    ({}, True), ({'tracking': 'constant_pose'}, False), ({'evidence': 'edges'}, False),
+    ({'mode': 'faithful'}, False)])
+def test_pmcl_node_reads_contour_maps_beside_edges_of_one_untracked_object(parameters, changes,
+                                                                          both):
+    context = Context()
+    rclpy.init(context=context)
+    values = parameters['pmcl_node'] | changes
+    node = PmclNode(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in values.items()])
+    assert node.trigger_configure() == node.trigger_activate() == TransitionCallbackReturn.SUCCESS
+    read = {each.topic_name for each in node.subscriptions}
+    node.close()
+    rclpy.shutdown(context=context)
+    assert ('/dlv/contour_map' in read) == both
+    assert ('/dlv/edges' in read) == (changes.get('mode') != 'faithful')
 
 
 @pytest.mark.parametrize('end', [lambda node: node.input.forget(),

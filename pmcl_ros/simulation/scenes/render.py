@@ -1,4 +1,4 @@
-"""Renders scenes by path tracing: light fields and photographs, with exact truth."""
+"""The package's own renderer: light fields and photographs of scenes, with exact truth."""
 
 import math
 from collections.abc import Callable, Sequence
