@@ -47,6 +47,7 @@ class EvidenceInput:
                  discovery: float = _DISCOVERY) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
         self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
+        self._maps: _Maps | None = None
         self._volumes: ExitStack | None = None  # the subscription to dlv, while there is one
         self._since = 0.0  # when it was made
         self._alone = False  # at the last look: dlv was published, and the evidence was not
@@ -57,7 +58,8 @@ class EvidenceInput:
             return
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
-        self._maps = _Maps(node) if both else None  # second: whoever finds it has found edges
+        if both:
+            self._maps = _Maps(node)  # second: whoever finds it has found edges
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
