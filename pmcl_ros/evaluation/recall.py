@@ -38,7 +38,7 @@ def interval(flags: ArrayLike) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def told_share(flags: ArrayLike) -> str:
+def share_with_interval(flags: ArrayLike) -> str:
     """The share of true flags as a percentage, with count and interval."""
     flags = np.asarray(flags, bool)
     low, high = interval(flags)

@@ -39,12 +39,13 @@ class EvidenceInput:
     evidence.
     callback: gets the evidence of each capture, once. both: whether edges come with the contour
     map of the capture (`EdgeVolume.other`), where that is published. discovery: how long after the
-    subscription to `dlv` a publisher of the evidence may still be discovered [s].
+    subscription to `dlv` a publisher of the evidence may still be discovered; patience: how long
+    after the search by edges a contour map may still come [s].
     """
 
     def __init__(self, node: StageNode, settings: PmclSettings,
                  callback: Callable[[Evidence], None], both: bool = False,
-                 discovery: float = _DISCOVERY) -> None:
+                 discovery: float = _DISCOVERY, patience: float = _WAIT) -> None:
         self._node, self._callback, self._discovery = node, callback, discovery
         self._topic, read = _TOPICS['map' if settings.evidence == 'map' else 'edges']
         self._maps: _Maps | None = None
@@ -59,7 +60,7 @@ class EvidenceInput:
         self._evidence = subscribe_value(node, Float32MultiArray, self._topic, read,
                                          self._on_evidence, BIG)
         if both:
-            self._maps = _Maps(node)  # second: whoever finds it has found edges
+            self._maps = _Maps(node, patience)  # second: whoever finds it has found edges
         node.active.callback(self.forget)
         node.active.callback(self._end_volumes)
         node.every(_LOOK, self._look)
@@ -134,7 +135,8 @@ class EvidenceInput:
 class _Maps:
     """The contour maps of the last captures, for the thread that searches in their edges."""
 
-    def __init__(self, node: StageNode) -> None:
+    def __init__(self, node: StageNode, patience: float) -> None:
+        self._patience = patience
         self._kept: dict[int, ContourMap] = {}  # by stamp
         self._came, self._ended = threading.Condition(), False
         # One that is lost is no capture lost: its edges are searched all the same.
@@ -162,7 +164,7 @@ class _Maps:
         """
         with self._came:
             self._came.wait_for(lambda: self._ended or any(each >= stamp for each in self._kept),
-                                _WAIT)
+                                self._patience)
             return self._kept.get(stamp)
 
     def wait_no_more(self) -> None:

@@ -196,13 +196,14 @@ class Localizer:
         record = None if watch is None else seen.append
         again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, record),
                              record, feasible)
-        if watch is not None and again.score > lost.score:
+        better = again.score > lost.score
+        if watch is not None and better:
             for each in seen:
                 watch(each)
-        if not again.lost and again.score > lost.score:
+        if better and not again.lost:
             _LOG.info('capture %d: edges alone lose the object; it is found where the %s proposes '
                       'it', edges.header.stamp_ns, other.kind)
-        return replace(again if again.score > lost.score else lost,
+        return replace(again if better else lost,
                        evaluations=lost.evaluations + again.evaluations)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:

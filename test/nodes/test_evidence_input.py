@@ -30,7 +30,7 @@ class Searcher(StageNode):
 
     def start(self):
         self.input = EvidenceInput(self, PmclSettings(), self.evidence.append, both=True,
-                                   discovery=3600.0)
+                                   discovery=3600.0, patience=60.0)
 
     def hand_over(self, topic, value, stamp):
         """By reference: the number of subscriptions that it reaches."""
@@ -118,11 +118,13 @@ def test_no_search_waits_for_a_map_that_cannot_come(searcher, user, maps, small_
     given(searcher, user, 'dlv/edges', small_edges, 1, 9)
     given(searcher, user, 'dlv/contour_map', small_map, 2)
     overtaken, next_one = searcher.evidence
-    assert overtaken.other() is None  # at once: that of a later capture has come
-    with ThreadPoolExecutor(1) as pool:
-        waiting = pool.submit(next_one.other)
+    with ThreadPoolExecutor(2) as pool:
+        late, waiting = pool.submit(overtaken.other), pool.submit(next_one.other)
+        user.wait(late.done, 'the end of the wait: the map of a later capture has come')
+        assert not waiting.done()
         searcher.input.wait_no_more()
-        assert waiting.result() is None
+        user.wait(waiting.done, 'the end of all waiting')
+    assert (late.result(), waiting.result()) == (None, None)
     searcher.input.forget()
     given(searcher, user, 'dlv/contour_map', small_map, 9)
     assert next_one.other().header == Header(9)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.recall import interval, median, present, share, told_share
+from pmcl_ros.evaluation.recall import interval, median, present, share, share_with_interval
 from pmcl_ros.evaluation.trials import Trial
 
 LEAST = 10  # trials of a cell; fewer say nothing
@@ -47,7 +47,7 @@ class Cell:
         return len(self.flags) >= LEAST
 
     def __str__(self) -> str:
-        return told_share(self.flags) if self.counts else ''
+        return share_with_interval(self.flags) if self.counts else ''
 
 
 def cell(trials: Sequence[Trial], aim: Aim) -> Cell:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.evaluation.recall import told_share
+from pmcl_ros.evaluation.recall import share_with_interval
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.grasps.revolution import Profile
@@ -210,7 +210,7 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
              f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
-             f'{told_share(largest <= 1)}',
+             f'{share_with_interval(largest <= 1)}',
              f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
              f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
              f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
@@ -221,8 +221,9 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
         near = np.array([_is_near(each) for each in by])
         claimed = np.array([_is_near(each) and each is not None and not each.lost for each in by])
         off = [each.translation_mm for each in by if each is not None]
-        lines.append(f'{name}: within 5 mm and 5 degrees in {told_share(near)}, claimed too in '
-                     f'{told_share(claimed)}; median error {np.median(off):.2f} mm')
+        lines.append(f'{name}: within 5 mm and 5 degrees in {share_with_interval(near)}, '
+                     f'claimed too in {share_with_interval(claimed)}; '
+                     f'median error {np.median(off):.2f} mm')
     return '\n'.join([table(_HEAD, [_cells(each) for each in trials]), '',
                       *(f'- {line}' for line in lines)])
 

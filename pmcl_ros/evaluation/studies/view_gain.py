@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evaluation.recall import median, told_share
+from pmcl_ros.evaluation.recall import median, share_with_interval
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -124,7 +124,7 @@ def summary(scenes: Sequence[ViewGain]) -> str:
     begun = [each for each in scenes if each.begun]
     wrong = sum(not (each.begun or each.before.lost) for each in scenes)
     lines = [f'{len(scenes)} scenes; the first two views find the object in '
-             f'{told_share([each.begun for each in scenes])}; wrong: {wrong}',
+             f'{share_with_interval([each.begun for each in scenes])}; wrong: {wrong}',
              *_lines('these', begun), *_lines('all', scenes)]
     return '\n'.join([table(_HEAD, [_cells(each) for each in scenes]), '',
                       *(f'- {line}' for line in lines)])
@@ -145,8 +145,8 @@ def _lines(name: str, scenes: Sequence[ViewGain]) -> list[str]:
     return [f'{name}, median standard deviation told: {told}; expected with the best '
             f'{_median(rows["best"], _expected):.2f} mm',
             f'{name}, median error: {errors}',
-            f'{name}, the best is nearer the truth than the random one: {told_share(nearer)}; '
-            f'surer: {told_share(surer)}',
+            f'{name}, the best is nearer the truth than the random one: '
+            f'{share_with_interval(nearer)}; surer: {share_with_interval(surer)}',
             f'{name}, found: {found} of {len(scenes)}']
 
 
