@@ -46,6 +46,8 @@ def read_picture_file(path: Path, flags: int) -> NDArray[Any]:
 def decoded(data: bytes, flags: int) -> NDArray[Any]:
     """The pixels of a PNG, JPEG, TIFF, BMP, WebP or PPM, by cv2.imdecode with `flags`.
 
+    They are as they are stored, whatever orientation EXIF tells: cameras are calibrated, and their
+    poses are told, for the pixels of the sensor (COLMAP does not turn pictures either).
     Raises PictureError when it is none, is damaged, or has more than `MOST_PIXELS`.
     """
     try:
@@ -58,7 +60,7 @@ def decoded(data: bytes, flags: int) -> NDArray[Any]:
         raise PictureError(f'the picture says that it has {width}x{height} px; 1 to '
                            f'{MOST_PIXELS / 1e6:.0f} million are read')
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise PictureError(f'the picture cannot be decoded: {error.err}') from None
     if pixels is None:

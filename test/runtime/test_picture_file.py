@@ -40,6 +40,18 @@ def test_what_opencv_writes_is_decoded(kind, pixels):
         decoded(data, FLAGS), cv2.imdecode(np.frombuffer(data, np.uint8), FLAGS))
 
 
+@pytest.mark.parametrize('orientation', range(1, 9))
+def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation):
+    """Intrinsics and poses are those of the sensor, as of COLMAP."""
+    plain = encoded('.jpg')
+    one_tag = b'II*\0' + struct.pack('<IHHHIII', 8, 1, 0x112, 3, 1, orientation, 0)
+    exif = b'Exif\0\0' + one_tag
+    told = plain[:2] + struct.pack('>HH', 0xffe1, 2 + len(exif)) + exif + plain[2:]
+    turned = cv2.imdecode(np.frombuffer(told, np.uint8), FLAGS)  # OpenCV does follow the tag
+    assert np.array_equal(turned, decoded(plain, FLAGS)) == (orientation == 1)
+    np.testing.assert_array_equal(decoded(told, FLAGS), decoded(plain, FLAGS))
+
+
 @pytest.mark.parametrize(('kind', 'dtype'), [('.png', np.uint16), ('.tif', np.uint16),
                                              ('.tif', np.float32), ('.ppm', np.uint16)])
 def test_deep_pictures_keep_their_depth(kind, dtype):
