@@ -14,6 +14,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
 from pmcl_ros.evidence.build_map import build_map
 from pmcl_ros.evidence.contour_map import ContourMap
+from pmcl_ros.evidence.contour_net import contour_net
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -84,8 +85,9 @@ class DlvNode(StageNode):
     settings_class = DlvSettings
 
     def set_up(self, settings: DlvSettings) -> None:
-        """Compile, so that the first capture need not wait for it."""
+        """Compile, so that the first capture need not wait for it, and load the network."""
         self._settings = settings
+        contour_net()  # a broken file is an error here, not at the first capture
         build_edges(tiny_light_field(), DlvSettings(edge_labels=2, views=3))
         warm_up(settings.back_end, settings.layers)
         self.health.back_end = ('numpy' if settings.interpolation == 'phase'

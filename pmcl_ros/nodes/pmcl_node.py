@@ -18,6 +18,7 @@ from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import overlay
 from pmcl_ros.drawing.view_overlay import overlay_in_view
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
+from pmcl_ros.evidence.contour_net import contour_net
 from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedViews
@@ -74,6 +75,8 @@ class PmclNode(StageNode):
             if settings.tracking == 'camera' else None)
         self._several: SeveralObjects | None = None
         self._posed = settings.source == 'posed_views'
+        if self._posed and settings.evidence != 'edges':
+            contour_net()  # a broken file is an error here, not at the first views
         self._tracker: Tracker | None = None
         self._growing: GrowingSearch | None = None
         if settings.several:

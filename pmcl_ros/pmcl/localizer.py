@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
+from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, scene
@@ -61,8 +62,10 @@ class Localizer:
                  creases: Creases | None = None, error: ModelError | None = None) -> None:
         self._model = model
         self._settings = settings
-        if profile is None:
-            ContourProfile.learned()  # a broken file is an error here, not at the first capture
+        if profile is None:  # a broken file is an error here, not at the first capture
+            ContourProfile.learned()
+            if error is None and settings.evidence != 'edges':
+                learned_map_evidence()
         self._profile = profile
         self._error = error
         self._creases = creases or (Creases.from_model(model) if profile is None else None)
@@ -194,8 +197,9 @@ class Localizer:
             return lost
         seen: list[Generation] = []
         record = None if watch is None else seen.append
-        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, record),
-                             record, feasible)
+        # Of random numbers of its own: whether a map came changes no later capture.
+        again = self._search(edges, rng.spawn(1)[0], lambda _: progress(1.0),
+                             self._proposed(other, record), record, feasible)
         better = again.score > lost.score
         if watch is not None and better:
             for each in seen:

@@ -83,10 +83,11 @@ def test_what_edges_find_needs_no_other_evidence(edges, truth_alone):
     np.testing.assert_array_equal(found.particles, plain.particles)
 
 
-def test_what_is_lost_again_stays_as_edges_saw_it(edges):
+def test_what_is_lost_again_stays_as_edges_saw_it(edges, truth_alone):
+    """The other evidence proposes what edges show nothing of: there is less evidence by edges."""
     decoy = replace(edges, tensor=edges.tensor * (np.arange(COARSE.width) > COARSE.width // 2)[
         None, :, None, None].astype(np.float32))
-    alone, other = localized(decoy), Asked(decoy)
+    alone, other = localized(decoy), Asked(truth_alone)
     again = localized(replace(decoy, other=other))
     assert alone.lost
     assert again.lost
@@ -103,3 +104,13 @@ def test_a_search_that_is_stopped_or_told_where_to_begin_is_not_begun_again(edge
     assert localized(both, progress=lambda _: False).lost
     assert localized(both, start=DECOY[None]).lost
     assert other.times == 0
+
+
+def test_later_captures_are_searched_alike_whether_there_is_other_evidence(edges, truth_alone):
+    after = []
+    for each in (edges, replace(edges, other=Asked(truth_alone))):
+        rng = np.random.default_rng(0)
+        with Localizer(CUP, SETTINGS) as localizer:
+            localizer.localize(each, rng)
+        after.append(rng.bit_generator.state)
+    assert after[0] == after[1]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.evidence.learned import LearnedViews
+from pmcl_ros.evidence.learned import LearnedViews, learned_map_evidence, learned_views
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.se3 import rotate_covariance
 from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
@@ -53,6 +53,10 @@ class MultiViewLocalizer:
         self._renderer = NumbaRenderer()
         self.renderer = self._renderer.name
         self._proposals: Proposals | None = None
+        if numbers is None and settings.evidence != 'edges':
+            # A broken file is an error here, not at the first views.
+            learned_map_evidence()
+            learned_views()
         GaussNewton.warm_up()
 
     def __enter__(self) -> 'MultiViewLocalizer':

@@ -127,17 +127,21 @@ def test_shipped_parameters_are_of_no_other_node():
     assert list(shipped) == [f'/**/{entry.name}' for entry in ALL]
 
 
-def test_a_broken_default_is_an_error_of_configure_and_can_be_mended(
-        user, tmp_path, package_tree, parameters):
-    """The default of least_support is read from a file of learned numbers."""
-    file = package_tree / 'config' / 'learned' / 'contour.yaml'
+@pytest.mark.parametrize(('name', 'learned', 'field', 'changes'), [
+    ('pmcl_node', 'contour', 'least_support', {}),  # the default of a parameter
+    ('pmcl_node', 'contour_map_evidence', 'least_weight', {}),
+    ('pmcl_node', 'views', 'support_slope', {'source': 'posed_views'}),
+    ('dlv_node', 'contour_map', 'version', {})])
+def test_a_broken_file_of_learned_numbers_is_an_error_of_configure_and_can_be_mended(
+        user, tmp_path, package_tree, parameters, name, learned, field, changes):
+    file = package_tree / 'config' / 'learned' / f'{learned}.yaml'
     good = file.read_text()
-    file.write_text(good.replace('least_support:', 'least:'))
-    with Process(tmp_path, 'pmcl_ros.nodes.pmcl_node', params=parameters['pmcl_node'],
+    file.write_text(good.replace(f'{field}:', 'least:'))
+    with Process(tmp_path, f'pmcl_ros.nodes.{name}', params=parameters[name] | changes,
                  root=package_tree) as node:
-        assert not user.change('pmcl_node', CONFIGURE)
-        assert f'cannot configure: {file}: least_support: Field required' in node.log
-        assert user.state('pmcl_node') == UNCONFIGURED
+        assert not user.change(name, CONFIGURE)
+        assert f'cannot configure: {file}: {field}: Field required' in node.log
+        assert user.state(name) == UNCONFIGURED
         file.write_text(good)
-        assert user.change('pmcl_node', CONFIGURE)
-        assert user.state('pmcl_node') == INACTIVE
+        assert user.change(name, CONFIGURE)
+        assert user.state(name) == INACTIVE
