@@ -126,6 +126,9 @@ class LearnedViews(Settings):
     support_slope: float = Field(
         ge=0, description='by how much more support is needed for each unit of '
         'log(1 + disagreement) [nat / px]')
+    beyond_slope: float = Field(
+        0.0, ge=0, description='by how much more for each nat / px of evidence beyond the '
+        'contours [1]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '
         'before views are compared [1]')
@@ -147,14 +150,17 @@ class LearnedViews(Settings):
         return alike + (1 - alike) * (self.error_views * self.error_share + found) / (
             self.error_views + views - 1)
 
-    def needed(self, views: float, disagreement: float, alone: float) -> float:
+    def needed(self, views: float, disagreement: float, beyond: float, alone: float) -> float:
         """The support below which an object is lost [nat / px].
 
-        views, disagreement: as of `share`. alone: that in one view; it is that of views of about
-        one place. Views of a wrong pose disagree, as each sees something else there.
+        views, disagreement: as of `share`. beyond: mean evidence beyond the contours [nat / px].
+        alone: the support that is needed in one view; it is that of views of about one place.
+        Views of a wrong pose disagree, as each sees something else there, and beyond its contours
+        are those of what is there.
         """
         alike = _alike(views)
-        together = self.least_support + self.support_slope * math.log1p(disagreement)
+        together = (self.least_support + self.support_slope * math.log1p(disagreement)
+                    + self.beyond_slope * beyond)
         return alike * alone + (1 - alike) * together
 
 

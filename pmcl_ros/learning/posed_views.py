@@ -25,12 +25,12 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
 # While these are learned: nothing is lost, and the model error is that of one view.
-_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, error_share=1,
-                     error_views=1000, disagreement=1)
+_NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, beyond_slope=0,
+                     error_share=1, error_views=1000, disagreement=1)
 # Share, views and disagreement are within a factor of e of these, as far as is known before (one
 # standard deviation): few scenes hardly tell the first two apart.
 _FIRST = 0.3, 3.0, 0.3
-_RIDGE = 0.01  # of the logistic regression: few wrong poses have much support
+_RIDGE = 1e-4  # of the logistic regression: few wrong poses have much support
 _LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
 
 
@@ -74,13 +74,14 @@ class ViewsDeviation:
 
 @dataclass(frozen=True)
 class ViewsSearch:
-    """One search, as `searches.Search`. disagreement: of the views (`PoseEstimate`)."""
+    """One search, as `searches.Search`. disagreement, beyond: of the views (`PoseEstimate`)."""
 
     there: bool
     support: float
     evidence: float
     weight: float
     disagreement: float
+    beyond: float
     deviation: ViewsDeviation | None = None
 
 
@@ -111,7 +112,7 @@ def _search(example: ViewsExample, seed: int) -> ViewsSearch:
     if example.there and pose_error(estimate.pose, example.pose, example.model.symmetry).right:
         deviation = _deviation(example, estimate.pose)
     return ViewsSearch(example.there, estimate.support, estimate.evidence,
-                       estimate.modes[0].weight, estimate.disagreement, deviation)
+                       estimate.modes[0].weight, estimate.disagreement, estimate.beyond, deviation)
 
 
 def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviation:
@@ -148,27 +149,27 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
                                 'scenes')
     clear = [each for each in found
              if each.weight >= least_weight and math.isfinite(each.support)]
-    slope = support_slope([each for each in clear if each.deviation is not None],
-                          [each for each in clear if not each.there])
+    slopes = support_slopes([each for each in clear if each.deviation is not None],
+                            [each for each in clear if not each.there])
 
     def margin(each: ViewsSearch) -> float:
         if each.weight < least_weight:
             return -math.inf
-        return each.support - slope * math.log1p(each.disagreement)
+        return each.support - float(slopes @ _asked(each))
 
     margins = np.array([margin(each) for each in found])
     supports = Supports(margins[there], margins[~there],
                         np.array([each.evidence for each in right]))
     least, evidence = supports.threshold(false_alarms), supports.least_evidence(missed)
-    report(f'least support {least:.2f} + {slope:.2f} log(1 + disagreement), at '
-           f'{100 * false_alarms:g} % false alarms; {100 * supports.missed(least):.0f} % of '
-           'what is there has less')
+    report(f'least support {least:.2f} + {slopes[0]:.2f} log(1 + disagreement) + {slopes[1]:.2f} '
+           f'evidence beyond, at {100 * false_alarms:g} % false alarms; '
+           f'{100 * supports.missed(least):.0f} % of what is there has less')
     report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
                   and margin(each) >= least and each.evidence >= evidence]
     learned = fitted(deviations).model_copy(update={
         'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
-        'support_slope': round(slope, 2)})
+        'support_slope': round(float(slopes[0]), 2), 'beyond_slope': round(float(slopes[1]), 2)})
     levels = np.array([each.level(learned) for each in deviations])
     report(f'model error: {learned.error_share:.2f} of its variance, worth '
            f'{learned.error_views:.1f} views; disagreement {learned.disagreement:.3f}')
@@ -178,13 +179,17 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     return learned
 
 
-def support_slope(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch]) -> float:
-    """By how much more support balances a unit of log(1 + disagreement), at least 0.
+def support_slopes(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch]
+                   ) -> NDArray[np.float64]:
+    """(2,) how much more support balances a unit of what `LearnedViews.needed` asks it for.
 
-    Of the odds that a pose is right, by logistic regression, both kinds weighted alike.
+    That is log(1 + disagreement), and evidence beyond the contours; neither is negative. Of the
+    odds that a pose is right, by logistic regression, both kinds weighted alike.
     """
-    given = np.array([[each.support, -math.log1p(each.disagreement), 1.0]
-                      for each in (*right, *elsewhere)])
+    given = np.array([[each.support, *-_asked(each)] for each in (*right, *elsewhere)])
+    spread = given.std(axis=0)
+    scale = np.where(spread > 0, spread, 1.0)
+    given = np.column_stack([given / scale, np.ones(len(given))])
     sign = np.repeat([1.0, -1.0], [len(right), len(elsewhere)])
     weight = np.repeat([0.5 / max(len(right), 1), 0.5 / max(len(elsewhere), 1)],
                        [len(right), len(elsewhere)])
@@ -192,9 +197,14 @@ def support_slope(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch]
     def unlikely(odds: NDArray[np.float64]) -> float:
         return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)
 
-    support, agreement, _ = minimize(unlikely, [1.0, 0.0, 0.0],
-                                     bounds=[(_RIDGE, None), (0, None), (None, None)]).x
-    return float(agreement / support)
+    odds = minimize(unlikely, [1.0, 0.0, 0.0, 0.0],
+                    bounds=[(_RIDGE, None), (0, None), (0, None), (None, None)]).x[:3] / scale
+    return np.asarray(odds[1:] / odds[0])
+
+
+def _asked(each: ViewsSearch) -> NDArray[np.float64]:
+    """(2,) what more support is asked for."""
+    return np.array([math.log1p(each.disagreement), each.beyond])
 
 
 def fitted(given: Sequence[ViewsDeviation]) -> LearnedViews:

@@ -284,6 +284,7 @@ class PmclNode(StageNode):
                                   'weight': first, 'weight of the runner-up': second}
         if np.isfinite(estimate.disagreement):
             self.health.extra |= {'disagreement': estimate.disagreement,
+                                  'evidence beyond': estimate.beyond,
                                   'least support': estimate.least_support}
         if estimate.hidden:
             self.health.extra['hidden views'] = ' '.join(map(str, estimate.hidden))

@@ -48,6 +48,8 @@ class PoseEstimate:
     least_support, least_evidence: the thresholds that support and evidence were compared with.
     disagreement: of several views: median square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
+    beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
+        one view.
     hidden: numbers of the views that do not show it there, and were not used.
     """
 
@@ -68,6 +70,7 @@ class PoseEstimate:
     least_support: float = math.nan
     least_evidence: float = math.nan
     disagreement: float = math.nan
+    beyond: float = math.nan
     hidden: tuple[int, ...] = ()
 
     @property

@@ -1,14 +1,20 @@
-"""Evidence along the weakest part of a contour: it separates the object from others."""
+"""Evidence along the weakest part of a contour, and beyond it: it tells the object from others."""
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from pmcl_ros.evidence.contour_profile import ContourProfile
+from pmcl_ros.evidence.energies import evidence_across
+from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 
 _ARC = 20.0  # px: length of an arc with one mean; contributions farther apart share no noise
 _PART = 0.2  # of a contour: its weakest part
+_BEYOND = np.arange(4.0, 16.0)  # px outwards: where the contour of a larger object may be
+_OWN = 3.0  # px: a place as near to the contour as this is a part of it
 
 
 def contour_support(points: ContourPoints, seen: float) -> float:
@@ -30,6 +36,24 @@ def contour_support(points: ContourPoints, seen: float) -> float:
     lengths, evidence = lengths[order] / lengths.sum(), evidence[order]
     weakest = np.clip(_PART - (np.cumsum(lengths) - lengths), 0, lengths)
     return float(weakest @ evidence / weakest.sum() - (1 - seen) / seen)
+
+
+def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile
+                    ) -> NDArray[np.float64]:
+    """(m,) evidence for another contour beyond each point of a contour, at least 0 [nat / px].
+
+    It is that of the best one with the same normal, 4 to 15 px outwards; 0 where the object itself
+    is beyond the point. The contour of a wrong object often lies inside of that of the object that
+    is there, which then shows beyond it.
+    """
+    if not len(points.lengths):
+        return np.zeros(0)
+    evidence = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
+                               _BEYOND)
+    places = points.pixels[:, None] + _BEYOND[:, None] * points.normals[:, None]
+    own = KDTree(points.pixels).query(places)[0] < _OWN
+    best = np.where(own, 0.0, evidence).max(axis=1)
+    return np.asarray(points.outer * np.maximum(best, 0))
 
 
 def share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:

@@ -9,6 +9,7 @@ from pmcl_ros.learning.posed_views import (
     ViewsSearch,
     fitted,
     learned_from,
+    support_slopes,
 )
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -48,19 +49,22 @@ def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
 
 
 OF = numbers(0.4, 3.0, 1.0)
+SPREAD = 0.5, 0.5, 0.2  # of support, log(1 + Q), evidence beyond
 
 
 def found_and_elsewhere(count, seed=1):
-    """Searches whose odds grow by 4 a nat / px of support and fall by 2 with log(1 + Q)."""
+    """Searches whose log odds grow by 4 a nat / px of support, and fall by 2 with log(1 + Q) and
+    by 3.75 a nat / px beyond."""
     rng = np.random.default_rng(seed)
     found = []
     for each in deviations(count, OF):
-        support, apart = rng.normal(1.2, 0.5), rng.normal(1.0, 0.5)
-        found.append(ViewsSearch(True, support, 1.7 + 0.1 * support, 1.0,
-                                 np.expm1(max(apart, 0)), each))
+        support, apart, beyond = rng.normal([1.2, 1.0, 0.6], SPREAD)
+        found.append(ViewsSearch(True, support, 1.7 + 0.3 * support, 1.0, np.expm1(max(apart, 0)),
+                                 max(beyond, 0), each))
     for _ in range(count):
-        support, apart = rng.normal(0.2, 0.5), rng.normal(1.5, 0.5)
-        found.append(ViewsSearch(False, support, 1.0, 1.0, np.expm1(max(apart, 0))))
+        support, apart, beyond = rng.normal([0.2, 1.5, 0.75], SPREAD)
+        found.append(ViewsSearch(False, support, 1.0, 1.0, np.expm1(max(apart, 0)),
+                                 max(beyond, 0)))
     return found
 
 
@@ -68,36 +72,45 @@ def test_thresholds_are_between_objects_there_and_elsewhere():
     found = found_and_elsewhere(400)
     lines = []
     learned = learned_from(found, 0.95, 0.05, 0.02, lines.append)
-    over = {there: np.mean([each.support > learned.needed(2.0, each.disagreement, 9.0)
-                            for each in found if each.there == there])
-            for there in (False, True)}
+    over = {there: np.mean([
+        each.support > learned.needed(2.0, each.disagreement, each.beyond, 9.0)
+        for each in found if each.there == there]) for there in (False, True)}
     assert over[False] == pytest.approx(0.05, abs=0.01)
     assert over[True] > np.mean([each.support > np.quantile(
         [one.support for one in found if not one.there], 0.95) for each in found if each.there])
-    assert learned.support_slope == pytest.approx(0.5, rel=0.25)
     evidence = np.array([each.evidence for each in found if each.there])
     assert (evidence < learned.least_evidence).mean() == pytest.approx(0.02, abs=0.005)
     assert learned.share(2, 0.5) == pytest.approx(OF.share(2, 0.5), rel=0.5)
     assert any('truths in the 90 % region: 90 %' in line for line in lines)
 
 
+def test_the_odds_that_made_the_searches_are_found():
+    found = found_and_elsewhere(4000)
+    slopes = support_slopes([each for each in found if each.there],
+                            [each for each in found if not each.there])
+    np.testing.assert_allclose(slopes, (2 / 4, 3.75 / 4), rtol=0.15)
+
+
 def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():
-    found = [ViewsSearch(True, 1.0, 1.7, 1.0, 0.0, each) for each in deviations(60, OF)]
-    clear = found + [ViewsSearch(False, -0.5, 1.0, 1.0, 0.0)] * 60
-    ambiguous = found + [ViewsSearch(False, -0.5, 1.0, 1.0, 0.0)] * 57 + [
-        ViewsSearch(False, 2.0, 1.0, 0.6, 0.0)] * 3
+    found = [ViewsSearch(True, 1.0, 1.7, 1.0, 0.0, 0.0, each) for each in deviations(60, OF)]
+    clear = found + [ViewsSearch(False, -0.5, 1.7, 1.0, 0.0, 0.0)] * 60
+    ambiguous = found + [ViewsSearch(False, -0.5, 1.7, 1.0, 0.0, 0.0)] * 57 + [
+        ViewsSearch(False, 2.0, 1.7, 0.6, 0.0, 0.0)] * 3
     one, other = (learned_from(each, 0.95, 0.05, 0.05, lambda _: None)
                   for each in (clear, ambiguous))
     assert one.least_support == other.least_support == -0.5
 
 
 def test_views_that_disagree_need_more_support_and_views_of_one_place_as_much_as_one():
-    of = numbers(0.8, 3.0, 0.5).model_copy(update={'least_support': -0.2, 'support_slope': 0.5})
-    assert of.needed(1.0, 7.0, 0.4) == 0.4
-    assert of.needed(3.0, 0.0, 0.4) == pytest.approx(-0.2)
-    assert of.needed(3.0, np.expm1(2.0), 0.4) == pytest.approx(0.8)
+    of = numbers(0.8, 3.0, 0.5).model_copy(update={
+        'least_support': -0.2, 'support_slope': 0.5, 'beyond_slope': 2.0})
+    assert of.needed(1.0, 7.0, 1.0, 0.4) == 0.4
+    assert of.needed(3.0, 0.0, 0.0, 0.4) == pytest.approx(-0.2)
+    assert of.needed(3.0, np.expm1(2.0), 0.0, 0.4) == pytest.approx(0.8)
+    assert of.needed(3.0, 0.0, 0.5, 0.4) == pytest.approx(0.8)
 
 
 def test_too_few_searches_are_refused():
     with pytest.raises(LocalizationError, match='learn from more scenes'):
-        learned_from([ViewsSearch(True, 1.0, 1.7, 1.0, 0.0)], 0.95, 0.05, 0.05, lambda _: None)
+        learned_from([ViewsSearch(True, 1.0, 1.7, 1.0, 0.0, 0.0)], 0.95, 0.05, 0.05,
+                     lambda _: None)

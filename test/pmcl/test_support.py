@@ -2,14 +2,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contour_maps import NUMBERS
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from pmcl_ros.evidence.contour_map import ContourMap
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
-from pmcl_ros.pmcl.support import contour_support, share_in_view
+from pmcl_ros.pmcl.support import contour_support, evidence_beyond, share_in_view
 
 
 def contour(evidence):
@@ -54,3 +57,52 @@ def test_half_a_mesh_out_of_view():
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 50, 50)) == 1
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 0, 50)) == 0.5
     assert share_in_view(model, pose, Pinhole(100, 100, 500, 500, 500, 50)) == 0
+
+
+MIDDLE, RADIUS = 80, 40  # px: of a disc that a contour map shows
+DISC = Pinhole(160, 160, 200, 200, MIDDLE, MIDDLE)
+
+
+@pytest.fixture(scope='module')
+def disc_seen():
+    """Log odds of 4 for its outline, of -4 where there is none."""
+    y, x = np.indices((160, 160)) - MIDDLE
+    away = np.maximum(np.hypot(x, y), 1e-9)
+    on, nx, ny = np.exp(-0.2 * (away - RADIUS) ** 2), x / away, y / away
+    tensor = np.stack([on - 4, 5 * on * nx, 5 * on * ny, 2 * on * (nx ** 2 - ny ** 2),
+                       4 * on * nx * ny], axis=-1).astype(np.float32)
+    return ContourMap(Header(), tensor[:, :, None], np.array([0.5, 0.3]), DISC,
+                      np.zeros((160, 160, 1), np.float32), NUMBERS)
+
+
+def circle(radius, outer=1.0):
+    """The contour of a disc, a point for each pixel."""
+    angles = np.linspace(0, 2 * np.pi, round(2 * np.pi * radius), endpoint=False)
+    normals = np.column_stack([np.cos(angles), np.sin(angles)])
+    plain = contour(np.zeros(len(angles)))
+    return replace(plain, pixels=MIDDLE + radius * normals, normals=normals,
+                   depths=np.full(len(angles), 0.4), outer=np.full(len(angles), outer))
+
+
+def beyond(points, seen):
+    return evidence_beyond(points, seen, seen.profile)
+
+
+@pytest.mark.parametrize('radius', [27, 32, 35])
+def test_a_larger_outline_is_seen_beyond_that_of_a_smaller_object(disc_seen, radius):
+    np.testing.assert_allclose(beyond(circle(radius), disc_seen), 4 * NUMBERS.contour_weight,
+                               rtol=0.15)
+
+
+@pytest.mark.parametrize('radius', [
+    20,  # too far inside to be mistaken for it
+    RADIUS, RADIUS + 8])
+def test_beyond_the_outline_itself_there_is_nothing(disc_seen, radius):
+    assert not beyond(circle(radius), disc_seen).any()
+
+
+def test_what_is_the_object_itself_is_not_beyond_it(disc_seen):
+    inner, own = circle(32), circle(RADIUS)
+    assert not beyond(replace(inner, outer=0 * inner.outer), disc_seen).any()
+    assert not beyond(inner.joined(own), disc_seen).any()
+    assert not len(beyond(contour([]), disc_seen))

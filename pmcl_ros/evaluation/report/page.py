@@ -161,6 +161,9 @@ def _sureness(run: Localization) -> list[Fact]:
         facts.append(Fact('disagreement', 'the views disagree by', f'{estimate.disagreement:.2f}',
                           'of what is expected (median square); the weakest fifth has to reach '
                           'more where it is larger'))
+    if np.isfinite(estimate.beyond):
+        facts.append(Fact('beyond', 'beyond the contours', f'{estimate.beyond:+.2f} nat/px',
+                          'for other contours, 4 to 15 px outwards; likewise'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))

@@ -17,6 +17,7 @@ from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.render.back_end import ContourScore
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST
+from pmcl_ros.pmcl.support import evidence_beyond
 from pmcl_ros.pmcl.tracking.near_prior import rigid_score
 from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
 from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
@@ -165,6 +166,14 @@ class JointContours:
         alone = [_off(each) for each in self._drawn(pose, motions).alone if each.length > 0]
         return float(np.median([off ** 2 / max(expected ** 2, 1e-12) for off, expected in alone]
                                or [0.0]))
+
+    def beyond(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+        """Mean evidence for other contours beyond those of a pose (4, 4) [nat / px]."""
+        views = self.contours(pose, motions)
+        lengths = np.concatenate([each.points.lengths for each in views])
+        evidence = np.concatenate([evidence_beyond(each.points, each.edges, each.profile)
+                                   for each in views])
+        return float(lengths @ evidence / max(lengths.sum(), 1e-9))
 
 
 @dataclass(frozen=True)

@@ -84,6 +84,11 @@ class JointPosterior:
             return self.contours.disagreement(known.pose, known.motions)
         return known.disagreement
 
+    def beyond_near(self, pose: NDArray[np.float64]) -> float:
+        """Mean evidence beyond the contours of the mode near a pose (4, 4) [nat / px]."""
+        known = self._known_at(pose)
+        return self.contours.beyond(known.pose, known.motions)
+
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
         """How each view agrees with a pose (4, 4), its camera where it is told to be."""
         return self.contours.fits(pose, np.zeros(self.contours.joint.errors.number))

@@ -232,17 +232,18 @@ class MultiViewLocalizer:
                   sample: Posterior, rng: np.random.Generator
                   ) -> PoseEstimate:
         """In the frame of the first view that sees the region."""
-        apart = math.nan
+        apart = beyond = math.nan
         if posterior.numbers is not None:
             likeliest = sample.modes[np.bincount(sample.own).argmax()]
             apart = posterior.disagreement_near(likeliest.pose)
-        least = self._least(joint, posterior.numbers, apart)
+            beyond = posterior.beyond_near(likeliest.pose)
+        least = self._least(joint, posterior.numbers, apart, beyond)
         estimate = self._estimator(joint).from_posterior(
             evidence.header, [(view.edges.pinhole, camera) for view, camera
                               in zip(joint.views, joint.cameras, strict=True)],
             sample, posterior.local_model_at, posterior.points_at, least, rng,
             posterior.contours.share)
-        return replace(estimate, disagreement=apart)
+        return replace(estimate, disagreement=apart, beyond=beyond)
 
     def _of_one_view(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:
         """The posterior with the model error of one view, until the stack is closed."""
@@ -251,16 +252,17 @@ class MultiViewLocalizer:
     def _estimator(self, joint: JointEvidence) -> Estimator:
         return Estimator(self.model, joint.region, self._settings, joint.orientation)
 
-    def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float
-               ) -> Thresholds:
-        """numbers: None for those of one view. apart: by how much the views disagree."""
+    def _least(self, joint: JointEvidence, numbers: LearnedViews | None, apart: float,
+               beyond: float) -> Thresholds:
+        """numbers: None for those of one view. apart: by how much the views disagree. beyond: mean
+        evidence beyond the contours."""
         first = joint.views[0]
         alone = Thresholds.from_evidence(first.edges, first.profile, self._settings)
         if numbers is None:
             return alone
         chosen = 'least_support' in self._settings.model_fields_set
         support = (alone.support if chosen
-                   else numbers.needed(joint.independent, apart, alone.support))
+                   else numbers.needed(joint.independent, apart, beyond, alone.support))
         return Thresholds(support, numbers.least_evidence, alone.weight)
 
     def evidence(self, evidence: ViewsEvidence, poses: NDArray[np.float64],
