@@ -94,7 +94,12 @@ class ContourSearch:
         judged = self._judged(found, _NONE, 'fine', watch)
         others = ambiguous_poses(self.posterior.model, judged.poses[0])
         if len(others):
-            judged = self._judged(self.coarse(others)[0], judged, 'ambiguous', watch)
+            # Most are far worse already by fine contours, which fewer views judge.
+            refined, values = self.fine(np.concatenate(
+                [judged.poses[:1], self.coarse(others)[0]]))
+            hopeful = refined[1:][values[1:] >= values[0] - _HOPELESS]
+            if len(hopeful):
+                judged = self._judged(hopeful, judged, 'ambiguous', watch)
         return judged.first(_MODES)
 
     def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None) -> 'Judged':

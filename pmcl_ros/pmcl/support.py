@@ -50,10 +50,12 @@ def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: Conto
         return np.zeros(0)
     evidence = evidence_across(edges, points.pixels, points.normals, points.depths, profile,
                                _BEYOND)
-    places = points.pixels[:, None] + _BEYOND[:, None] * points.normals[:, None]
-    own = KDTree(points.pixels).query(places)[0] < _OWN
-    best = np.where(own, 0.0, evidence).max(axis=1)
-    return np.asarray(points.outer * np.maximum(best, 0))
+    evidence = np.maximum(evidence, 0) * points.outer[:, None]
+    point, place = np.nonzero(evidence)
+    there = points.pixels[point] + _BEYOND[place, None] * points.normals[point]
+    own = KDTree(points.pixels).query(there, distance_upper_bound=_OWN)[0] < _OWN
+    evidence[point[own], place[own]] = 0
+    return np.asarray(evidence.max(axis=1))
 
 
 def share_in_view(model: ObjectModel, pose: NDArray[np.float64], pinhole: Pinhole) -> float:

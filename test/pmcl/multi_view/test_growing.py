@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from test_multi_view import CUP, around, error, found, maps_seen, settings, truth_of
 
+from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.pmcl.modes import ambiguous_poses
 from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 
@@ -105,3 +107,15 @@ def test_a_pose_that_more_views_contradict_is_given_up(context, evidence, search
     assert error(CUP, estimate.pose, elsewhere)[0] < 1
     assert ('searched with views added (2) from the last pose, where it is not: searching the '
             'region of interest') in caplog.messages
+
+
+def test_near_a_pose_what_it_could_be_mistaken_for_is_tried_too(evidence, localizer):
+    """A pose by less evidence may have been upside down, or tilted the other way."""
+    truth = truth_of(CUP)
+    for start in ambiguous_poses(CUP, truth):
+        assert pose_error(start, truth, CUP.symmetry).rotation > np.deg2rad(15)
+        estimate = localizer.localize(evidence, np.random.default_rng(0), near=start[None],
+                                      second=False)
+        off = pose_error(estimate.pose, truth, CUP.symmetry)
+        assert off.translation < 0.0005
+        assert off.rotation < np.deg2rad(1)
