@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from pmcl_ros.drawing.pictures import contact_sheet, displayed, outlines
 from pmcl_ros.evaluation.feasibility import findings
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.evaluation.feasibility.view_sets import ViewSet
-from pmcl_ros.evaluation.report.page import image
+from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import read_source
@@ -67,13 +66,10 @@ class Feasibility:
 
 def page(of: Feasibility) -> str:
     """The text of the HTML file."""
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader('pmcl_ros.evaluation.feasibility', ''),
-                                    jinja2.PackageLoader('pmcl_ros.evaluation.report', '')]),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     every = [each for trials in of.trials.values() for each in trials]
     first = of.trials[of.sets[0].name]
-    return environment.get_template('feasibility.html').render(
+    return rendered(
+        'feasibility.html', 'pmcl_ros.evaluation.feasibility',
         of=of, about=of.about, head=findings.HEAD, rows=of.rows(),
         distances=of.table(findings.distances(first)),
         surroundings=of.table(findings.surroundings(every)),

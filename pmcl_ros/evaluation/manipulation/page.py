@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import cv2
-import jinja2
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from pmcl_ros import __version__
 from pmcl_ros.drawing.pictures import outlines
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
-from pmcl_ros.evaluation.report.page import image
+from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse
@@ -32,15 +31,12 @@ def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequ
     seen: trials by what the robot saw; folders of each, and liquids, in the robot's frame. told:
     of the same seeds, where it was told the true pose.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.ChoiceLoader([jinja2.PackageLoader('pmcl_ros.evaluation.manipulation', ''),
-                                    jinja2.PackageLoader('pmcl_ros.evaluation.report', '')]),
-        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     shown = [{'seed': each.seed, 'words': _words(each), 'caption': _caption(each),
               'picture': _pictures(each, folder, model, pinhole, liquid),
               'film': _film(folder)}
              for each, folder, liquid in zip(seen, folders, liquids, strict=True)]
-    return environment.get_template('manipulation.html').render(
+    return rendered(
+        'manipulation.html', 'pmcl_ros.evaluation.manipulation',
         title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
         trials=shown, version=__version__)
 

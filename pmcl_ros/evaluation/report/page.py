@@ -1,15 +1,11 @@
 """The report of a localisation as one HTML page that loads nothing from outside."""
 
-import base64
 import platform
 from datetime import datetime, timezone
 from itertools import groupby
 from typing import NamedTuple
 
-import cv2
-import jinja2
 import numpy as np
-from markupsafe import Markup
 from numpy.typing import NDArray
 
 from pmcl_ros import __version__
@@ -24,6 +20,7 @@ from pmcl_ros.evaluation.report import (
     view_drawings,
     volume_drawings,
 )
+from pmcl_ros.evaluation.report.html import image, rendered
 from pmcl_ros.evaluation.report.localization import Localization
 from pmcl_ros.evaluation.report.posterior import Coordinates, coordinates, spread
 from pmcl_ros.geometry.pose_error import pose_error
@@ -58,13 +55,10 @@ class Fact(NamedTuple):
 
 def page(run: Localization) -> str:
     """The text of the HTML file."""
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader('pmcl_ros.evaluation.report', ''), autoescape=True,
-        trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined)
     found = coordinates(run)
     outside = (np.abs(found.particles) > posterior_drawings.REACH * found.sigma).any(axis=1)
-    return environment.get_template('page.html').render(
-        run=run, **_DRAWINGS, stages=_STAGES, image=image, **_charts(run),
+    return rendered(
+        'page.html', run=run, **_DRAWINGS, stages=_STAGES, image=image, **_charts(run),
         known=run.truth is not None and not run.truth.empty, about=about(run),
         facts=[*_pose(run, found), *_sureness(run), *_truth(run)],
         overlays=view_drawings.all_views(run),
@@ -76,18 +70,6 @@ def page(run: Localization) -> str:
         modes=_modes(run), search=_search(run),
         settings={'Search': _rows(run.settings), 'Volume': _rows(run.volume_settings)},
         versions={'pmcl_ros': __version__, 'Python': platform.python_version(), **libraries()})
-
-
-def image(picture: NDArray[np.uint8], alternative: str, kind: str = 'pixels') -> Markup:
-    """A picture (height, width, 3) RGB as an element. alternative: what it shows, in words.
-
-    kind: 'pixels' or 'chart'; the latter is smooth at any size.
-    """
-    _, data = cv2.imencode('.png', picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    return Markup('<img src="data:image/png;base64,{}" alt="{}" class="{}" width="{}" '
-                  'height="{}">').format(
-        base64.b64encode(data.tobytes()).decode('ascii'), alternative, kind,
-        *picture.shape[1::-1])
 
 
 def _charts(run: Localization) -> dict[str, NDArray[np.uint8] | None]:
@@ -200,14 +182,22 @@ def _modes(run: Localization) -> list[list[str]]:
 
 
 def _search(run: Localization) -> list[list[str]]:
+    stages = [(stage, list(group)) for stage, group in groupby(run.history,
+                                                               lambda each: each.stage)]
+    # A stage comes again where the object was searched again.
+    ends = [generations[-1].time for _, generations in stages]
+    spent = [0.0, *np.diff(ends)]
+    if stages:
+        spent[0] = run.seconds[stages[0][0]] - sum(
+            seconds for (stage, _), seconds in zip(stages, spent, strict=True)
+            if stage == stages[0][0])
     rows = []
-    for stage, group in groupby(run.history, lambda each: each.stage):
-        generations = list(group)
+    for (stage, generations), seconds in zip(stages, spent, strict=True):
         last = generations[-1]
         apart = spread(last.poses)
         rows.append([_STAGES[stage], f'{len(generations)}', f'{len(last.poses)}',
                      f'{1e3 * apart.across:.2f}', f'{1e3 * apart.along:.2f}',
-                     f'{np.max(last.scores):.4g}', f'{1e3 * run.seconds[stage]:.0f}'])
+                     f'{np.max(last.scores):.4g}', f'{1e3 * seconds:.0f}'])
     return rows
 
 

@@ -243,3 +243,29 @@ def test_what_the_browser_would_complain_of_is_noticed(tmp_path):
         assert each['width'] > each['viewport']
         assert each['pictures'] == [0, 0]
         assert each['loaded'] == ['http://example.org/picture.png']
+
+
+def took(text):
+    """(stage, ms) of each row of the table of the search."""
+    table = text[text.index('<section id="search">'):].split('</table>')[0]
+    rows = [re.findall(r'<td[^>]*>(.*?)</td>', row) for row in table.split('<tr>')[2:]]
+    return [(row[0], float(row[-1])) for row in rows]
+
+
+def test_a_second_search_has_the_time_that_it_took(found):
+    """Stages that come twice have one time in `seconds`, and each a row."""
+    ended, later = found.history[-1].time, {}
+    again = tuple(replace(each, time=ended + 1 + each.time - found.history[0].time)
+                  for each in found.history)
+    for each, before in zip(again, (found.history[-1], *again), strict=False):
+        later[each.stage] = later.get(each.stage, 0) + each.time - before.time
+    seconds = {stage: value + later.get(stage, 0) for stage, value in found.seconds.items()}
+    once = took(page(found))
+    twice = took(page(replace(found, history=found.history + again, seconds=seconds)))
+    count = len(once)
+    assert [stage for stage, _ in twice] == 2 * [stage for stage, _ in once]
+    for (_, alone), (_, first) in zip(once, twice[:count], strict=True):
+        assert first == pytest.approx(alone, abs=1)
+    assert twice[count][1] == pytest.approx(1000, abs=1)
+    for (_, alone), (_, second) in zip(once[1:], twice[count + 1:], strict=True):
+        assert second == pytest.approx(alone, abs=1)
