@@ -127,7 +127,7 @@ class LearnedViews(Settings):
         ge=0, description='by how much more support is needed for each unit of '
         'log(1 + disagreement) [nat / px]')
     beyond_slope: float = Field(
-        0.0, ge=0, description='by how much more for each nat / px of evidence beyond the '
+        ge=0, description='by how much more for each nat / px of evidence beyond the '
         'contours [1]')
     error_share: float = Field(
         gt=0, le=100, description='variance of the model error, relative to that of one view, '

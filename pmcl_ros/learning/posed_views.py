@@ -31,6 +31,7 @@ _NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, b
 # standard deviation): few scenes hardly tell the first two apart.
 _FIRST = 0.3, 3.0, 0.3
 _RIDGE = 1e-4  # of the logistic regression: few wrong poses have much support
+_LEAST_ODDS = 0.01  # nat for a standard deviation of support: with less, slopes are noise
 _LEAST, _MOST = 0.01, 100.0  # bounds of the factor of the model error
 
 
@@ -184,7 +185,8 @@ def support_slopes(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch
     """(2,) how much more support balances a unit of what `LearnedViews.needed` asks it for.
 
     That is log(1 + disagreement), and evidence beyond the contours; neither is negative. Of the
-    odds that a pose is right, by logistic regression, both kinds weighted alike.
+    odds that a pose is right, by logistic regression, both kinds weighted alike. Raises
+    LocalizationError where support does not tell them apart.
     """
     given = np.array([[each.support, *-_asked(each)] for each in (*right, *elsewhere)])
     spread = given.std(axis=0)
@@ -197,8 +199,12 @@ def support_slopes(right: Sequence[ViewsSearch], elsewhere: Sequence[ViewsSearch
     def unlikely(odds: NDArray[np.float64]) -> float:
         return float(weight @ np.logaddexp(0, -sign * (given @ odds)) + _RIDGE * odds @ odds)
 
-    odds = minimize(unlikely, [1.0, 0.0, 0.0, 0.0],
-                    bounds=[(_RIDGE, None), (0, None), (0, None), (None, None)]).x[:3] / scale
+    odds = minimize(unlikely, [1.0, 0.0, 0.0, 0.0], bounds=[
+        (_LEAST_ODDS, None), (0, None), (0, None), (None, None)]).x[:3]
+    if odds[0] <= _LEAST_ODDS:
+        raise LocalizationError(f'{len(right)} right poses have no more support than '
+                                f'{len(elsewhere)} that are wrong; learn from more scenes')
+    odds /= scale
     return np.asarray(odds[1:] / odds[0])
 
 

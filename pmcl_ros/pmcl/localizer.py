@@ -3,6 +3,7 @@
 import contextlib
 import logging
 from collections.abc import Callable, Sequence
+from copy import deepcopy
 from dataclasses import replace
 
 import moderngl
@@ -197,8 +198,8 @@ class Localizer:
             return lost
         seen: list[Generation] = []
         record = None if watch is None else seen.append
-        # Of random numbers of its own: whether a map came changes no later capture.
-        again = self._search(edges, rng.spawn(1)[0], lambda _: progress(1.0),
+        # By a copy: whether there is a second search changes the digits of no later capture.
+        again = self._search(edges, deepcopy(rng), lambda _: progress(1.0),
                              self._proposed(other, record), record, feasible)
         better = again.score > lost.score
         if watch is not None and better:

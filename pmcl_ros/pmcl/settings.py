@@ -78,8 +78,8 @@ class PmclSettings(Settings):
         default_factory=lambda: learned_contour().least_support, ge=-5, le=5,
         description='default mode: mean evidence along the weakest fifth of the contour, less a '
         'nat for each pixel out of view, estimated by the share of vertices in view [nat / px]; '
-        'the object is lost below it. Left at the default, that of the evidence and of the '
-        'number of views is taken')
+        'the object is lost below it. Left at the default, that of the evidence is taken, and '
+        'of several views what these need (docs/concepts/lost.md)')
     faithful_particles: int = Field(100, ge=2, le=100_000, description='faithful mode: particles')
     faithful_iterations: int = Field(
         500, ge=1, le=100_000, description='faithful mode: iterations at most')

@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 from scipy.spatial import KDTree
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
@@ -38,13 +39,14 @@ def contour_support(points: ContourPoints, seen: float) -> float:
     return float(weakest @ evidence / weakest.sum() - (1 - seen) / seen)
 
 
-def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile
-                    ) -> NDArray[np.float64]:
-    """(m,) evidence for another contour beyond each point of a contour, at least 0 [nat / px].
+def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile,
+                    others: NDArray[np.bool_] | None = None) -> NDArray[np.float64]:
+    """(m,) the largest evidence for another contour beyond each point of a contour [nat / px].
 
-    It is that of the best one with the same normal, 4 to 15 px outwards; 0 where the object itself
-    is beyond the point. The contour of a wrong object often lies inside of that of the object that
-    is there, which then shows beyond it.
+    It is that for a contour with the same normal, 4 to 15 px outwards; 0 where there is none for
+    one, where the object itself is beyond the point, or out of the image. The contour of a wrong
+    object often lies inside of that of the object that is there, which then shows beyond it.
+    others: (height, width) pixels of objects that are known to be there, which show nothing else.
     """
     if not len(points.lengths):
         return np.zeros(0)
@@ -53,8 +55,14 @@ def evidence_beyond(points: ContourPoints, edges: EvidenceVolume, profile: Conto
     evidence = np.maximum(evidence, 0) * points.outer[:, None]
     point, place = np.nonzero(evidence)
     there = points.pixels[point] + _BEYOND[place, None] * points.normals[point]
-    own = KDTree(points.pixels).query(there, distance_upper_bound=_OWN)[0] < _OWN
-    evidence[point[own], place[own]] = 0
+    explained = KDTree(points.pixels).query(there, distance_upper_bound=_OWN)[0] < _OWN
+    column, row = np.rint(there).astype(int).T
+    height, width = edges.tensor.shape[:2]
+    explained |= (column < 0) | (row < 0) | (column >= width) | (row >= height)
+    if others is not None:
+        around = maximum_filter(others, 1 + 2 * round(_OWN))
+        explained |= around[row.clip(0, height - 1), column.clip(0, width - 1)]
+    evidence[point[explained], place[explained]] = 0
     return np.asarray(evidence.max(axis=1))
 
 

@@ -15,8 +15,8 @@ from pmcl_ros.runtime.errors import LocalizationError
 
 
 def numbers(share, views, disagreement):
-    return LearnedViews(least_evidence=0, least_support=0, support_slope=0, error_share=share,
-                        error_views=views, disagreement=disagreement)
+    return LearnedViews(least_evidence=0, least_support=0, support_slope=0, beyond_slope=0,
+                        error_share=share, error_views=views, disagreement=disagreement)
 
 
 def deviations(count, of, seed=0):
@@ -89,6 +89,13 @@ def test_the_odds_that_made_the_searches_are_found():
     slopes = support_slopes([each for each in found if each.there],
                             [each for each in found if not each.there])
     np.testing.assert_allclose(slopes, (2 / 4, 3.75 / 4), rtol=0.15)
+
+
+def test_support_that_tells_nothing_apart_is_refused():
+    found = [ViewsSearch(there, each + (0.0 if there else 0.2), 1.7, 1.0, 0.0, 0.0)
+             for there in (True, False) for each in np.linspace(0, 1, 20)]
+    with pytest.raises(LocalizationError, match='20 right poses have no more support than 20'):
+        support_slopes(found[:20], found[20:])
 
 
 def test_an_ambiguous_pose_elsewhere_does_not_raise_the_threshold():

@@ -106,3 +106,21 @@ def test_what_is_the_object_itself_is_not_beyond_it(disc_seen):
     assert not beyond(replace(inner, outer=0 * inner.outer), disc_seen).any()
     assert not beyond(inner.joined(own), disc_seen).any()
     assert not len(beyond(contour([]), disc_seen))
+
+
+def test_what_other_objects_show_and_what_is_out_of_the_image_is_not_beyond(disc_seen):
+    inner, left = circle(32), np.zeros((160, 160), bool)
+    left[:, :MIDDLE] = True  # another object's
+    found = evidence_beyond(inner, disc_seen, disc_seen.profile, left)
+    assert not found[inner.pixels[:, 0] < MIDDLE - 10].any()
+    clear = inner.pixels[:, 0] > MIDDLE + 10
+    np.testing.assert_array_equal(found[clear], beyond(inner, disc_seen)[clear])
+    assert found[clear].all()
+    cut = replace(disc_seen, tensor=disc_seen.tensor[:, :MIDDLE + RADIUS + 1],
+                  inside=disc_seen.inside[:, :MIDDLE + RADIUS + 1],
+                  pinhole=replace(DISC, width=MIDDLE + RADIUS + 1))
+    # Its right border shows the disc's contour; from 116 px on all that is beyond is out of it.
+    flat = replace(circle(3), pixels=np.column_stack([np.full(19, 117.0), np.arange(71.0, 90)]),
+                   normals=np.tile([1.0, 0.0], (19, 1)))
+    assert not beyond(flat, cut).any()
+    assert beyond(replace(flat, pixels=flat.pixels - [2, 0]), cut).all()

@@ -144,8 +144,9 @@ def _sureness(run: Localization) -> list[Fact]:
                           'of what is expected (median square); the weakest fifth has to reach '
                           'more where it is larger'))
     if np.isfinite(estimate.beyond):
-        facts.append(Fact('beyond', 'beyond the contours', f'{estimate.beyond:+.2f} nat/px',
-                          'for other contours, 4 to 15 px outwards; likewise'))
+        facts.append(Fact('beyond', 'evidence beyond', f'{estimate.beyond:.2f} nat/px',
+                          'the contours, for others; the weakest fifth has to reach more where '
+                          'it is larger'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))
@@ -184,13 +185,13 @@ def _modes(run: Localization) -> list[list[str]]:
 def _search(run: Localization) -> list[list[str]]:
     stages = [(stage, list(group)) for stage, group in groupby(run.history,
                                                                lambda each: each.stage)]
-    # A stage comes again where the object was searched again.
-    ends = [generations[-1].time for _, generations in stages]
-    spent = [0.0, *np.diff(ends)]
-    if stages:
-        spent[0] = run.seconds[stages[0][0]] - sum(
-            seconds for (stage, _), seconds in zip(stages, spent, strict=True)
-            if stage == stages[0][0])
+    if not stages:
+        return []
+    # A stage comes again where the object was searched again: what the first one took is the rest.
+    spent = [0.0, *np.diff([generations[-1].time for _, generations in stages])]
+    spent[0] = run.seconds[stages[0][0]] - sum(
+        seconds for (stage, _), seconds in zip(stages, spent, strict=True)
+        if stage == stages[0][0])
     rows = []
     for (stage, generations), seconds in zip(stages, spent, strict=True):
         last = generations[-1]

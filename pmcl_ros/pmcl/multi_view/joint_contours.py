@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,11 +169,16 @@ class JointContours:
                                or [0.0]))
 
     def beyond(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
-        """Mean evidence for other contours beyond those of a pose (4, 4) [nat / px]."""
+        """Mean evidence for other contours beyond those of a pose (4, 4) [nat / px].
+
+        Those of the other objects that are known to be there (`joint.fronts`) are none.
+        """
         views = self.contours(pose, motions)
         lengths = np.concatenate([each.points.lengths for each in views])
-        evidence = np.concatenate([evidence_beyond(each.points, each.edges, each.profile)
-                                   for each in views])
+        evidence = np.concatenate([
+            evidence_beyond(each.points, each.edges, each.profile,
+                            front > 0 if front is not None else None)
+            for each, front in zip_longest(views, self.joint.fronts)])
         return float(lengths @ evidence / max(lengths.sum(), 1e-9))
 
 

@@ -269,3 +269,7 @@ def test_a_second_search_has_the_time_that_it_took(found):
     assert twice[count][1] == pytest.approx(1000, abs=1)
     for (_, alone), (_, second) in zip(once[1:], twice[count + 1:], strict=True):
         assert second == pytest.approx(alone, abs=1)
+
+
+def test_a_search_without_a_history_has_no_table(found):
+    assert 'The search kept no history.' in page(replace(found, history=()))

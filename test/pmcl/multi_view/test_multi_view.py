@@ -255,6 +255,18 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     assert CUP.symmetry.credible_level(truth, allowed.pose, allowed.covariance) < 0.99
 
 
+def test_beyond_a_smaller_object_the_larger_one_shows(context):
+    truth, cameras = truth_of(CUP), around([-25, 0, 25])
+    evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
+    small = model_of(cup().apply_scale(0.8), [0, 0, 1])
+    itself, other = found(CUP, evidence), found(small, evidence)
+    assert itself.beyond < 0.02
+    assert other.beyond > 0.1
+    numbers = learned_views()
+    assert numbers.needed(3.0, 0.0, other.beyond, 0.0) > numbers.needed(3.0, 0.0, 0.0, 0.0)
+    assert other.lost
+
+
 def test_an_object_that_one_view_hides_is_found_by_the_others(context, caplog):
     """In view 1 it is elsewhere: it has moved, or what is seen there stands before it."""
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
