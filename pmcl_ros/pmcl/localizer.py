@@ -3,7 +3,6 @@
 import contextlib
 import logging
 from collections.abc import Callable, Sequence
-from copy import deepcopy
 from dataclasses import replace
 
 import moderngl
@@ -114,7 +113,9 @@ class Localizer:
         try:
             found = self._search(edges, rng, progress, start, watch, feasible)
             if found.lost and start is None and isinstance(edges, EdgeVolume) and progress(1.0):
-                return self._search_again(found, edges, rng, progress, watch, feasible)
+                # Spawned in any case: whether other evidence came changes no later capture.
+                second = rng.spawn(1)[0]
+                return self._search_again(found, edges, second, progress, watch, feasible)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -198,9 +199,8 @@ class Localizer:
             return lost
         seen: list[Generation] = []
         record = None if watch is None else seen.append
-        # By a copy: whether there is a second search changes the digits of no later capture.
-        again = self._search(edges, deepcopy(rng), lambda _: progress(1.0),
-                             self._proposed(other, record), record, feasible)
+        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, record),
+                             record, feasible)
         better = again.score > lost.score
         if watch is not None and better:
             for each in seen:
