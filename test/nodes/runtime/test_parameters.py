@@ -127,21 +127,27 @@ def test_shipped_parameters_are_of_no_other_node():
     assert list(shipped) == [f'/**/{entry.name}' for entry in ALL]
 
 
-@pytest.mark.parametrize(('name', 'learned', 'field', 'changes'), [
-    ('pmcl_node', 'contour', 'least_support', {}),  # the default of a parameter
-    ('pmcl_node', 'contour_map_evidence', 'least_weight', {}),
-    ('pmcl_node', 'views', 'support_slope', {'source': 'posed_views'}),
-    ('dlv_node', 'contour_map', 'version', {})])
+@pytest.mark.parametrize(('name', 'changes', 'fields'), [
+    ('pmcl_node', {'source': 'posed_views'}, {
+        'contour': 'least_support',  # the default of a parameter
+        'contour_map': 'version', 'contour_map_evidence': 'least_weight',
+        'views': 'support_slope'}),
+    ('pmcl_node', {}, {'contour_map_evidence': 'least_weight'}),
+    ('dlv_node', {}, {'contour_map': 'version'})])
 def test_a_broken_file_of_learned_numbers_is_an_error_of_configure_and_can_be_mended(
-        user, tmp_path, package_tree, parameters, name, learned, field, changes):
-    file = package_tree / 'config' / 'learned' / f'{learned}.yaml'
-    good = file.read_text()
-    file.write_text(good.replace(f'{field}:', 'least:'))
+        user, tmp_path, package_tree, parameters, name, changes, fields):
+    """fields: of the files that are broken, in the order in which they are read."""
+    good = {}
+    for learned, field in fields.items():
+        file = package_tree / 'config' / 'learned' / f'{learned}.yaml'
+        good[file] = file.read_text()
+        file.write_text(good[file].replace(f'{field}:', 'least:'))
     with Process(tmp_path, f'pmcl_ros.nodes.{name}', params=parameters[name] | changes,
                  root=package_tree) as node:
-        assert not user.change(name, CONFIGURE)
-        assert f'cannot configure: {file}: {field}: Field required' in node.log
-        assert user.state(name) == UNCONFIGURED
-        file.write_text(good)
+        for (file, text), field in zip(good.items(), fields.values(), strict=True):
+            assert not user.change(name, CONFIGURE)
+            assert f'cannot configure: {file}: {field}: Field required' in node.log
+            assert user.state(name) == UNCONFIGURED
+            file.write_text(text)
         assert user.change(name, CONFIGURE)
         assert user.state(name) == INACTIVE
