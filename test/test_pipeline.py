@@ -91,11 +91,11 @@ def test_edges_of_a_light_field_give_its_contour_map_when_they_are_asked():
     found, _, settings = run('default')
     other = found.evidence.other()
     np.testing.assert_array_equal(other.tensor, build_map(light_field(), found.settings).tensor)
-    kinds = [evidence_kind(settings, light_field()), 'edges']
-    assert kinds[0] == 'auto'
-    asked = [build_evidence(light_field(), found.settings, 'default', each).other()
-             for each in kinds]
-    assert [type(each) for each in asked] == [ContourMap, type(None)]
+    assert evidence_kind(settings, light_field()) == 'auto'
+    both, alone = (build_evidence(light_field(), found.settings, 'default', each)
+                   for each in ('auto', 'edges'))
+    assert isinstance(both.other(), ContourMap)
+    assert alone.other is None
 
 
 def by_edges_and_by_both(folder, seed):

@@ -35,10 +35,6 @@ _REACH = 4  # px: of the smoothing's weights
 NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 
 
-def _none() -> None:
-    """No other evidence."""
-
-
 @dataclass(frozen=True)
 class EdgeVolume(EvidenceVolume):
     """Evidence of one capture: structure tensor of the views refocused at each label.
@@ -47,12 +43,13 @@ class EdgeVolume(EvidenceVolume):
         contrast squared. Its reading is the edge energy across a normal.
     from_likelihood: made from a likelihood alone (`edges_from_likelihood`), so without directions:
         the learned contour profile does not hold for it.
-    other: makes other evidence of the same capture, or None: where the object is lost, it is
-        searched again from the poses that this proposes.
+    other: makes other evidence of the same capture, if there is any, or None: where the object is
+        lost, it is searched again from the poses that this proposes.
     """
 
     from_likelihood: bool = False
-    other: Callable[[], EvidenceVolume | None] = field(default=_none, repr=False, compare=False)
+    other: Callable[[], EvidenceVolume | None] | None = field(
+        default=None, repr=False, compare=False)
 
     components: ClassVar[int] = 3
     kind: ClassVar[str] = 'edge volume'

@@ -112,10 +112,12 @@ class Localizer:
         progress = progress or (lambda _: True)
         try:
             found = self._search(edges, rng, progress, start, watch, feasible)
-            if found.lost and start is None and isinstance(edges, EdgeVolume) and progress(1.0):
-                # Spawned in any case: whether other evidence came changes no later capture.
+            if (found.lost and start is None and isinstance(edges, EdgeVolume)
+                    and edges.other is not None and progress(1.0)):
+                # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
-                return self._search_again(found, edges, second, progress, watch, feasible)
+                return self._search_again(found, edges, edges.other(), second, progress, watch,
+                                          feasible)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -190,11 +192,10 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, rng: np.random.Generator,
-                      progress: Progress, watch: Watch | None, feasible: Feasible | None
-                      ) -> PoseEstimate:
+    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, other: EvidenceVolume | None,
+                      rng: np.random.Generator, progress: Progress, watch: Watch | None,
+                      feasible: Feasible | None) -> PoseEstimate:
         """From what other evidence proposes: what has more evidence by the edges counts."""
-        other = edges.other()
         if other is None:
             return lost
         seen: list[Generation] = []

@@ -111,7 +111,7 @@ def test_edges_come_with_the_contour_map_of_their_capture(searcher, user, maps, 
 def test_where_nobody_publishes_maps_edges_come_alone(searcher, user, small_edges):
     given(searcher, user, 'dlv/edges', small_edges, 1)
     alone, = searcher.evidence
-    assert alone.other() is None
+    assert alone.other is None
 
 
 def test_no_search_waits_for_a_map_that_cannot_come(searcher, user, maps, small_edges, small_map):
