@@ -94,7 +94,7 @@ class ContourSearch:
         judged = self._judged(found, _NONE, 'fine', watch)
         others = ambiguous_poses(self.posterior.model, judged.poses[0])
         if len(others):
-            # Most are so far behind already by fine contours, which no more views judge.
+            # Fine contours, of a few views, show already that most of them are hopeless.
             refined, values = self.fine(np.concatenate(
                 [judged.poses[:1], self.coarse(others)[0]]))
             hopeful = refined[1:][values[1:] >= values[0] - _HOPELESS]

@@ -145,8 +145,8 @@ def _sureness(run: Localization) -> list[Fact]:
                           'more where it is larger'))
     if np.isfinite(estimate.beyond):
         facts.append(Fact('beyond', 'evidence beyond', f'{estimate.beyond:.2f} nat/px',
-                          'the contours, for others; the weakest fifth has to reach more where '
-                          'it is larger'))
+                          'for other contours than these; the weakest fifth has to reach more '
+                          'where it is larger'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))

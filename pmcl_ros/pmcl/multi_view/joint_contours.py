@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, reduce
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -174,11 +173,12 @@ class JointContours:
         Those of the other objects that are known to be there (`joint.fronts`) are none.
         """
         views = self.contours(pose, motions)
+        fronts: Sequence[NDArray[np.float32] | None] = self.joint.fronts or [None] * len(views)
         lengths = np.concatenate([each.points.lengths for each in views])
         evidence = np.concatenate([
             evidence_beyond(each.points, each.edges, each.profile,
-                            front > 0 if front is not None else None)
-            for each, front in zip_longest(views, self.joint.fronts)])
+                            None if front is None else front > 0)
+            for each, front in zip(views, fronts, strict=True)])
         return float(lengths @ evidence / max(lengths.sum(), 1e-9))
 
 
