@@ -48,8 +48,5 @@ ABLATIONS: MappingProxyType[str, Callable[[ContourMap], ContourMap]] = MappingPr
 
 
 def ablated(of: ContourMap, row: str) -> ContourMap:
-    """A map, and the coarser one beside it, as a row of `ABLATIONS` reads it; others: as it is."""
-    if row not in ABLATIONS:
-        return of
-    reduced = None if of.reduced is None else ablated(of.reduced, row)
-    return replace(ABLATIONS[row](of), reduced=reduced)
+    """A map as a row of `ABLATIONS` reads it; others: as it is."""
+    return ABLATIONS[row](of) if row in ABLATIONS else of

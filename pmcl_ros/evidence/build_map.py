@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.pixel_grid import PixelGrid
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import depth_labels
-from pmcl_ros.evidence.binning import bin_side, binned, check_memory
+from pmcl_ros.evidence.binning import bin_side, check_memory
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
@@ -20,7 +20,7 @@ _LOG = logging.getLogger(__name__)
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
-_LEAST = 64  # px: no picture is made smaller
+_LEAST = 64  # px: no map is made smaller
 
 
 def build_map(source: LightField | PosedView, settings: DlvSettings,
@@ -31,8 +31,8 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     Of a light field: of the inner views, refocused at `REFOCUSED` depths. Of one picture: the same
     at all depths.
     settings: depths, inner views and crop. net, numbers: by default those that the package ships.
-    size: of the object in one picture [px]. Where it is large, the map has a coarser one of the
-    picture with larger pixels beside it, in which the search begins.
+    size: of the object in one picture [px]. Where it is large, the search begins in the map with
+    larger pixels.
     Raises VolumeError for an impossible crop, for too many pixels and as `refocused`,
     PictureError, SettingsError without a network.
     """
@@ -56,20 +56,10 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         odds = _log_odds(each, lattice, net)
         tensor[:, :, label] = odds[..., :-1]
         inside[:, :, label] = odds[..., -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
+    larger = min(bin_side(size), min(lattice.width, lattice.height) // _LEAST)
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
-                      _reduced(source, settings, net, numbers, min(
-                          bin_side(size), min(lattice.width, lattice.height) // _LEAST)))
-
-
-def _reduced(source: LightField | PosedView, settings: DlvSettings, net: ContourNet,
-             numbers: LearnedMapEvidence | None, larger: int) -> ContourMap | None:
-    """The map of one picture in which squares of `larger` pixels are one; None below 2."""
-    if larger < 2 or isinstance(source, LightField):
-        return None
-    crop = settings.crop and tuple(each // larger for each in settings.crop)
-    return build_map(binned(source, larger), settings.model_copy(update={'crop': crop}), net,
-                     numbers)
+                      1 if isinstance(source, LightField) else max(larger, 1))
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

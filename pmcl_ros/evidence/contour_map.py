@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, ClassVar
 
 import cv2
@@ -19,7 +20,7 @@ from pmcl_ros.runtime.errors import VolumeError
 DIRECTIONS = 16  # in which `ContourMap.blurred` samples the log odds
 _REACH = 4  # standard deviations of a Gaussian
 _RESOLUTION = 3.0  # px: a contour is found within half of this on either side
-_BAND = 2 ** 18  # px that are blurred at once
+_BAND = 2 ** 18  # px that are blurred or binned at once
 _BLURS = 8  # that are kept: of the search's three stages, and of cameras that are uncertain
 _MOST = 30.0  # nat / px: no log odds of a network are larger
 
@@ -35,12 +36,12 @@ class ContourMap(EvidenceVolume):
     Both have one label in place of all where each has the same. They are relative to their base
         rates.
     numbers: how they become evidence.
-    reduced: what `coarser` is.
+    bin_side: of the squares of pixels that are one in `coarser`; 1: there is none.
     """
 
     inside: NDArray[np.float32]
     numbers: LearnedMapEvidence
-    reduced: 'ContourMap | None' = None
+    bin_side: int = 1
     # What `part` and `blurred` made last: a view that comes again is not blurred again.
     _parts: '_Kept' = field(init=False, repr=False, compare=False, default_factory=dict)
     _blurred: '_Kept' = field(init=False, repr=False, compare=False, default_factory=dict)
@@ -69,10 +70,26 @@ class ContourMap(EvidenceVolume):
             return super().region
         return np.float32(self.numbers.inside_weight) * self.inside
 
-    @property
+    @cached_property
     def coarser(self) -> 'ContourMap | None':
-        """See `EvidenceVolume`."""
-        return self.reduced
+        """See `EvidenceVolume`: the mean likelihood ratios of squares of pixels.
+
+        A network that reads the picture with larger pixels misses thin contours which it sees in
+        the picture itself.
+        """
+        if self.bin_side < 2:
+            return None
+        side = self.bin_side
+        width, height = self.pinhole.width // side, self.pinhole.height // side
+        squares = self.inside[:height * side, :width * side].reshape(
+            height, side, width, side, -1)
+        return replace(
+            self, bin_side=1, inside=squares.mean(axis=(1, 3)),
+            tensor=np.stack([_binned(self.tensor[:, :, label], side)
+                             for label in range(self.tensor.shape[2])], axis=2),
+            pinhole=self.pinhole.crop(0, 0, width * side, height * side).resized(width, height),
+            numbers=self.numbers.model_copy(update={
+                'contour_offset': self.numbers.contour_offset / side}))
 
     @property
     def resolution(self) -> float:
@@ -145,6 +162,19 @@ def _blurred(sharp: NDArray[np.float32], sigma: float, reach: int) -> NDArray[np
         ratios = cv2.GaussianBlur(likelihood_ratios(sharp[first:bottom + reach]), (0, 0), sigma)
         blurred[top:bottom] = series(ratios[top - first:bottom - first])
     return blurred
+
+
+def _binned(sharp: NDArray[np.float32], side: int) -> NDArray[np.float32]:
+    """(height / side, width / side, 5) of one label, in bands; incomplete squares are cut."""
+    height, width = sharp.shape[0] // side, sharp.shape[1] // side
+    binned = np.empty((height, width, sharp.shape[2]), np.float32)
+    band = max(_BAND // (sharp.shape[1] * side), 1)
+    for top in range(0, height, band):
+        bottom = min(top + band, height)
+        ratios = likelihood_ratios(sharp[top * side:bottom * side, :width * side])
+        binned[top:bottom] = series(
+            ratios.reshape(bottom - top, side, width, side, DIRECTIONS).mean(axis=(1, 3)))
+    return binned
 
 
 _Kept = dict[Hashable, ContourMap]

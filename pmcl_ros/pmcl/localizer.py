@@ -182,7 +182,8 @@ class Localizer:
             else:
                 coarser = replace(self._evidence(edges.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
-                poses = search.sharpen(first.find(start, rng, stages, watch).poses, watch).poses
+                poses = search.sharpen(first.find(start, rng, stages, watch).poses, rng,
+                                       watch).poses
                 optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimator.from_posterior(

@@ -102,10 +102,13 @@ class ContourSearch:
                 judged = self._judged(hopeful, judged, 'ambiguous', watch)
         return judged.first(_MODES)
 
-    def sharpen(self, poses: NDArray[np.float64], watch: Watch | None = None) -> 'Judged':
+    def sharpen(self, poses: NDArray[np.float64], rng: np.random.Generator,
+                watch: Watch | None = None) -> 'Judged':
         """The best of poses (k, 4, 4) that were found with larger pixels, refined with these."""
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
-        return self._judged(found, _NONE, 'sharpened', watch).first(_MODES)
+        judged = self._judged(found, _NONE, 'sharpened', watch)
+        around = self._scattered(judged.poses[:1], rng)
+        return self._judged(around, judged, 'sharpened', watch).first(_MODES)
 
     def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                watch: Watch | None = None) -> Posterior:

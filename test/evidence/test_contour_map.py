@@ -67,6 +67,35 @@ def test_blurred_log_odds_are_those_of_a_contour_somewhere_near():
     assert blurred[15, 2, 1, 0] == pytest.approx(-2, abs=0.01)
 
 
+def test_a_contour_of_the_coarser_map_is_somewhere_in_a_square_of_pixels():
+    assert MAP.coarser is None
+    even = MAP.tensor * [1, 0, 0, 0, 0]  # the same in all directions
+    coarser = replace(MAP, tensor=even.astype(np.float32), bin_side=3).coarser
+    assert coarser.pinhole == CAMERA.crop(0, 0, 39, 30).resized(13, 10)
+    assert coarser.coarser is None
+    assert coarser.profile.offsets * 3 == pytest.approx(MAP.profile.offsets)
+    squares = even[:, :39].reshape(10, 3, 13, 3, 3, 5)
+    np.testing.assert_allclose(coarser.tensor[..., 0],
+                               np.log(np.exp(squares[..., 0]).mean(axis=(1, 3))), atol=1e-5)
+    np.testing.assert_allclose(coarser.tensor[..., 1:], 0, atol=1e-5)
+    np.testing.assert_allclose(coarser.inside, MAP.inside[:, :39].reshape(
+        10, 3, 13, 3, 3).mean(axis=(1, 3)), atol=1e-6)
+    # A weak direction is told exactly: by the mean of the square.
+    weak = replace(MAP, tensor=0.01 * MAP.tensor, bin_side=3).coarser.tensor
+    np.testing.assert_allclose(
+        weak, 0.01 * MAP.tensor[:, :39].reshape(10, 3, 13, 3, 3, 5).mean(axis=(1, 3)), atol=3e-4)
+
+
+def test_of_many_pixels_bands_are_binned_one_after_the_other():
+    wide = Pinhole(150000, 8, 50.0, 50.0, 0.0, 0.0)
+    tensor = np.zeros((8, 150000, 1, 5), np.float32)
+    tensor[:, :, 0, 0] = np.arange(8)[:, None] // 2  # a band is of two rows
+    coarser = ContourMap(Header(), tensor, MAP.depths[:2], wide,
+                         np.zeros((8, 150000, 1), np.float32), NUMBERS, 2).coarser
+    np.testing.assert_allclose(coarser.tensor[:, :, 0, 0],
+                               np.broadcast_to(np.arange(4.0)[:, None], (4, 75000)), atol=1e-5)
+
+
 def test_a_part_of_the_pixels_and_suppression():
     grid = PixelGrid.from_crop(CAMERA, (3, 4, 21, 12), 2)
     part = MAP.on(grid)

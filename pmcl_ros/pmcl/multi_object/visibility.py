@@ -5,14 +5,13 @@ edge in the image counts for one of the objects whose contours lie there, not fo
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.local_model import Observation
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
@@ -103,8 +102,7 @@ def _not_explained(points: ContourPoints, evidence: NDArray[np.float64], other: 
 def residual_edges(edges: EvidenceVolume, contours: Sequence[ContourPoints]) -> EvidenceVolume:
     """The evidence without that of edges along contours, at all depths.
 
-    An edge has energy at most labels, as the views differ only in the place of the edge. The
-    coarser evidence of a contour map is without them too.
+    An edge has energy at most labels, as the views differ only in the place of the edge.
     """
     height, width = edges.tensor.shape[:2]
     off = np.ones((height, width), bool)
@@ -114,11 +112,4 @@ def residual_edges(edges: EvidenceVolume, contours: Sequence[ContourPoints]) -> 
     away: NDArray[np.float64] = distance_transform_edt(off) if not off.all() else np.full(
         off.shape, np.inf)
     kept = (1 - np.exp(-0.5 * (away / _SUPPRESSED) ** 2)).astype(np.float32)
-    left = edges.suppressed(kept)
-    if not isinstance(left, ContourMap) or left.reduced is None:
-        return left
-    scale = left.reduced.pinhole.fx / left.pinhole.fx
-    reduced = residual_edges(left.reduced, [
-        replace(each, pixels=(each.pixels + 0.5) * scale - 0.5) for each in contours])
-    assert isinstance(reduced, ContourMap)
-    return replace(left, reduced=reduced)
+    return edges.suppressed(kept)

@@ -130,7 +130,7 @@ class MultiViewLocalizer:
             elif found is None:
                 judged = search.find(self._begin(joint, first, asked), rng, stages, watch)
             else:
-                judged = search.sharpen(np.linalg.inv(first) @ found, watch)
+                judged = search.sharpen(np.linalg.inv(first) @ found, rng, watch)
             sample = search.sample(judged.contenders, rng, stages, watch)
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)
