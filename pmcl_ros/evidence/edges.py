@@ -44,7 +44,7 @@ class EdgeVolume(EvidenceVolume):
     from_likelihood: made from a likelihood alone (`edges_from_likelihood`), so without directions:
         the learned contour profile does not hold for it.
     other: makes other evidence of the same capture, if there is any, or None: where the object is
-        lost, it is searched again from the poses that this proposes.
+        lost, it is searched in that too.
     """
 
     from_likelihood: bool = False

@@ -288,6 +288,8 @@ class PmclNode(StageNode):
                                   'least support': estimate.least_support}
         if estimate.hidden:
             self.health.extra['hidden views'] = ' '.join(map(str, estimate.hidden))
+        if estimate.evidence_of:
+            self.health.extra['evidence of'] = estimate.evidence_of
         if self._settings.tracking != 'none' or self._posed:
             sigma = position_sigma(estimate.covariance)
             self.health.extra['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'

@@ -51,6 +51,8 @@ class PoseEstimate:
     beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
         one view.
     hidden: numbers of the views that do not show it there, and were not used.
+    evidence_of: kind of the other evidence that it was found in and that its numbers are of, where
+        that of the capture loses the object; else empty.
     """
 
     header: Header
@@ -72,6 +74,7 @@ class PoseEstimate:
     disagreement: float = math.nan
     beyond: float = math.nan
     hidden: tuple[int, ...] = ()
+    evidence_of: str = ''
 
     @property
     def quaternion(self) -> NDArray[np.float64]:
@@ -90,6 +93,7 @@ class PoseEstimate:
                 'covariance': self.covariance.ravel().tolist(), 'score': self.score,
                 'lost': self.lost,
                 **({'hidden_views': list(self.hidden)} if self.hidden else {}),
+                **({'evidence_of': self.evidence_of} if self.evidence_of else {}),
                 'modes': [{'position': each.pose[:3, 3].tolist(),
                            'orientation_xyzw': _quaternion(each.pose).tolist(),
                            'weight': each.weight, 'score': each.score} for each in self.modes]}

@@ -98,7 +98,7 @@ class Localizer:
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
-        An object that is lost is searched again from what other evidence of the capture proposes
+        An object that is lost is searched in other evidence of the capture too
         (`EdgeVolume.other`), if there is any.
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where alone to look; proposed from the edges if not given.
@@ -116,8 +116,9 @@ class Localizer:
                     and edges.other is not None and progress(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
-                return self._search_again(found, edges, edges.other(), second, progress, watch,
-                                          feasible)
+                other = edges.other()
+                return found if other is None else self._search_again(
+                    found, edges, other, second, progress, watch, feasible)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -193,25 +194,28 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, other: EvidenceVolume | None,
+    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, other: EvidenceVolume,
                       rng: np.random.Generator, progress: Progress, watch: Watch | None,
                       feasible: Feasible | None) -> PoseEstimate:
-        """From what other evidence proposes: what has more evidence by the edges counts."""
-        if other is None:
-            return lost
+        """What other evidence finds; where it loses the object too, the better of both poses.
+
+        Better: with the more evidence by both kinds together.
+        """
         seen: list[Generation] = []
-        record = None if watch is None else seen.append
-        again = self._search(edges, rng, lambda _: progress(1.0), self._proposed(other, record),
-                             record, feasible)
-        better = again.score > lost.score
-        if watch is not None and better:
-            for each in seen:
-                watch(each)
-        if better and not again.lost:
-            _LOG.info('capture %d: edges alone lose the object; it is found where the %s proposes '
-                      'it', edges.header.stamp_ns, other.kind)
-        return replace(again if better else lost,
-                       evaluations=lost.evaluations + again.evaluations)
+        again = self._search(other, rng, lambda _: progress(1.0), None,
+                             None if watch is None else seen.append, feasible)
+        poses = np.stack([lost.pose, again.pose])
+        first, second = self.evidence(edges, poses) + self.evidence(other, poses)
+        evaluations = lost.evaluations + again.evaluations
+        if again.lost and first >= second:
+            return replace(lost, evaluations=evaluations)
+        for each in seen:
+            assert watch is not None
+            watch(each)
+        if not again.lost:
+            _LOG.info('capture %d: edges lose the object, the %s finds it',
+                      edges.header.stamp_ns, other.kind)
+        return replace(again, evidence_of=other.kind, evaluations=evaluations)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
         """(k, 4, 4) poses where a search begins."""

@@ -30,8 +30,8 @@ class PmclSettings(Settings):
     evidence: EvidenceKind = Field(
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
         'contour map of the learned network (dlv/contour_map); auto: the map of pictures of '
-        'ordinary cameras; edges of light fields, searched again from what the map proposes where '
-        'the object is lost (not with tracking, nor for several objects)')
+        'ordinary cameras; edges of light fields, and the map where these lose the object '
+        '(not with tracking, nor for several objects)')
     object: str = Field('', description='path of the object: a mesh, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

@@ -1,4 +1,4 @@
-"""An object that edges lose is searched again from what other evidence of the capture proposes."""
+"""An object that edges lose is searched in other evidence of the capture too."""
 
 import logging
 from dataclasses import replace
@@ -59,7 +59,7 @@ def localized(edges, **options):
         return localizer.localize(edges, np.random.default_rng(0), **options)
 
 
-def test_it_is_found_where_the_other_evidence_proposes_it(edges, truth_alone, caplog):
+def test_it_is_found_by_the_other_evidence(edges, truth_alone, caplog):
     alone, other = localized(edges), Asked(truth_alone)
     assert alone.lost
     assert np.linalg.norm(alone.pose[:3, 3] - DECOY[:3, 3]) < 0.02
@@ -71,7 +71,11 @@ def test_it_is_found_where_the_other_evidence_proposes_it(edges, truth_alone, ca
     assert error.rotation < np.deg2rad(5)
     assert found.evaluations > alone.evaluations
     assert other.times == 1
-    assert 'capture 7: edges alone lose the object' in caplog.text
+    assert 'capture 7: edges lose the object, the edge volume finds it' in caplog.text
+    assert found.as_dict()['evidence_of'] == found.evidence_of == 'edge volume'
+    alike = localized(truth_alone)  # by the other evidence's own search and thresholds
+    assert found.score == pytest.approx(alike.score, rel=0.05)
+    assert found.least_support == alike.least_support
 
 
 def test_what_edges_find_needs_no_other_evidence(edges, truth_alone):
@@ -83,17 +87,29 @@ def test_what_edges_find_needs_no_other_evidence(edges, truth_alone):
     np.testing.assert_array_equal(found.particles, plain.particles)
 
 
-def test_what_is_lost_again_stays_as_edges_saw_it(edges, truth_alone):
-    """The other evidence proposes what edges show nothing of: there is less evidence by edges."""
-    decoy = replace(edges, tensor=edges.tensor * (np.arange(COARSE.width) > COARSE.width // 2)[
-        None, :, None, None].astype(np.float32))
-    alone, other = localized(decoy), Asked(truth_alone)
+@pytest.mark.parametrize('shown', [False, True])
+def test_where_both_lose_it_the_pose_with_more_evidence_by_both_is_told(edges, truth_alone, shown):
+    """Edges see half of the decoy, the other evidence half of the object, or nothing."""
+    half = np.zeros_like(edges.tensor)
+    half[:COARSE.height // 2] = 1
+    decoy = replace(edges, tensor=(edges.tensor - truth_alone.tensor) * half)
+    seen = replace(truth_alone, tensor=truth_alone.tensor * half * np.float32(10 * shown))
+    alone, other = localized(decoy), Asked(seen)
     again = localized(replace(decoy, other=other))
     assert alone.lost
     assert again.lost
     assert other.times == 1
-    np.testing.assert_array_equal(again.pose, alone.pose)
     assert again.evaluations > alone.evaluations
+    with Localizer(CUP, SETTINGS) as localizer:
+        poses = np.stack([alone.pose, again.pose])
+        both = localizer.evidence(decoy, poses) + localizer.evidence(seen, poses)
+    if shown:
+        assert np.linalg.norm(again.pose[:3, 3] - TRUTH[:3, 3]) < 0.02
+        assert both[1] > both[0]
+        assert again.evidence_of == 'edge volume'
+    else:
+        np.testing.assert_array_equal(again.pose, alone.pose)
+        assert again.evidence_of == ''
     without = localized(replace(decoy, other=Asked(None)))
     assert without.evaluations == alone.evaluations
 

@@ -147,6 +147,9 @@ def _sureness(run: Localization) -> list[Fact]:
         facts.append(Fact('beyond', 'evidence beyond', f'{estimate.beyond:.2f} nat/px',
                           'for other contours than these; the weakest fifth has to reach more '
                           'where it is larger'))
+    if estimate.evidence_of:
+        facts.append(Fact('evidence_of', 'evidence of the', estimate.evidence_of,
+                          'edges lose the object'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))
