@@ -16,7 +16,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -120,7 +120,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     if not isinstance(source, LightField):
         return view_edges(source, settings)
     edges = build_edges(source, settings)
-    return (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
+    return (replace(edges, other=cache(partial(build_map, source, settings))) if kind == 'auto'
             else edges)
 
 

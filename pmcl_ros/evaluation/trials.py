@@ -24,7 +24,7 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.localizer import Localizer, searched
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -203,7 +203,7 @@ class Worker:
         if job.sought.object == capture.object and not capture.truth.empty:
             poses = np.stack([estimate.pose, capture.truth.pose])
             if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume):
-                found, truth = localizer.evidence(evidence, poses).tolist()
+                found, truth = localizer.evidence(searched(evidence, estimate), poses).tolist()
                 of_poses = {'evidence_found': found, 'evidence_truth': truth}
             if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
                 found, truth = localizer.evidence(evidence, poses).tolist()

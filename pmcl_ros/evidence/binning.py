@@ -1,4 +1,4 @@
-"""Pictures binned: where the object is large in them, or memory would not suffice."""
+"""Larger pixels: where the object is large in pictures, or memory would not suffice."""
 
 import logging
 import math

@@ -56,7 +56,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         odds = _log_odds(each, lattice, net)
         tensor[:, :, label] = odds[..., :-1]
         inside[:, :, label] = odds[..., -1].clip(-_MOST_INSIDE, _MOST_INSIDE)
-    larger = min(bin_side(size), min(lattice.width, lattice.height) // _LEAST)
+    larger = min(bin_side(size / settings.stride), min(lattice.shape) // _LEAST)
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
                       1 if isinstance(source, LightField) else max(larger, 1))

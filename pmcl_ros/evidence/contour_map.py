@@ -75,7 +75,8 @@ class ContourMap(EvidenceVolume):
         """See `EvidenceVolume`: the mean likelihood ratios of squares of pixels.
 
         A network that reads the picture with larger pixels misses thin contours which it sees in
-        the picture itself.
+        the picture itself. The log odds of the inside are their means. Errors and resolution stay
+        as they are, in pixels: what is found here is judged by the map itself.
         """
         if self.bin_side < 2:
             return None

@@ -34,6 +34,8 @@ _SIGMA = 0.7
 _REACH = 4  # px: of the smoothing's weights
 NEIGHBOURHOOD = 12.0  # px: contrast is measured against that of this neighbourhood
 
+MakeEvidence = Callable[[], EvidenceVolume | None]
+
 
 @dataclass(frozen=True)
 class EdgeVolume(EvidenceVolume):
@@ -48,8 +50,7 @@ class EdgeVolume(EvidenceVolume):
     """
 
     from_likelihood: bool = False
-    other: Callable[[], EvidenceVolume | None] | None = field(
-        default=None, repr=False, compare=False)
+    other: MakeEvidence | None = field(default=None, repr=False, compare=False)
 
     components: ClassVar[int] = 3
     kind: ClassVar[str] = 'edge volume'

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume
+from pmcl_ros.evidence.edges import EdgeVolume, MakeEvidence
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.evidence.model_error import ModelError
@@ -37,7 +37,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
-from pmcl_ros.runtime.errors import LocalizationError, RenderError
+from pmcl_ros.runtime.errors import LocalizationError, PmclError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
@@ -101,7 +101,7 @@ class Localizer:
         An object that is lost is searched in other evidence of the capture too
         (`EdgeVolume.other`), if there is any.
         progress: called with 0..1; returning False ends the search with what was found so far.
-        start: (k, 4, 4) where alone to look; proposed from the edges if not given.
+        start: (k, 4, 4) where alone to look; proposed from the evidence if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
         feasible: (n,) which of poses (n, 4, 4) are allowed, beside being in the region.
         Raises LocalizationError when the edges' labels do not reach the region of interest, and
@@ -116,9 +116,8 @@ class Localizer:
                     and edges.other is not None and progress(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
-                other = edges.other()
-                return found if other is None else self._search_again(
-                    found, edges, other, second, progress, watch, feasible)
+                return self._search_again(found, edges, edges.other, second, progress, watch,
+                                          feasible)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -183,7 +182,7 @@ class Localizer:
             else:
                 coarser = replace(self._evidence(edges.coarser), constraint=feasible)
                 first, _, others = _opened(coarser, stack)
-                poses = search.sharpen(first.find(start, rng, stages, watch).poses, rng,
+                poses = search.sharpen(first.find(start, rng, stages, watch).poses, rng, stages,
                                        watch).poses
                 optimizers = optimizers + others
             sample = search.sample(poses, rng, stages, watch)
@@ -194,28 +193,42 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, other: EvidenceVolume,
+    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, make: MakeEvidence,
                       rng: np.random.Generator, progress: Progress, watch: Watch | None,
                       feasible: Feasible | None) -> PoseEstimate:
         """What other evidence finds; where it loses the object too, the better of both poses.
 
-        Better: with the more evidence by both kinds together.
+        Better: with the more evidence by both kinds together. make: the other evidence; where that
+        is impossible, the object is lost as it was.
         """
         seen: list[Generation] = []
-        again = self._search(other, rng, lambda _: progress(1.0), None,
-                             None if watch is None else seen.append, feasible)
-        poses = np.stack([lost.pose, again.pose])
-        first, second = self.evidence(edges, poses) + self.evidence(other, poses)
+        try:
+            other = make()
+            if other is None:
+                return lost
+            again = self._search(other, rng, lambda _: progress(1.0), None,
+                                 None if watch is None else seen.append, feasible)
+            better = not again.lost or self._has_more(again, lost, (edges, other))
+        except PmclError as error:
+            _LOG.warning('capture %d: edges lose the object, and other evidence is not searched: '
+                         '%s', edges.header.stamp_ns, error)
+            return lost
         evaluations = lost.evaluations + again.evaluations
-        if again.lost and first >= second:
+        if not better:
             return replace(lost, evaluations=evaluations)
         for each in seen:
             assert watch is not None
             watch(each)
-        if not again.lost:
-            _LOG.info('capture %d: edges lose the object, the %s finds it',
-                      edges.header.stamp_ns, other.kind)
+        _LOG.info('capture %d: edges lose the object, the %s %s', edges.header.stamp_ns,
+                  other.kind, 'too; the best pose is by that' if again.lost else 'finds it')
         return replace(again, evidence_of=other.kind, evaluations=evaluations)
+
+    def _has_more(self, one: PoseEstimate, other: PoseEstimate,
+                  evidence: Sequence[EvidenceVolume]) -> bool:
+        """Whether one pose has more evidence than another, by several kinds together."""
+        poses = np.stack([one.pose, other.pose])
+        first, second = np.sum([self.evidence(each, poses) for each in evidence], axis=0)
+        return bool(first > second)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
         """(k, 4, 4) poses where a search begins."""
@@ -310,6 +323,15 @@ class Localizer:
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
+
+
+def searched(evidence: EvidenceVolume, estimate: PoseEstimate) -> EvidenceVolume:
+    """What the numbers of an estimate are of, that was found in this evidence or in its other."""
+    if not estimate.evidence_of:
+        return evidence
+    other = evidence.other() if isinstance(evidence, EdgeVolume) and evidence.other else None
+    assert other is not None  # it was searched
+    return other
 
 
 def _opened(evidence: ContourEvidence, stack: contextlib.ExitStack

@@ -102,13 +102,18 @@ class ContourSearch:
                 judged = self._judged(hopeful, judged, 'ambiguous', watch)
         return judged.first(_MODES)
 
-    def sharpen(self, poses: NDArray[np.float64], rng: np.random.Generator,
+    def sharpen(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                 watch: Watch | None = None) -> 'Judged':
-        """The best of poses (k, 4, 4) that were found with larger pixels, refined with these."""
+        """The best of poses (k, 4, 4) that were found with larger pixels, refined with these.
+
+        stages: of the search, 0.55.
+        """
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
         judged = self._judged(found, _NONE, 'sharpened', watch)
-        around = self._scattered(judged.poses[:1], rng)
-        return self._judged(around, judged, 'sharpened', watch).first(_MODES)
+        if stages.go_on(0.55):
+            judged = self._judged(self._scattered(judged.poses[:1], rng), judged, 'scattered',
+                                  watch)
+        return judged.first(_MODES)
 
     def sample(self, poses: NDArray[np.float64], rng: np.random.Generator, stages: 'Stages',
                watch: Watch | None = None) -> Posterior:

@@ -102,6 +102,10 @@ def test_of_a_large_object_there_is_a_map_with_larger_pixels_too(light_field):
     assert fine.coarser.pinhole == halved
     part = build_map(view, SETTINGS.model_copy(update={'crop': (48, 64, 132, 128)}), size=330.0)
     assert part.coarser.pinhole == halved.crop(24, 32, 66, 64)
+    off = part.coarser.tensor - fine.coarser.tensor[32:96, 24:90]
+    assert np.abs(off).mean() < 0.1 * np.abs(fine.coarser.tensor).mean()
+    strided = build_map(view, SETTINGS.model_copy(update={'stride': 2}), size=1e6)
+    assert strided.coarser is None  # of 112 px; 64 at least are left
 
 
 @pytest.mark.parametrize('level', [0.0, 0.5])

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.localizer import Localizer, searched
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import VolumeError
 
 CUP = model_of(cup(), [0, 0, 1])
 DEPTHS = depth_labels(0.3, 0.5, 8)
@@ -120,6 +121,33 @@ def test_a_search_that_is_stopped_or_told_where_to_begin_is_not_begun_again(edge
     assert localized(both, progress=lambda _: False).lost
     assert localized(both, start=DECOY[None]).lost
     assert other.times == 0
+
+
+def test_other_evidence_that_cannot_be_had_leaves_the_object_lost(edges, caplog):
+    def fail():
+        raise VolumeError('too many pixels')
+
+    alone, found = localized(edges), localized(replace(edges, other=fail))
+    np.testing.assert_array_equal(found.particles, alone.particles)
+    assert 'other evidence is not searched: too many pixels' in caplog.text
+
+
+def test_generations_of_the_second_search_are_watched_where_it_counts(edges, truth_alone):
+    nothing = replace(truth_alone, tensor=np.zeros_like(truth_alone.tensor))
+    for other, times in ((truth_alone, 2), (nothing, 1)):
+        both, stages = replace(edges, other=Asked(other)), []
+        watched = localized(both, watch=lambda each, stages=stages: stages.append(each.stage))
+        np.testing.assert_array_equal(watched.particles, localized(both).particles)
+        assert stages.count('proposals') == stages.count('modes') == times
+
+
+def test_what_the_numbers_of_an_estimate_are_of(edges, truth_alone):
+    both = replace(edges, other=Asked(truth_alone))
+    found = localized(both)
+    assert searched(both, found) is truth_alone
+    assert searched(both, replace(found, evidence_of='')) is both
+    with Localizer(CUP, SETTINGS) as localizer:
+        assert localizer.evidence(truth_alone, found.pose[None])[0] == pytest.approx(found.score)
 
 
 def test_later_captures_are_searched_alike_whether_other_evidence_comes_or_not(edges, truth_alone):

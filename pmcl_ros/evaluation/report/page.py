@@ -148,8 +148,8 @@ def _sureness(run: Localization) -> list[Fact]:
                           'for other contours than these; the weakest fifth has to reach more '
                           'where it is larger'))
     if estimate.evidence_of:
-        facts.append(Fact('evidence_of', 'evidence of the', estimate.evidence_of,
-                          'edges lose the object'))
+        facts.append(Fact('evidence_of', 'numbers of the', estimate.evidence_of,
+                          'edges lose the object; these numbers are of other evidence'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))

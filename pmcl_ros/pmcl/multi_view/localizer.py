@@ -118,8 +118,8 @@ class MultiViewLocalizer:
     def _localized(self, evidence: ViewsEvidence, rng: np.random.Generator, stages: Stages,
                    asked: '_Asked') -> Found:
         """The pose by all of some views."""
-        coarser, watch = evidence.coarser, asked.watch
-        found, evaluations = ((None, 0) if coarser is None or asked.near is not None
+        coarser, watch = evidence.coarser if asked.near is None else None, asked.watch
+        found, evaluations = ((None, 0) if coarser is None
                               else self._found(coarser, rng, stages, asked))
         joint = self._joint(evidence, asked.beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
@@ -130,7 +130,7 @@ class MultiViewLocalizer:
             elif found is None:
                 judged = search.find(self._begin(joint, first, asked), rng, stages, watch)
             else:
-                judged = search.sharpen(np.linalg.inv(first) @ found, rng, watch)
+                judged = search.sharpen(np.linalg.inv(first) @ found, rng, stages, watch)
             sample = search.sample(judged.contenders, rng, stages, watch)
             estimate = self._estimate(evidence, joint, posterior, sample, rng)
             fits = posterior.fits_at(estimate.pose)

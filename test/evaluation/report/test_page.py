@@ -126,6 +126,12 @@ def test_views_that_were_not_used_are_named(found):
     assert '1, 3' in page(hidden)[page(hidden).index('views not used'):]
 
 
+def test_numbers_of_other_evidence_are_told(found):
+    assert 'numbers of the' not in page(found)
+    by_map = page(replace(found, estimate=replace(found.estimate, evidence_of='contour map')))
+    assert 'contour map' in by_map[by_map.index('numbers of the'):]
+
+
 def test_every_mode_of_the_search_and_kind_of_object_has_a_page():
     faithful = run(mode='faithful', faithful_particles=8, faithful_iterations=3)
     assert {each.stage for each in faithful.history} == {'filter'}
