@@ -99,7 +99,8 @@ class Localizer:
         """The object's pose in one capture.
 
         An object that is lost is searched in other evidence of the capture too
-        (`EdgeVolume.other`), if there is any.
+        (`EdgeVolume.other`), if there is any. So is one the weakest part of whose contour is more
+        likely absent than present, where the other evidence says so of the whole.
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where alone to look; proposed from the evidence if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
@@ -112,8 +113,9 @@ class Localizer:
         progress = progress or (lambda _: True)
         try:
             found = self._search(edges, rng, progress, start, watch, feasible)
-            if (found.lost and start is None and isinstance(edges, EdgeVolume)
-                    and edges.other is not None and progress(1.0)):
+            if ((found.lost or found.support < 0) and start is None
+                    and isinstance(edges, EdgeVolume) and edges.other is not None
+                    and progress(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
                 return self._search_again(found, edges, edges.other, second, progress, watch,
@@ -193,35 +195,44 @@ class Localizer:
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
-    def _search_again(self, lost: PoseEstimate, edges: EdgeVolume, make: MakeEvidence,
+    def _search_again(self, found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence,
                       rng: np.random.Generator, progress: Progress, watch: Watch | None,
                       feasible: Feasible | None) -> PoseEstimate:
         """What other evidence finds; where it loses the object too, the better of both poses.
 
-        Better: with the more evidence by both kinds together. make: the other evidence; where that
-        is impossible, the object is lost as it was.
+        Better: with the more evidence by both kinds together. What was found stays so where the
+        other evidence shows it too. make: the other evidence; where that is impossible, what was
+        found stays.
         """
         seen: list[Generation] = []
         try:
             other = make()
-            if other is None:
-                return lost
+            if other is None or (not found.lost and self._shows(other, found.pose)):
+                return found
+            lost = replace(found, lost=True)
             again = self._search(other, rng, lambda _: progress(1.0), None,
                                  None if watch is None else seen.append, feasible)
             better = not again.lost or self._has_more(again, lost, (edges, other))
         except PmclError as error:
-            _LOG.warning('capture %d: edges lose the object, and other evidence is not searched: '
-                         '%s', edges.header.stamp_ns, error)
-            return lost
+            _LOG.warning('capture %d: edges %s, and other evidence is not searched: %s',
+                         edges.header.stamp_ns,
+                         'lose the object' if found.lost else 'hardly show the object', error)
+            return found
+        _LOG.info('capture %d: edges %s; the %s %s', edges.header.stamp_ns,
+                  'lose the object' if found.lost else 'show the object where it hardly is',
+                  other.kind, 'does not find it' if again.lost else 'finds it')
         evaluations = lost.evaluations + again.evaluations
         if not better:
             return replace(lost, evaluations=evaluations)
         for each in seen:
             assert watch is not None
             watch(each)
-        _LOG.info('capture %d: edges lose the object, the %s %s', edges.header.stamp_ns,
-                  other.kind, 'too; the best pose is by that' if again.lost else 'finds it')
         return replace(again, evidence_of=other.kind, evaluations=evaluations)
+
+    def _shows(self, evidence: EvidenceVolume, pose: NDArray[np.float64]) -> bool:
+        """Whether the contour of a pose (4, 4) is more likely present than absent."""
+        points = self.contour(evidence, pose)
+        return bool(points.lengths @ points.evidence > 0)
 
     def _has_more(self, one: PoseEstimate, other: PoseEstimate,
                   evidence: Sequence[EvidenceVolume]) -> bool:

@@ -55,8 +55,8 @@ class Asked:
         return self.evidence
 
 
-def localized(edges, **options):
-    with Localizer(CUP, SETTINGS) as localizer:
+def localized(edges, settings=SETTINGS, **options):
+    with Localizer(CUP, settings) as localizer:
         return localizer.localize(edges, np.random.default_rng(0), **options)
 
 
@@ -72,7 +72,7 @@ def test_it_is_found_by_the_other_evidence(edges, truth_alone, caplog):
     assert error.rotation < np.deg2rad(5)
     assert found.evaluations > alone.evaluations
     assert other.times == 1
-    assert 'capture 7: edges lose the object, the edge volume finds it' in caplog.text
+    assert 'capture 7: edges lose the object; the edge volume finds it' in caplog.text
     assert found.as_dict()['evidence_of'] == found.evidence_of == 'edge volume'
     alike = localized(truth_alone)  # by the other evidence's own search and thresholds
     assert found.score == pytest.approx(alike.score, rel=0.05)
@@ -121,6 +121,30 @@ def test_a_search_that_is_stopped_or_told_where_to_begin_is_not_begun_again(edge
     assert localized(both, progress=lambda _: False).lost
     assert localized(both, start=DECOY[None]).lost
     assert other.times == 0
+
+
+def test_what_edges_hardly_show_is_claimed_only_where_the_other_evidence_shows_it_too(
+        truth_alone, context, caplog):
+    decoy = outline(context, DECOY, 6.0).tensor
+    decoy[3 * COARSE.height // 4:] = 0  # a smaller part of it is missing
+    edges = replace(truth_alone, tensor=truth_alone.tensor + decoy)
+    bold = SETTINGS.model_copy(update={'least_support': -20.0})
+    alone = localized(edges, bold)
+    assert not alone.lost
+    assert alone.support < 0
+    assert np.linalg.norm(alone.pose[:3, 3] - DECOY[:3, 3]) < 0.02
+    with caplog.at_level(logging.INFO):
+        moved = localized(replace(edges, other=Asked(truth_alone)), bold)
+    assert np.linalg.norm(moved.pose[:3, 3] - TRUTH[:3, 3]) < 0.01
+    assert not moved.lost
+    assert 'edges show the object where it hardly is; the edge volume finds it' in caplog.text
+    agreed = localized(replace(edges, other=Asked(outline(context, DECOY, 2.0))), bold)
+    np.testing.assert_array_equal(agreed.particles, alone.particles)
+    assert agreed.evaluations == alone.evaluations
+    nothing = replace(truth_alone, tensor=np.zeros_like(truth_alone.tensor))
+    denied = localized(replace(edges, other=Asked(nothing)), bold)
+    assert denied.lost
+    np.testing.assert_array_equal(denied.pose, alone.pose)
 
 
 def test_other_evidence_that_cannot_be_had_leaves_the_object_lost(edges, caplog):
