@@ -16,7 +16,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -120,7 +120,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
     if not isinstance(source, LightField):
         return view_edges(source, settings)
     edges = build_edges(source, settings)
-    return (replace(edges, other=cache(partial(build_map, source, settings))) if kind == 'auto'
+    return (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
             else edges)
 
 
@@ -133,7 +133,7 @@ def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView],
 def evidence_kind(settings: PmclSettings, source: Source) -> EvidenceKind:
     """The kind that was chosen; by default the map of pictures.
 
-    Of a light field it stays auto: edges, and where these lose the object, the map.
+    Of a light field it stays auto: edges, and where these lose the object or are unsure, the map.
     """
     if settings.evidence != 'auto' or isinstance(source, LightField):
         return settings.evidence

@@ -45,8 +45,8 @@ class EdgeVolume(EvidenceVolume):
         contrast squared. Its reading is the edge energy across a normal.
     from_likelihood: made from a likelihood alone (`edges_from_likelihood`), so without directions:
         the learned contour profile does not hold for it.
-    other: makes other evidence of the same capture, if there is any, or None: where the object is
-        lost, it is searched in that too.
+    other: makes other evidence of the same capture, if there is any, or None: it is searched too
+        where edges lose the object or are unsure of it.
     """
 
     from_likelihood: bool = False

@@ -42,7 +42,7 @@ class PmclNodeSettings(TrackingSettings):
 
     @property
     def searches_again(self) -> bool:
-        """Whether a light field in which edges lose the object is searched by its contour map too.
+        """Whether a light field is searched by its contour map too where edges are not enough.
 
         Not while it is tracked: captures come fast, and what was found before says more.
         """

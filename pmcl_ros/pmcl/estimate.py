@@ -52,7 +52,7 @@ class PoseEstimate:
         one view.
     hidden: numbers of the views that do not show it there, and were not used.
     evidence_of: kind of the other evidence that it was found in and that its numbers are of, where
-        that of the capture loses the object; else empty.
+        edges lose the object or are unsure of it; else empty.
     """
 
     header: Header

@@ -37,7 +37,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
-from pmcl_ros.runtime.errors import LocalizationError, PmclError, RenderError
+from pmcl_ros.runtime.errors import LocalizationError, RenderError, error_line, is_foreseen
 from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
@@ -98,9 +98,10 @@ class Localizer:
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
-        An object that is lost is searched in other evidence of the capture too
-        (`EdgeVolume.other`), if there is any. So is one the weakest part of whose contour is more
-        likely absent than present, where the other evidence says so of the whole.
+        Where edges lose the object, other evidence of the capture (`EdgeVolume.other`) is searched
+        too, if there is any. Where they are unsure of it, the other evidence is asked; it is
+        searched if it denies the pose. Unsure: the weakest part of the contour is more likely
+        absent than present.
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where alone to look; proposed from the evidence if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
@@ -113,12 +114,13 @@ class Localizer:
         progress = progress or (lambda _: True)
         try:
             found = self._search(edges, rng, progress, start, watch, feasible)
+            stages = Stages(progress)
             if ((found.lost or found.support < 0) and start is None
                     and isinstance(edges, EdgeVolume) and edges.other is not None
-                    and progress(1.0)):
+                    and stages.go_on(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
-                return self._search_again(found, edges, edges.other, second, progress, watch,
+                return self._search_again(found, edges, edges.other, second, stages, watch,
                                           feasible)
             return found
         except moderngl.Error as error:
@@ -156,16 +158,20 @@ class Localizer:
                                                 exact.creases).local_model_at
             return local_model_at(poses[values.argmax()], True).scale * values
 
-    def _least(self, edges: EvidenceVolume, evidence: ContourEvidence) -> Thresholds:
-        return Thresholds.from_evidence(edges, evidence.profile, self._settings)
+    def _least(self, edges: EvidenceVolume, evidence: ContourEvidence, second: bool = False
+               ) -> Thresholds:
+        """second: as of `_search`: the user chose for edges."""
+        return Thresholds.from_evidence(edges, evidence.profile,
+                                        PmclSettings() if second else self._settings)
 
     def _evidence(self, edges: EvidenceVolume) -> ContourEvidence:
         return ContourEvidence.from_edges(edges, self._renderer, self._model, self._settings,
                                           self._profile, self._error, self._creases)
 
     def _search(self, edges: EvidenceVolume, rng: np.random.Generator, progress: Progress,
-                start: NDArray[np.float64] | None, watch: Watch | None, feasible: Feasible | None
-                ) -> PoseEstimate:
+                start: NDArray[np.float64] | None, watch: Watch | None,
+                feasible: Feasible | None, second: bool = False) -> PoseEstimate:
+        """second: in other evidence, whose thresholds are its own."""
         self._region.check_depths(edges.depths)
         if not self._told and (problem := self._region.middle_out_of_view(edges.pinhole)):
             self._told = True
@@ -190,40 +196,47 @@ class Localizer:
             sample = search.sample(poses, rng, stages, watch)
             estimate = self._estimator.from_posterior(
                 edges.header, [(edges.pinhole, np.eye(4))], sample,
-                search.posterior.local_model_at, exact.points, self._least(edges, evidence), rng,
-                flat=True)
+                search.posterior.local_model_at, exact.points,
+                self._least(edges, evidence, second), rng, flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
 
     def _search_again(self, found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence,
-                      rng: np.random.Generator, progress: Progress, watch: Watch | None,
+                      rng: np.random.Generator, stages: Stages, watch: Watch | None,
                       feasible: Feasible | None) -> PoseEstimate:
-        """What other evidence finds; where it loses the object too, the better of both poses.
+        """What other evidence finds where edges lose the object or are unsure of it.
 
-        Better: with the more evidence by both kinds together. What was found stays so where the
-        other evidence shows it too. make: the other evidence; where that is impossible, what was
-        found stays.
+        What edges are unsure of stays where the other evidence shows it too. Where both lose the
+        object, the better pose is told: that with the more evidence by both together. make: the
+        other evidence; where that is impossible, or the search is stopped, what was found stays.
         """
+        capture = f'capture {edges.header.stamp_ns}'
+        edges_do = 'lose the object' if found.lost else 'are unsure of the object'
         seen: list[Generation] = []
         try:
             other = make()
-            if other is None or (not found.lost and self._shows(other, found.pose)):
+            if other is None:
+                _LOG.info('%s: edges %s, and no other evidence came', capture, edges_do)
                 return found
-            lost = replace(found, lost=True)
-            again = self._search(other, rng, lambda _: progress(1.0), None,
-                                 None if watch is None else seen.append, feasible)
-            better = not again.lost or self._has_more(again, lost, (edges, other))
-        except PmclError as error:
-            _LOG.warning('capture %d: edges %s, and other evidence is not searched: %s',
-                         edges.header.stamp_ns,
-                         'lose the object' if found.lost else 'hardly show the object', error)
+            if not found.lost and self._shows(other, found.pose):
+                return found
+            again = self._search(other, rng, lambda _: stages.go_on(1.0), None,
+                                 None if watch is None else seen.append, feasible, second=True)
+            if not stages.go_on(1.0):
+                return found
+            better = not (found.lost and again.lost) or self._has_more(again, found,
+                                                                       (edges, other))
+        except Exception as error:
+            if not is_foreseen(error):
+                raise
+            _LOG.warning('%s: edges %s, and the search in other evidence failed: %s', capture,
+                         edges_do, error_line(error))
             return found
-        _LOG.info('capture %d: edges %s; the %s %s', edges.header.stamp_ns,
-                  'lose the object' if found.lost else 'show the object where it hardly is',
-                  other.kind, 'does not find it' if again.lost else 'finds it')
-        evaluations = lost.evaluations + again.evaluations
+        _LOG.info('%s: edges %s; the %s %s', capture, edges_do, other.kind,
+                  'does not find it' if again.lost else 'finds it')
+        evaluations = found.evaluations + again.evaluations
         if not better:
-            return replace(lost, evaluations=evaluations)
+            return replace(found, evaluations=evaluations)
         for each in seen:
             assert watch is not None
             watch(each)

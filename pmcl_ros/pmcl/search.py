@@ -106,7 +106,7 @@ class ContourSearch:
                 watch: Watch | None = None) -> 'Judged':
         """The best of poses (k, 4, 4) that were found with larger pixels, refined with these.
 
-        stages: of the search, 0.55.
+        stages: of the search, at 0.55: once it is stopped there are no restarts.
         """
         found = self._refined(self.coarse, poses, _LEFT, 'sharpened', watch)
         judged = self._judged(found, _NONE, 'sharpened', watch)

@@ -31,7 +31,7 @@ class PmclSettings(Settings):
         'auto', description='default mode: edges of the refocused views (dlv/edges); map, the '
         'contour map of the learned network (dlv/contour_map); auto: the map of pictures of '
         'ordinary cameras; edges of light fields, and the map where these lose the object '
-        '(not with tracking, nor for several objects)')
+        'or are unsure of it (not with tracking, nor for several objects)')
     object: str = Field('', description='path of the object: a mesh, or an object YAML')
     roi_center: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.55),

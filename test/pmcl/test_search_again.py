@@ -137,23 +137,49 @@ def test_what_edges_hardly_show_is_claimed_only_where_the_other_evidence_shows_i
         moved = localized(replace(edges, other=Asked(truth_alone)), bold)
     assert np.linalg.norm(moved.pose[:3, 3] - TRUTH[:3, 3]) < 0.01
     assert not moved.lost
-    assert 'edges show the object where it hardly is; the edge volume finds it' in caplog.text
-    agreed = localized(replace(edges, other=Asked(outline(context, DECOY, 2.0))), bold)
+    assert 'edges are unsure of the object; the edge volume finds it' in caplog.text
+    assert moved.least_support == truth_alone.least_support  # what was chosen is for edges
+    agreeing = Asked(outline(context, DECOY, 2.0))
+    agreed = localized(replace(edges, other=agreeing), bold)
     np.testing.assert_array_equal(agreed.particles, alone.particles)
     assert agreed.evaluations == alone.evaluations
+    assert agreeing.times == 1
     nothing = replace(truth_alone, tensor=np.zeros_like(truth_alone.tensor))
     denied = localized(replace(edges, other=Asked(nothing)), bold)
     assert denied.lost
-    np.testing.assert_array_equal(denied.pose, alone.pose)
+    assert denied.evidence_of == 'edge volume'  # whose numbers tell why
+    with caplog.at_level(logging.INFO):
+        unknown = localized(replace(edges, other=Asked(None)), bold)
+    np.testing.assert_array_equal(unknown.particles, alone.particles)
+    assert 'edges are unsure of the object, and no other evidence came' in caplog.text
+    parts = []
+
+    def until_the_second(part):
+        parts.append(part)
+        return parts.count(1.0) < 3
+
+    stopped = localized(replace(edges, other=Asked(truth_alone)), bold, progress=until_the_second)
+    np.testing.assert_array_equal(stopped.particles, alone.particles)
 
 
-def test_other_evidence_that_cannot_be_had_leaves_the_object_lost(edges, caplog):
+@pytest.mark.parametrize('error', [VolumeError('too many pixels'), MemoryError('no more')])
+def test_other_evidence_that_cannot_be_had_leaves_the_object_lost(edges, caplog, error):
     def fail():
-        raise VolumeError('too many pixels')
+        raise error
 
     alone, found = localized(edges), localized(replace(edges, other=fail))
     np.testing.assert_array_equal(found.particles, alone.particles)
-    assert 'other evidence is not searched: too many pixels' in caplog.text
+    assert found.lost
+    assert 'edges lose the object, and the search in other evidence failed: ' in caplog.text
+    assert str(error) in caplog.text
+
+
+def test_an_error_of_the_program_is_not_hidden(edges):
+    def fail():
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        localized(replace(edges, other=fail))
 
 
 def test_generations_of_the_second_search_are_watched_where_it_counts(edges, truth_alone):

@@ -149,7 +149,8 @@ def _sureness(run: Localization) -> list[Fact]:
                           'where it is larger'))
     if estimate.evidence_of:
         facts.append(Fact('evidence_of', 'numbers of the', estimate.evidence_of,
-                          'edges lose the object; these numbers are of other evidence'))
+                          'edges lose the object or are unsure of it; these numbers are of '
+                          'other evidence'))
     if estimate.hidden:
         facts.append(Fact('hidden', 'views not used', ', '.join(map(str, estimate.hidden)),
                           'they do not show it there'))
