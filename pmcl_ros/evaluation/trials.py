@@ -24,9 +24,10 @@ from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.localizer import Localizer, searched
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.second_search import evidence_of
 
 Camera = tuple[Calibration, Path]  # with its white image, or a folder of white images
 Value = TypeVar('Value')
@@ -203,7 +204,7 @@ class Worker:
         if job.sought.object == capture.object and not capture.truth.empty:
             poses = np.stack([estimate.pose, capture.truth.pose])
             if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume):
-                found, truth = localizer.evidence(searched(evidence, estimate), poses).tolist()
+                found, truth = localizer.evidence(evidence_of(estimate, evidence), poses).tolist()
                 of_poses = {'evidence_found': found, 'evidence_truth': truth}
             if isinstance(localizer, MultiViewLocalizer) and isinstance(evidence, ViewsEvidence):
                 found, truth = localizer.evidence(evidence, poses).tolist()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.edges import EdgeVolume, MakeEvidence
+from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.evidence.model_error import ModelError
@@ -33,11 +33,12 @@ from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.render.sunken import with_sunken
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Stages
+from pmcl_ros.pmcl.second_search import is_needed, second_search
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
-from pmcl_ros.runtime.errors import LocalizationError, RenderError, error_line, is_foreseen
+from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
@@ -98,10 +99,8 @@ class Localizer:
                  watch: Watch | None = None, feasible: Feasible | None = None) -> PoseEstimate:
         """The object's pose in one capture.
 
-        Where edges lose the object, other evidence of the capture (`EdgeVolume.other`) is searched
-        too, if there is any. Where they are unsure of it, the other evidence is asked; it is
-        searched if it denies the pose. Unsure: the weakest part of the contour is more likely
-        absent than present.
+        Other evidence of the capture (`EdgeVolume.other`), if there is any, is searched too where
+        `second_search` says so.
         progress: called with 0..1; returning False ends the search with what was found so far.
         start: (k, 4, 4) where alone to look; proposed from the evidence if not given.
         watch: called with every generation of poses; the pose is the same with it and without.
@@ -115,13 +114,14 @@ class Localizer:
         try:
             found = self._search(edges, rng, progress, start, watch, feasible)
             stages = Stages(progress)
-            if ((found.lost or found.support < 0) and start is None
-                    and isinstance(edges, EdgeVolume) and edges.other is not None
-                    and stages.go_on(1.0)):
+            if (start is None and isinstance(edges, EdgeVolume) and edges.other is not None
+                    and is_needed(found) and stages.go_on(1.0)):
                 # Spawned whether other evidence comes or not: later captures do not depend on it.
                 second = rng.spawn(1)[0]
-                return self._search_again(found, edges, edges.other, second, stages, watch,
-                                          feasible)
+                return second_search(
+                    found, edges, edges.other, self, lambda other, seen: self._search(
+                        other, second, lambda _: stages.go_on(1.0), None, seen, feasible,
+                        second=True), stages, watch)
             return found
         except moderngl.Error as error:
             raise RenderError(f'{self.renderer} refused its work: {error}') from error
@@ -200,59 +200,6 @@ class Localizer:
                 self._least(edges, evidence, second), rng, flat=True)
             return replace(estimate, evaluations=exact.evaluations + sum(
                 each.evaluations for each in optimizers))
-
-    def _search_again(self, found: PoseEstimate, edges: EdgeVolume, make: MakeEvidence,
-                      rng: np.random.Generator, stages: Stages, watch: Watch | None,
-                      feasible: Feasible | None) -> PoseEstimate:
-        """What other evidence finds where edges lose the object or are unsure of it.
-
-        What edges are unsure of stays where the other evidence shows it too. Where both lose the
-        object, the better pose is told: that with the more evidence by both together. make: the
-        other evidence; where that is impossible, or the search is stopped, what was found stays.
-        """
-        capture = f'capture {edges.header.stamp_ns}'
-        edges_do = 'lose the object' if found.lost else 'are unsure of the object'
-        seen: list[Generation] = []
-        try:
-            other = make()
-            if other is None:
-                _LOG.info('%s: edges %s, and no other evidence came', capture, edges_do)
-                return found
-            if not found.lost and self._shows(other, found.pose):
-                return found
-            again = self._search(other, rng, lambda _: stages.go_on(1.0), None,
-                                 None if watch is None else seen.append, feasible, second=True)
-            if not stages.go_on(1.0):
-                return found
-            better = not (found.lost and again.lost) or self._has_more(again, found,
-                                                                       (edges, other))
-        except Exception as error:
-            if not is_foreseen(error):
-                raise
-            _LOG.warning('%s: edges %s, and the search in other evidence failed: %s', capture,
-                         edges_do, error_line(error))
-            return found
-        _LOG.info('%s: edges %s; the %s %s', capture, edges_do, other.kind,
-                  'does not find it' if again.lost else 'finds it')
-        evaluations = found.evaluations + again.evaluations
-        if not better:
-            return replace(found, evaluations=evaluations)
-        for each in seen:
-            assert watch is not None
-            watch(each)
-        return replace(again, evidence_of=other.kind, evaluations=evaluations)
-
-    def _shows(self, evidence: EvidenceVolume, pose: NDArray[np.float64]) -> bool:
-        """Whether the contour of a pose (4, 4) is more likely present than absent."""
-        points = self.contour(evidence, pose)
-        return bool(points.lengths @ points.evidence > 0)
-
-    def _has_more(self, one: PoseEstimate, other: PoseEstimate,
-                  evidence: Sequence[EvidenceVolume]) -> bool:
-        """Whether one pose has more evidence than another, by several kinds together."""
-        poses = np.stack([one.pose, other.pose])
-        first, second = np.sum([self.evidence(each, poses) for each in evidence], axis=0)
-        return bool(first > second)
 
     def _proposed(self, evidence: EvidenceVolume, watch: Watch | None) -> NDArray[np.float64]:
         """(k, 4, 4) poses where a search begins."""
@@ -347,15 +294,6 @@ class Localizer:
                 lambda each: float(contour(each).lengths.sum()
                                    / max(exact.points(each).lengths.sum(), 1e-9)))
             return replace(estimate, evaluations=exact.evaluations)
-
-
-def searched(evidence: EvidenceVolume, estimate: PoseEstimate) -> EvidenceVolume:
-    """What the numbers of an estimate are of, that was found in this evidence or in its other."""
-    if not estimate.evidence_of:
-        return evidence
-    other = evidence.other() if isinstance(evidence, EdgeVolume) and evidence.other else None
-    assert other is not None  # it was searched
-    return other
 
 
 def _opened(evidence: ContourEvidence, stack: contextlib.ExitStack

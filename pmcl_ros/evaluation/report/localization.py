@@ -18,7 +18,7 @@ from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Generation
-from pmcl_ros.pmcl.localizer import Localizer, searched
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.joint_evidence import regions_seen
 from pmcl_ros.pmcl.multi_view.localizer import in_frame
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
@@ -26,6 +26,7 @@ from pmcl_ros.pmcl.multi_view.view_by_view import sigmas_by_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
+from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.progress import StageProgress
 
@@ -95,7 +96,7 @@ def localize(read: Callable[[], Source], model: ObjectModel, settings: PmclSetti
                            with_volume=True)
         ended = time.perf_counter()
         localizer, evidence = pipeline.localizer, run.evidence
-        contour = (localizer.contour(searched(evidence, run.estimate), run.estimate.pose)
+        contour = (localizer.contour(evidence_of(run.estimate, evidence), run.estimate.pose)
                    if isinstance(localizer, Localizer) and isinstance(evidence, EvidenceVolume)
                    else None)
     seconds = dict(run.seconds)

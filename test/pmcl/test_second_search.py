@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.pmcl.localizer import Localizer, searched
+from pmcl_ros.pmcl.localizer import Localizer
+from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import VolumeError
 
@@ -207,8 +208,8 @@ def test_generations_of_the_second_search_are_watched_where_it_counts(context, t
 def test_what_the_numbers_of_an_estimate_are_of(edges, truth_alone):
     both = replace(edges, other=Asked(truth_alone))
     found = localized(both)
-    assert searched(both, found) is truth_alone
-    assert searched(both, replace(found, evidence_of='')) is both
+    assert evidence_of(found, both) is truth_alone
+    assert evidence_of(replace(found, evidence_of=''), both) is both
     with Localizer(CUP, SETTINGS) as localizer:
         assert localizer.evidence(truth_alone, found.pose[None])[0] == pytest.approx(found.score)
 
