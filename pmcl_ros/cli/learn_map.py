@@ -5,11 +5,13 @@ from pathlib import Path
 import click
 from rich.progress import Progress
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
+from pmcl_ros.cli.base import FILE, FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMap
 from pmcl_ros.learning.contour_net.calibration import Measured
 from pmcl_ros.learning.contour_net.pictures import labelled_files
+
+_RATE = 3e-3  # as of `Plan`, whose module needs TensorFlow
 
 
 @click.command()
@@ -27,9 +29,13 @@ from pmcl_ros.learning.contour_net.pictures import labelled_files
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
+@click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx: that which '
+              'the package ships, say, to train it further on pictures like yours.')
+@click.option('--rate', type=click.FloatRange(0, min_open=True), default=_RATE,
+              show_default=True, help='Learning rate: less with --start, 0.0005 say.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
-              bfloat16: bool, force: bool) -> None:
+              bfloat16: bool, start: Path | None, rate: float, force: bool) -> None:
     """Train the network of the contour map on labelled pictures, and calibrate it.
 
     Needs TensorFlow: pip install '.[learn]' in the source tree. It uses a GPU where it sees one.
@@ -46,9 +52,12 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
         raise click.ClickException(
             f"there is no {error.name} here; pip install '.[learn]' in the source tree") from error
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
-               f'--crop {crop}{" --bfloat16" * bfloat16}')
-    plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32')
-    learned = learn(pictures, out, plan, command, click.echo)
+               f'--crop {crop}{" --bfloat16" * bfloat16}'
+               f'{f" --start {start}" if start else ""}'
+               f'{f" --rate {rate:g}" if rate != _RATE else ""}')
+    plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32',
+                rate)
+    learned = learn(pictures, out, plan, command, click.echo, start)
     click.echo(f'contour: {learned.contour}')
     click.echo(f'inside: {learned.inside}')
 

@@ -26,14 +26,16 @@ _LIBRARIES = (tf, keras, onnx, np, cv2)
 
 
 def learn(pictures: Path, out: Path, plan: Plan, command: str,
-          report: Callable[[str], object]) -> LearnedMap:
+          report: Callable[[str], object], start: Path | None = None) -> LearnedMap:
     """Write contour_map.onnx, contour_map.yaml and reliability.png into a folder.
+
+    start: as of `train`.
 
     Training goes on from `training.npz` in that folder, where there is one. Calibrated on some
     held-out pictures; what is reported and drawn is measured on others.
     """
     out.mkdir(parents=True, exist_ok=True)
-    state = train(pictures, out / 'training.npz', plan, report)
+    state = train(pictures, out / 'training.npz', plan, report, start)
     network = build()
     network.set_weights(state.weights)
     path = out / 'contour_map.onnx'

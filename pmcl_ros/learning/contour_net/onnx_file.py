@@ -1,4 +1,4 @@
-"""Writes a network as an ONNX file that OpenCV's dnn reads, from version 4.6 on.
+"""A network as an ONNX file that OpenCV's dnn reads, from version 4.6 on: written, and read.
 
 Batch normalisation is folded into the convolutions. Operators: Conv, Relu, MaxPool,
 ConvTranspose, Concat.
@@ -10,8 +10,11 @@ from typing import Any
 import keras
 import numpy as np
 import onnx
+from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 from onnx import helper
+
+from pmcl_ros.runtime.errors import SettingsError
 
 _OPSET, _IR = 11, 6
 INPUT, OUTPUT = 'picture', 'map'
@@ -72,6 +75,45 @@ def write(network: keras.Model, path: Path) -> None:
                               opset_imports=[helper.make_opsetid('', _OPSET)])
     onnx.checker.check_model(model)
     path.write_bytes(model.SerializeToString())
+
+
+def read(path: Path, network: keras.Model) -> None:
+    """Give a network of `network.build` the weights of a file that `write` wrote.
+
+    Its normalisations, which the file does not hold, are the identity and the shift: they are
+    those of training when `network.normalise` has told them the statistics of pictures.
+    Raises SettingsError for a file that cannot be read, or is of another network.
+    """
+    try:
+        graph = onnx.load_from_string(path.read_bytes()).graph
+    except (OSError, DecodeError) as error:
+        raise SettingsError(f'cannot read the network {path}: {error}') from None
+    held = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
+    nodes = {kind: iter([node for node in graph.node if node.op_type == kind])
+             for kind in ('Conv', 'ConvTranspose')}
+
+    def given(kind: str) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Kernel and bias of the next layer of a kind, as Keras has them."""
+        _, kernel, bias = next(nodes[kind]).input
+        return np.transpose(held[kernel], (2, 3, 1, 0)), held[bias]
+
+    following = {id(each.input): each for each in network.layers
+                 if isinstance(each, keras.layers.BatchNormalization)}
+    try:
+        for layer in network.layers:
+            if isinstance(layer, keras.layers.Conv2DTranspose):
+                layer.set_weights(given('ConvTranspose'))
+            elif isinstance(layer, keras.layers.Conv2D):
+                kernel, bias = given('Conv')
+                layer.set_weights([kernel])
+                normalisation, one = following[id(layer.output)], np.ones_like(bias)
+                normalisation.set_weights([one, bias, 0 * one, one - normalisation.epsilon])
+    except (StopIteration, ValueError, KeyError):
+        raise SettingsError(f'{path} is no network that learn-map wrote, or an older form of '
+                            'it; begin without it') from None
+    if any(next(each, None) is not None for each in nodes.values()):
+        raise SettingsError(f'{path} has more layers than the network of learn-map; begin '
+                            'without it')
 
 
 def _folded(layer: keras.layers.BatchNormalization

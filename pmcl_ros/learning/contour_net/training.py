@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,14 @@ import numpy as np
 import tensorflow as tf
 from numpy.typing import NDArray
 
-from pmcl_ros.learning.contour_net.network import build, losses, total
+from pmcl_ros.learning.contour_net.network import build, losses, normalise, total
+from pmcl_ros.learning.contour_net.onnx_file import read
 from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
 from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.npz_file import read_arrays
 
-_RATE, _WARM_UP = 3e-3, 0.02  # of Adam, and the part of all steps in which it rises
+_WARM_UP = 0.02  # the part of all steps in which the learning rate rises
+_BATCHES_OF_STATISTICS = 8
 _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_BYTES = 2 ** 28  # of a state
 _MOST_HELD_OUT = 64  # crops
@@ -27,6 +30,7 @@ class Plan:
     """How to train.
 
     size: crops of a batch; crop: px, a multiple of 16; every: steps between two states on disk.
+    rate: Adam's learning rate after the first steps; it falls to 0 as a cosine.
     """
 
     steps: int = 20000
@@ -35,6 +39,7 @@ class Plan:
     crop: int = 192
     every: int = 500
     dtype: str = 'float32'
+    rate: float = 3e-3
 
 
 @dataclass(frozen=True)
@@ -84,7 +89,7 @@ class Trainer:
     def __post_init__(self) -> None:
         keras.utils.set_random_seed(self.plan.seed)
         self.network = build(dtype=self.plan.dtype)
-        self._adam = keras.optimizers.Adam(_RATE, global_clipnorm=_CLIPPED)
+        self._adam = keras.optimizers.Adam(self.plan.rate, global_clipnorm=_CLIPPED)
         self._adam.build(self.network.trainable_variables)
         self._step = tf.function(self._step_eagerly)
         self._losses = tf.function(self._losses_eagerly)
@@ -104,11 +109,19 @@ class Trainer:
         for variable, value in zip(self._adam.variables, state.optimizer, strict=True):
             variable.assign(value)
 
+    def start_from(self, path: Path, pictures: NDArray[np.float32]) -> None:
+        """Take over the network of an ONNX file, and statistics of pictures (n, h, w, 3).
+
+        Raises SettingsError for a file that is none of `onnx_file.write`.
+        """
+        read(path, self.network)
+        normalise(self.network, pictures)
+
     def step(self, batch: Batch, number: int) -> NDArray[np.float32]:
         """One step of Adam: (losses of contour and inside,) before it."""
         part = (number + 1) / self.plan.steps
-        self._adam.learning_rate.assign(
-            _RATE * min(1.0, part / _WARM_UP) * 0.5 * (1 + np.cos(np.pi * min(part, 1.0))))
+        self._adam.learning_rate.assign(self.plan.rate * min(1.0, part / _WARM_UP)
+                                        * 0.5 * (1 + np.cos(np.pi * min(part, 1.0))))
         return np.stack(self._step(*_tensors(batch)))
 
     def losses(self, batch: Batch) -> NDArray[np.float32]:
@@ -132,13 +145,21 @@ def _tensors(batch: Batch) -> tuple[tf.Tensor, ...]:
             tf.constant(batch.offset))
 
 
-def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object]) -> State:
+def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
+          start: Path | None = None) -> State:
     """Train on the labelled pictures of a folder until `plan.steps` are done.
 
     path: the state's file; where it exists, training goes on from it. New pictures are used as
-    they come. report: called with a line now and then.
+    they come. report: called with a line now and then. start: ONNX file of the network to begin
+    with; by default its weights are random.
     """
     trainer = Trainer(plan)
+    if start is not None and not path.exists():
+        first = batches(folder, 0, plan.size, plan.crop, plan.seed)
+        trainer.start_from(start, np.concatenate([
+            each.picture for each in islice(first, _BATCHES_OF_STATISTICS)]))
+        first.close()
+        report(f'beginning with the network {start}')
     state = trainer.state(0)
     if path.exists():
         state = State.load(path)
@@ -150,12 +171,12 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object])
            f'{", ".join(devices)}; {trainer.network.count_params()} parameters')
     source = batches(folder, state.step, plan.size, plan.crop, plan.seed)
     while state.step < plan.steps:
-        start = time.monotonic()
+        begun = time.monotonic()
         numbers = range(state.step, min(plan.steps, state.step + plan.every))
         trained = np.mean([trainer.step(next(source), number) for number in numbers], axis=0)
         checked = np.mean([trainer.losses(batch) for batch in held_out(
             files.held_out[:_MOST_HELD_OUT], plan.size, plan.crop)], axis=0)
-        step, seconds = numbers.stop, state.seconds + time.monotonic() - start
+        step, seconds = numbers.stop, state.seconds + time.monotonic() - begun
         row = (step, *map(float, trained), *map(float, checked))
         state = replace(trainer.state(step), history=(*state.history, row), seconds=seconds)
         state.save(path)

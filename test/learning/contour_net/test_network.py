@@ -12,8 +12,10 @@ from pmcl_ros.learning.contour_net.network import (
     FusedNormalization,
     build,
     losses,
+    normalise,
 )
-from pmcl_ros.learning.contour_net.onnx_file import write
+from pmcl_ros.learning.contour_net.onnx_file import read, write
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @pytest.fixture(scope='module')
@@ -43,6 +45,35 @@ def test_opencv_computes_what_keras_does(network, file, shape):
     out = net.forward()[0].transpose(1, 2, 0)
     assert out.shape == (*shape, 6)
     np.testing.assert_allclose(out, expected, atol=1e-4 * np.abs(expected).max())
+
+
+def test_a_file_that_is_read_is_the_network_again(network, file, tmp_path):
+    pictures = np.random.default_rng(0).random((3, 64, 96, 3), np.float32) - np.float32(0.5)
+    expected = network.predict(pictures, verbose=0)
+    close = {'atol': 1e-4 * np.abs(expected).max()}
+    again = build()
+    read(file, again)
+    np.testing.assert_allclose(again.predict(pictures, verbose=0), expected, **close)
+    # Training normalises by the batch, whose statistics it has been told.
+    apart = np.abs(again(pictures, training=True) - expected).max()
+    read(file, again)
+    normalise(again, pictures)
+    np.testing.assert_allclose(again.predict(pictures, verbose=0), expected, **close)
+    assert np.abs(again(pictures, training=True) - expected).max() < 0.01 * apart
+    write(again, tmp_path / 'again.onnx')
+    third = build()
+    read(tmp_path / 'again.onnx', third)
+    np.testing.assert_allclose(third.predict(pictures, verbose=0), expected, **close)
+
+
+def test_a_file_of_another_network_is_refused(file, tmp_path):
+    other = tmp_path / 'other.onnx'
+    write(build((8, 8, 16, 16)), other)
+    with pytest.raises(SettingsError, match=r'other\.onnx is no network that learn-map wrote'):
+        read(other, build())
+    other.write_bytes(file.read_bytes()[:1000])
+    with pytest.raises(SettingsError, match=r'cannot read the network .*other\.onnx'):
+        read(other, build())
 
 
 def test_the_normalisation_is_that_of_keras():

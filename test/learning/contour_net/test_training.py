@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from labelled_discs import write
 
+from pmcl_ros.learning.contour_net.network import build
+from pmcl_ros.learning.contour_net.onnx_file import write as write_network
 from pmcl_ros.learning.contour_net.training import Plan, State, train
 from pmcl_ros.runtime.errors import SettingsError
 
@@ -58,6 +60,19 @@ def test_a_finished_training_is_only_read(trained, folder):
     again = train(folder, path, replace(PLAN, steps=30), [].append)
     assert again.history == state.history
     assert all(np.array_equal(*each) for each in zip(again.weights, state.weights, strict=True))
+
+
+def test_it_begins_with_a_network(trained, folder, tmp_path):
+    state, _, _ = trained
+    network = build()
+    network.set_weights(state.weights)
+    write_network(network, tmp_path / 'map.onnx')
+    lines = []
+    further = train(folder, tmp_path / 'training.npz', replace(PLAN, steps=20, rate=1e-5),
+                    lines.append, tmp_path / 'map.onnx')
+    assert lines[0] == f'beginning with the network {tmp_path / "map.onnx"}'
+    # So small a learning rate leaves the network as it was: no random one has this loss.
+    assert further.history[0][3] == pytest.approx(state.history[-1][3], rel=0.02)
 
 
 def test_a_file_that_is_no_state_is_refused(folder, trained, tmp_path):
