@@ -29,10 +29,10 @@ _RATE = 3e-3  # as of `Plan`, whose module needs TensorFlow
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
-@click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx: that which '
-              'the package ships, say, to train it further on pictures like yours.')
-@click.option('--rate', type=click.FloatRange(0, min_open=True), default=_RATE,
-              show_default=True, help='Learning rate: less with --start, 0.0005 say.')
+@click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx, that which '
+              'the package ships say; by default with random weights.')
+@click.option('--rate', type=click.FloatRange(1e-7, 1), default=_RATE,
+              show_default=True, help='Learning rate: less with --start, 0.0001 say.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
               bfloat16: bool, start: Path | None, rate: float, force: bool) -> None:
@@ -54,7 +54,7 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
                f'--crop {crop}{" --bfloat16" * bfloat16}'
                f'{f" --start {start}" if start else ""}'
-               f'{f" --rate {rate:g}" if rate != _RATE else ""}')
+               f'{f" --rate {rate}" if rate != _RATE else ""}')
     plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32',
                 rate)
     learned = learn(pictures, out, plan, command, click.echo, start)

@@ -62,6 +62,27 @@ def test_the_record_says_how_it_was_made(made, net):
     assert LearnedMap.load(out / 'contour_map.yaml') == learned
 
 
+def test_a_network_is_trained_further(made, tmp_path):
+    out, _, (_, pictures, *_) = made
+    start, further = out / 'contour_map.onnx', tmp_path / 'further'
+    arguments = ['learn-map', pictures, '-o', str(further), '--steps', '4', '--batch', '4',
+                 '--crop', '96', '--start', str(start), '--rate', '1e-05']
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    assert f'beginning with the network {start}' in done.output
+    before, after = (LearnedMap.load(each / 'contour_map.yaml').training for each in (
+        out, further))
+    assert before['start'] == ''
+    assert after['start'] == LearnedMap.load(out / 'contour_map.yaml').sha256
+    assert after['command'].endswith(f' --start {start} --rate 1e-05')
+    assert after['rate'] == 1e-5
+    # Four such steps leave what 150 steps learned.
+    assert after['losses']['held_out_contour'] == pytest.approx(
+        before['losses']['held_out_contour'], rel=0.02)
+    done = CliRunner().invoke(main, [*arguments[:2], '-o', str(out), *arguments[4:]])
+    assert 'training that did not begin with' in done.output
+
+
 def test_files_must_belong_together(made, net, tmp_path):
     file = tmp_path / 'contour_map.onnx'
     file.write_bytes(net.path.read_bytes()[:-1])

@@ -54,7 +54,7 @@ def learn(pictures: Path, out: Path, plan: Plan, command: str,
         version=digest[:8], sha256=digest, positive_weight=POSITIVE_WEIGHT, contour=contour,
         inside=inside, training={
             'command': command, **asdict(plan), 'seconds': round(state.seconds),
-            'pictures': {
+            'start': state.start, 'pictures': {
                 name: {'number': len(each), 'first': int(each[0].stem), 'last': int(each[-1].stem)}
                 for name, each in (
                 ('trained', files.training), ('held_out', files.held_out),

@@ -5,6 +5,8 @@ al., "Real-Time Single Image and Video Super-Resolution Using an Efficient Sub-P
 It takes a third of the time of one that has layers at full resolution.
 """
 
+from collections.abc import Iterable
+
 import keras
 import numpy as np
 import tensorflow as tf
@@ -71,22 +73,23 @@ def build(widths: tuple[int, ...] = WIDTHS, dtype: str = 'float32') -> keras.Mod
     return network
 
 
-def normalise(network: keras.Model, pictures: NDArray[np.float32]) -> None:
-    """Tell the normalisations the statistics of pictures (n, h, w, 3): the outputs stay.
+def normalise(network: keras.Model, batches: Iterable[NDArray[np.float32]]) -> None:
+    """Tell the normalisations the statistics of batches of pictures (n, h, w, 3): outputs stay.
 
     In training, batches are normalised by their own: outputs are about the same then.
     """
     layers = [each for each in network.layers
               if isinstance(each, keras.layers.BatchNormalization)]
-    for layer, values in zip(layers, keras.Model(network.input, [each.input for each in layers])(
-            pictures, training=False), strict=True):
-        gamma, beta, mean, variance = layer.get_weights()
-        scale = gamma / np.sqrt(variance + layer.epsilon)
-        shift = beta - mean * scale
-        mean, variance = (each.numpy() for each in tf.nn.moments(
-            tf.cast(values, tf.float32), (0, 1, 2)))
-        layer.set_weights([scale * np.sqrt(variance + layer.epsilon), shift + mean * scale, mean,
-                           variance])
+    inputs = keras.Model(network.input, [each.input for each in layers])
+    moments = [[tf.nn.moments(tf.cast(values, tf.float32), (0, 1, 2))
+                for values in inputs(pictures, training=False)] for pictures in batches]
+    for layer, each in zip(layers, zip(*moments, strict=True), strict=True):
+        means, variances = np.array(each).swapaxes(0, 1)  # of each batch
+        mean, variance = means.mean(axis=0), (variances + means.var(axis=0)).mean(axis=0)
+        gamma, beta, before, scatter = layer.get_weights()
+        scale = gamma / np.sqrt(scatter + layer.epsilon)
+        layer.set_weights([scale * np.sqrt(variance + layer.epsilon),
+                           beta + (mean - before) * scale, mean, variance])
 
 
 _TURNS = [_EVERY * np.arange(BINS // _EVERY) + offset for offset in range(_EVERY)]

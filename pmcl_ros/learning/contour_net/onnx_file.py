@@ -22,6 +22,13 @@ INPUT, OUTPUT = 'picture', 'map'
 
 def write(network: keras.Model, path: Path) -> None:
     """Write a network of `network.build` with float32 weights, (n, 3, h, w) to (n, 6, h, w)."""
+    model = helper.make_model(_graph(network), producer_name='pmcl_ros', ir_version=_IR,
+                              opset_imports=[helper.make_opsetid('', _OPSET)])
+    onnx.checker.check_model(model)
+    path.write_bytes(model.SerializeToString())
+
+
+def _graph(network: keras.Model) -> onnx.GraphProto:
     layers = network.layers
     names = {id(network.inputs[0]): INPUT}
     nodes: list[onnx.NodeProto] = []
@@ -40,8 +47,7 @@ def write(network: keras.Model, path: Path) -> None:
         nodes.append(helper.make_node(operator, inputs, [name], name=name, **attributes))
         names[id(layer.output)] = name
 
-    following = {id(each.input): each for each in layers
-                 if isinstance(each, keras.layers.BatchNormalization)}
+    following = _normalisations(network)
     for layer in layers:
         match layer:
             case keras.layers.InputLayer():
@@ -67,53 +73,57 @@ def write(network: keras.Model, path: Path) -> None:
             case _:
                 raise TypeError(f'no ONNX form of {layer}')
     floats = onnx.TensorProto.FLOAT
-    graph = helper.make_graph(
+    return helper.make_graph(
         nodes, 'contour_map', initializer=weights,
         inputs=[helper.make_tensor_value_info(INPUT, floats, ['n', 3, 'h', 'w'])],
         outputs=[helper.make_tensor_value_info(OUTPUT, floats, ['n', 6, 'h', 'w'])])
-    model = helper.make_model(graph, producer_name='pmcl_ros', ir_version=_IR,
-                              opset_imports=[helper.make_opsetid('', _OPSET)])
-    onnx.checker.check_model(model)
-    path.write_bytes(model.SerializeToString())
 
 
-def read(path: Path, network: keras.Model) -> None:
+def read(data: bytes, network: keras.Model) -> None:
     """Give a network of `network.build` the weights of a file that `write` wrote.
 
     Its normalisations, which the file does not hold, are the identity and the shift: they are
     those of training when `network.normalise` has told them the statistics of pictures.
-    Raises SettingsError for a file that cannot be read, or is of another network.
+    Raises SettingsError for a file of anything else.
     """
+    expected = _graph(network)
     try:
-        graph = onnx.load_from_string(path.read_bytes()).graph
-    except (OSError, DecodeError) as error:
-        raise SettingsError(f'cannot read the network {path}: {error}') from None
-    held = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
-    nodes = {kind: iter([node for node in graph.node if node.op_type == kind])
-             for kind in ('Conv', 'ConvTranspose')}
+        graph = onnx.load_from_string(data).graph
+        alike = _layout(graph) == _layout(expected)
+        held = ({each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
+                if alike else {})
+    except (DecodeError, ValueError) as error:
+        raise SettingsError(f'cannot read the network: {error}') from None
+    if not alike:
+        raise SettingsError('it is no network of the form that learn-map trains')
+    if not all(np.isfinite(each).all() for each in held.values()):
+        raise SettingsError('it has weights that are no finite numbers')
+    following = _normalisations(network)
+    names = iter([node.input[1:] for node in graph.node if len(node.input) == 3])
+    for layer in network.layers:
+        if not isinstance(layer, keras.layers.Conv2D | keras.layers.Conv2DTranspose):
+            continue
+        kernel, bias = (held[name] for name in next(names))
+        kernel = np.transpose(kernel, (2, 3, 1, 0))
+        if isinstance(layer, keras.layers.Conv2DTranspose):
+            layer.set_weights([kernel, bias])
+        else:
+            layer.set_weights([kernel])
+            normalisation, one = following[id(layer.output)], np.ones_like(bias)
+            normalisation.set_weights([one, bias, 0 * one, one - normalisation.epsilon])
 
-    def given(kind: str) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-        """Kernel and bias of the next layer of a kind, as Keras has them."""
-        _, kernel, bias = next(nodes[kind]).input
-        return np.transpose(held[kernel], (2, 3, 1, 0)), held[bias]
 
-    following = {id(each.input): each for each in network.layers
-                 if isinstance(each, keras.layers.BatchNormalization)}
-    try:
-        for layer in network.layers:
-            if isinstance(layer, keras.layers.Conv2DTranspose):
-                layer.set_weights(given('ConvTranspose'))
-            elif isinstance(layer, keras.layers.Conv2D):
-                kernel, bias = given('Conv')
-                layer.set_weights([kernel])
-                normalisation, one = following[id(layer.output)], np.ones_like(bias)
-                normalisation.set_weights([one, bias, 0 * one, one - normalisation.epsilon])
-    except (StopIteration, ValueError, KeyError):
-        raise SettingsError(f'{path} is no network that learn-map wrote, or an older form of '
-                            'it; begin without it') from None
-    if any(next(each, None) is not None for each in nodes.values()):
-        raise SettingsError(f'{path} has more layers than the network of learn-map; begin '
-                            'without it')
+def _layout(graph: onnx.GraphProto) -> tuple[list[Any], list[Any]]:
+    """What a graph has besides the values of its weights."""
+    return ([node.SerializeToString(deterministic=True) for node in graph.node],
+            [(each.name, list(each.dims), each.data_type, each.data_location)
+             for each in graph.initializer])
+
+
+def _normalisations(network: keras.Model) -> dict[int, keras.layers.BatchNormalization]:
+    """By the identity of what they normalise."""
+    return {id(each.input): each for each in network.layers
+            if isinstance(each, keras.layers.BatchNormalization)}
 
 
 def _folded(layer: keras.layers.BatchNormalization

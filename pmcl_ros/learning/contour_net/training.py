@@ -1,5 +1,7 @@
 """Trains the network of the contour map; goes on where it was stopped."""
 
+import contextlib
+import hashlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -22,6 +24,7 @@ _WARM_UP = 0.02  # the part of all steps in which the learning rate rises
 _BATCHES_OF_STATISTICS = 8
 _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_BYTES = 2 ** 28  # of a state
+_MOST_OF_NETWORK = 2 ** 26  # bytes
 _MOST_HELD_OUT = 64  # crops
 
 
@@ -47,6 +50,7 @@ class State:
     """Where training is: weights and Adam's values, in the order Keras gives them.
 
     history: rows of step, losses of contour and inside in training, and of held-out pictures.
+    start: SHA-256 of the file of the network that it began with; empty: with random weights.
     """
 
     step: int
@@ -54,6 +58,7 @@ class State:
     optimizer: tuple[NDArray[np.generic], ...] = ()
     history: tuple[tuple[float, ...], ...] = ()
     seconds: float = 0.0
+    start: str = ''
 
     @classmethod
     def load(cls, path: Path) -> 'State':
@@ -64,7 +69,8 @@ class State:
                        tuple(values[f'weight{n}'] for n in range(values['weights'])),
                        tuple(values[f'optimizer{n}'] for n in range(values['optimizers'])),
                        tuple(tuple(map(float, row)) for row in values['history']),
-                       float(values['seconds']))
+                       float(values['seconds']),
+                       bytes(values.get('start', np.zeros(0, np.uint8))).hex())
         except (FileError, ValueError, KeyError, TypeError) as error:
             raise SettingsError(f'{path} is no state of a training: {error}; delete it to begin '
                                 'again') from None
@@ -75,7 +81,8 @@ class State:
         values |= {f'optimizer{n}': each for n, each in enumerate(self.optimizer)}
         part = path.with_suffix('.part.npz')
         np.savez(part, step=self.step, weights=len(self.weights), optimizers=len(self.optimizer),
-                 history=np.array(self.history), seconds=self.seconds, **values)
+                 history=np.array(self.history), seconds=self.seconds,
+                 start=np.frombuffer(bytes.fromhex(self.start), np.uint8), **values)
         part.replace(path)
 
 
@@ -109,13 +116,16 @@ class Trainer:
         for variable, value in zip(self._adam.variables, state.optimizer, strict=True):
             variable.assign(value)
 
-    def start_from(self, path: Path, pictures: NDArray[np.float32]) -> None:
-        """Take over the network of an ONNX file, and statistics of pictures (n, h, w, 3).
+    def start_from(self, data: bytes, folder: Path) -> None:
+        """Take over the network of an ONNX file, and statistics of the pictures of a folder.
 
-        Raises SettingsError for a file that is none of `onnx_file.write`.
+        Raises SettingsError for data that are none of `onnx_file.write`.
         """
-        read(path, self.network)
-        normalise(self.network, pictures)
+        read(data, self.network)
+        plan = self.plan
+        with contextlib.closing(batches(folder, 0, plan.size, plan.crop, plan.seed)) as first:
+            normalise(self.network, (each.picture for each in islice(
+                first, _BATCHES_OF_STATISTICS)))
 
     def step(self, batch: Batch, number: int) -> NDArray[np.float32]:
         """One step of Adam: (losses of contour and inside,) before it."""
@@ -151,20 +161,27 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
 
     path: the state's file; where it exists, training goes on from it. New pictures are used as
     they come. report: called with a line now and then. start: ONNX file of the network to begin
-    with; by default its weights are random.
+    with; by default its weights are random. Raises SettingsError for another file, and where the
+    training that goes on began otherwise.
     """
     trainer = Trainer(plan)
-    if start is not None and not path.exists():
-        first = batches(folder, 0, plan.size, plan.crop, plan.seed)
-        trainer.start_from(start, np.concatenate([
-            each.picture for each in islice(first, _BATCHES_OF_STATISTICS)]))
-        first.close()
-        report(f'beginning with the network {start}')
+    data = None if start is None else _network_data(start)
+    digest = '' if data is None else hashlib.sha256(data).hexdigest()
     state = trainer.state(0)
     if path.exists():
         state = State.load(path)
+        if data is not None and state.start != digest:
+            raise SettingsError(f'{path} is of a training that did not begin with {start}: give '
+                                'another folder')
         trainer.restore(state)
         report(f'going on from step {state.step} of {path}')
+    elif data is not None:
+        try:
+            trainer.start_from(data, folder)
+        except SettingsError as error:
+            raise SettingsError(f'{start}: {error}') from None
+        state = replace(trainer.state(0), start=digest)
+        report(f'beginning with the network {start}')
     files = Files.find(folder)
     devices = [each.device_type for each in tf.config.list_physical_devices()]
     report(f'{len(files.training)} pictures to train, {len(files.held_out)} held out, on '
@@ -178,9 +195,22 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
             files.held_out[:_MOST_HELD_OUT], plan.size, plan.crop)], axis=0)
         step, seconds = numbers.stop, state.seconds + time.monotonic() - begun
         row = (step, *map(float, trained), *map(float, checked))
-        state = replace(trainer.state(step), history=(*state.history, row), seconds=seconds)
+        state = replace(trainer.state(step), history=(*state.history, row), seconds=seconds,
+                        start=state.start)
         state.save(path)
         report(f'step {step} of {plan.steps}: contour {row[1]:.4f}, inside {row[2]:.4f}; held out '
                f'{row[3]:.4f}, {row[4]:.4f}; {seconds:.0f} s')
     source.close()
     return state
+
+
+def _network_data(path: Path) -> bytes:
+    try:
+        with path.open('rb') as file:
+            data = file.read(_MOST_OF_NETWORK + 1)
+    except OSError as error:
+        raise SettingsError(f'cannot read the network {path}: {error.strerror}') from None
+    if len(data) > _MOST_OF_NETWORK:
+        raise SettingsError(f'{path} has more than {_MOST_OF_NETWORK // 2 ** 20} MB: it is no '
+                            'network of the form that learn-map trains')
+    return data

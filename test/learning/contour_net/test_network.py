@@ -3,9 +3,12 @@
 import cv2
 import keras
 import numpy as np
+import onnx
 import pytest
 
 from pmcl_ros.evidence.contour_map import harmonics
+from pmcl_ros.evidence.contour_net import contour_net, network_input
+from pmcl_ros.evidence.learned import learned_file
 from pmcl_ros.learning.contour_net.directions import direction_targets
 from pmcl_ros.learning.contour_net.network import (
     POSITIVE_WEIGHT,
@@ -52,28 +55,51 @@ def test_a_file_that_is_read_is_the_network_again(network, file, tmp_path):
     expected = network.predict(pictures, verbose=0)
     close = {'atol': 1e-4 * np.abs(expected).max()}
     again = build()
-    read(file, again)
+    read(file.read_bytes(), again)
     np.testing.assert_allclose(again.predict(pictures, verbose=0), expected, **close)
     # Training normalises by the batch, whose statistics it has been told.
     apart = np.abs(again(pictures, training=True) - expected).max()
-    read(file, again)
-    normalise(again, pictures)
+    read(file.read_bytes(), again)
+    normalise(again, [pictures[:1], pictures[1:2], pictures[2:]])
     np.testing.assert_allclose(again.predict(pictures, verbose=0), expected, **close)
     assert np.abs(again(pictures, training=True) - expected).max() < 0.01 * apart
     write(again, tmp_path / 'again.onnx')
     third = build()
-    read(tmp_path / 'again.onnx', third)
+    read((tmp_path / 'again.onnx').read_bytes(), third)
     np.testing.assert_allclose(third.predict(pictures, verbose=0), expected, **close)
+
+
+def test_the_shipped_network_can_be_trained_further():
+    shipped = learned_file('contour_map.onnx')
+    network = build()
+    read(shipped.read_bytes(), network)
+    picture = np.random.default_rng(0).random((64, 96, 3), np.float32)
+    expected = contour_net().logits(picture)
+    np.testing.assert_allclose(network.predict(network_input(picture)[None], verbose=0)[0],
+                               expected, atol=1e-3)
 
 
 def test_a_file_of_another_network_is_refused(file, tmp_path):
     other = tmp_path / 'other.onnx'
     write(build((8, 8, 16, 16)), other)
-    with pytest.raises(SettingsError, match=r'other\.onnx is no network that learn-map wrote'):
-        read(other, build())
-    other.write_bytes(file.read_bytes()[:1000])
-    with pytest.raises(SettingsError, match=r'cannot read the network .*other\.onnx'):
-        read(other, build())
+    data, network = file.read_bytes(), build()
+    changed = onnx.load_from_string(data)
+    changed.graph.node[1].op_type = 'Sigmoid'
+    endless = onnx.load_from_string(data)
+    endless.graph.initializer[0].raw_data = np.full(
+        endless.graph.initializer[0].dims, np.nan, np.float32).tobytes()
+    short = onnx.load_from_string(data)
+    short.graph.initializer[0].raw_data = b'1234'
+    untyped = onnx.load_from_string(data)
+    untyped.graph.initializer[0].data_type = 0
+    for bad, reason in ((other.read_bytes(), 'no network of the form'),
+                        (changed.SerializeToString(), 'no network of the form'),
+                        (untyped.SerializeToString(), 'no network of the form'),
+                        (endless.SerializeToString(), 'no finite numbers'),
+                        (short.SerializeToString(), 'cannot read the network: '),
+                        (data[:1000], 'cannot read the network: '), (b'', 'no network of the')):
+        with pytest.raises(SettingsError, match=reason):
+            read(bad, network)
 
 
 def test_the_normalisation_is_that_of_keras():

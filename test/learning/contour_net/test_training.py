@@ -1,6 +1,8 @@
 """A few steps lower the loss; a training that was stopped goes on as if it had not been."""
 
+import hashlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,6 +75,26 @@ def test_it_begins_with_a_network(trained, folder, tmp_path):
     assert lines[0] == f'beginning with the network {tmp_path / "map.onnx"}'
     # So small a learning rate leaves the network as it was: no random one has this loss.
     assert further.history[0][3] == pytest.approx(state.history[-1][3], rel=0.02)
+    # It goes on with that network, named again or not, and with no other.
+    digest = hashlib.sha256((tmp_path / 'map.onnx').read_bytes()).hexdigest()
+    assert State.load(tmp_path / 'training.npz').start == digest
+    for start in (tmp_path / 'map.onnx', None):
+        again = train(folder, tmp_path / 'training.npz', replace(PLAN, steps=20), [].append, start)
+        assert again.start == digest
+    network.set_weights([1.1 * each for each in state.weights])
+    write_network(network, tmp_path / 'other.onnx')
+    with pytest.raises(SettingsError, match=r'training that did not begin with .*other\.onnx'):
+        train(folder, tmp_path / 'training.npz', PLAN, [].append, tmp_path / 'other.onnx')
+
+
+def test_a_network_that_cannot_be_read_is_told_with_its_file(folder, tmp_path):
+    for name, reason in (('none.onnx', r'cannot read the network .*none\.onnx: No such file'),
+                         ('text.onnx', r'text\.onnx: .*network')):
+        (tmp_path / 'text.onnx').write_text('no network')
+        with pytest.raises(SettingsError, match=reason):
+            train(folder, tmp_path / 'training.npz', PLAN, [].append, tmp_path / name)
+    with pytest.raises(SettingsError, match='zero has more than 64 MB'):
+        train(folder, tmp_path / 'training.npz', PLAN, [].append, Path('/dev/zero'))
 
 
 def test_a_file_that_is_no_state_is_refused(folder, trained, tmp_path):
