@@ -72,6 +72,15 @@ def test_a_bag_of_posed_views_has_the_pose_of_their_folder(capture, expected, tm
     assert 'is a bag: --every and --shrink are for light fields' in done.output
 
 
+def test_a_report_tells_the_pose_of_localize_in_the_same_frame(capture, tmp_path):
+    asked = capture, *region(capture), '--object', capture / 'model.obj'
+    told, shown = (
+        next(each for each in done.output.splitlines() if each.startswith('found at ('))
+        for done in (pmcl('localize', *asked),
+                     pmcl('report', *asked, '-o', tmp_path / 'report.html')))
+    assert shown == told
+
+
 def test_of_several_objects_each_is_told_by_its_name(capture, expected, tmp_path):
     trimesh.creation.box((0.05, 0.07, 0.15)).export(tmp_path / 'carton.stl')
     told = localized(capture, capture, '--object', capture / 'model.obj', '--object',
