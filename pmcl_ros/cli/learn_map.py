@@ -10,8 +10,7 @@ from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMap
 from pmcl_ros.learning.contour_net.calibration import Measured
 from pmcl_ros.learning.contour_net.pictures import labelled_files
-
-_RATE = 3e-3  # as of `Plan`, whose module needs TensorFlow
+from pmcl_ros.learning.contour_net.plan import Plan
 
 
 @click.command()
@@ -19,19 +18,19 @@ _RATE = 3e-3  # as of `Plan`, whose module needs TensorFlow
 @click.option('-o', '--out', type=FOLDER, required=True, help='Folder of what is made: '
               'contour_map.onnx, contour_map.yaml, reliability.png, and training.npz, from which '
               'training goes on.')
-@click.option('--steps', type=click.IntRange(1), default=20000, show_default=True)
-@click.option('--seed', type=click.IntRange(0), default=0, show_default=True)
-@click.option('--batch', type=click.IntRange(1), default=8, show_default=True,
+@click.option('--steps', type=click.IntRange(1), default=Plan.steps, show_default=True)
+@click.option('--seed', type=click.IntRange(0), default=Plan.seed, show_default=True)
+@click.option('--batch', type=click.IntRange(1), default=Plan.size, show_default=True,
               help='Crops of a step.')
-@click.option('--crop', type=click.IntRange(32), default=192, show_default=True,
+@click.option('--crop', type=click.IntRange(32), default=Plan.crop, show_default=True,
               help='Side of a crop [px], a multiple of 16.')
-@click.option('--every', type=click.IntRange(1), default=500, show_default=True,
+@click.option('--every', type=click.IntRange(1), default=Plan.every, show_default=True,
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
 @click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx, that which '
               'the package ships say; by default with random weights.')
-@click.option('--rate', type=click.FloatRange(1e-7, 1), default=_RATE,
+@click.option('--rate', type=click.FloatRange(1e-7, 1), default=Plan.rate,
               show_default=True, help='Learning rate: less with --start, 0.0001 say.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
@@ -47,14 +46,13 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
                                    'training.npz')
     try:
         from pmcl_ros.learning.contour_net.learn import learn
-        from pmcl_ros.learning.contour_net.training import Plan
     except ModuleNotFoundError as error:
         raise click.ClickException(
             f"there is no {error.name} here; pip install '.[learn]' in the source tree") from error
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
                f'--crop {crop}{" --bfloat16" * bfloat16}'
                f'{f" --start {start}" if start else ""}'
-               f'{f" --rate {rate}" if rate != _RATE else ""}')
+               f'{f" --rate {rate}" if rate != Plan.rate else ""}')
     plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32',
                 rate)
     learned = learn(pictures, out, plan, command, click.echo, start)

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
+from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
 from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 from pmcl_ros.runtime.settings import Settings, read_yaml
@@ -219,13 +220,9 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         raise ObjectModelError(f'{path} cannot be read as a mesh: {", ".join(_KINDS)} are read; '
                                'convert it, with Blender or MeshLab')
     try:
-        with path.open('rb') as stream:
-            data = stream.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise ObjectModelError(f'cannot read {path}: {error.strerror or error}') from None
-    if len(data) > _MOST_BYTES:
-        raise ObjectModelError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB; simplify it, '
-                               'or write it as a binary STL or PLY')
+        data = read_bytes(path, _MOST_BYTES, 'simplify it, or write it as a binary STL or PLY')
+    except FileError as error:
+        raise ObjectModelError(str(error)) from None
     try:
         _check_size(mesh_size(data, kind))
         mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))

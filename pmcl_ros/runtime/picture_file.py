@@ -15,7 +15,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.runtime.errors import PictureError
+from pmcl_ros.runtime.binary_file import read_bytes
+from pmcl_ros.runtime.errors import FileError, PictureError
 
 MOST_PIXELS = 2 ** 26
 _MOST_BYTES = 2 ** 28  # of a file
@@ -31,12 +32,9 @@ _KNOWN = 'PNG, JPEG, TIFF, BMP, WebP, PPM'
 def read_picture_file(path: Path, flags: int) -> NDArray[Any]:
     """The pixels of a file, as `decoded`. PictureError, which names it, where there are none."""
     try:
-        with path.open('rb') as stream:
-            data = stream.read(_MOST_BYTES + 1)
-    except OSError as error:
-        raise PictureError(f'cannot read {path}: {error.strerror or error}') from None
-    if len(data) > _MOST_BYTES:
-        raise PictureError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB')
+        data = read_bytes(path, _MOST_BYTES)
+    except FileError as error:
+        raise PictureError(str(error)) from None
     try:
         return decoded(data, flags)
     except PictureError as error:

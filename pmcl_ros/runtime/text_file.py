@@ -11,6 +11,7 @@ from typing import Any
 
 import yaml
 
+from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError
 
 MOST_BYTES = 2 ** 24  # of any text that is parsed as a whole
@@ -22,16 +23,9 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, wh
 
 def read_text(path: Path | str, most: int = MOST_BYTES) -> str:
     """The UTF-8 text of a file; FileError where it has more than `most` bytes, or is no text."""
-    path = Path(path)
+    data = read_bytes(Path(path), most)
     try:
-        with path.open('rb') as stream:
-            data = stream.read(most + 1)
-        if len(data) > most:
-            raise FileError(f'{path} has more than {most / 2 ** 20:g} MiB: expected a smaller '
-                            'file')
         return data.decode('utf-8')
-    except OSError as error:
-        raise FileError(f'cannot read {path}: {error.strerror or error}; check the path') from None
     except UnicodeDecodeError as error:
         raise FileError(f'{path} is no text in UTF-8: byte {error.start} is '
                         f'0x{data[error.start]:02x}') from None

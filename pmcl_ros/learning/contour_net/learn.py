@@ -20,7 +20,8 @@ from pmcl_ros.learning.contour_net.calibration import Measured, charts
 from pmcl_ros.learning.contour_net.network import POSITIVE_WEIGHT, build
 from pmcl_ros.learning.contour_net.onnx_file import write
 from pmcl_ros.learning.contour_net.pictures import Files
-from pmcl_ros.learning.contour_net.training import Plan, train
+from pmcl_ros.learning.contour_net.plan import Plan
+from pmcl_ros.learning.contour_net.training import train
 
 _LIBRARIES = (tf, keras, onnx, np, cv2)
 
@@ -29,10 +30,8 @@ def learn(pictures: Path, out: Path, plan: Plan, command: str,
           report: Callable[[str], object], start: Path | None = None) -> LearnedMap:
     """Write contour_map.onnx, contour_map.yaml and reliability.png into a folder.
 
-    start: as of `train`.
-
     Training goes on from `training.npz` in that folder, where there is one. Calibrated on some
-    held-out pictures; what is reported and drawn is measured on others.
+    held-out pictures; what is reported and drawn is measured on others. start: as of `train`.
     """
     out.mkdir(parents=True, exist_ok=True)
     state = train(pictures, out / 'training.npz', plan, report, start)

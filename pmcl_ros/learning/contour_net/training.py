@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from pmcl_ros.learning.contour_net.network import build, losses, normalise, total
 from pmcl_ros.learning.contour_net.onnx_file import read
 from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
+from pmcl_ros.learning.contour_net.plan import Plan
+from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.npz_file import read_arrays
 
@@ -26,23 +28,6 @@ _CLIPPED = 1.0  # norm of the gradient of all weights
 _MOST_BYTES = 2 ** 28  # of a state
 _MOST_OF_NETWORK = 2 ** 26  # bytes
 _MOST_HELD_OUT = 64  # crops
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How to train.
-
-    size: crops of a batch; crop: px, a multiple of 16; every: steps between two states on disk.
-    rate: Adam's learning rate after the first steps; it falls to 0 as a cosine.
-    """
-
-    steps: int = 20000
-    seed: int = 0
-    size: int = 8
-    crop: int = 192
-    every: int = 500
-    dtype: str = 'float32'
-    rate: float = 3e-3
 
 
 @dataclass(frozen=True)
@@ -161,11 +146,12 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
 
     path: the state's file; where it exists, training goes on from it. New pictures are used as
     they come. report: called with a line now and then. start: ONNX file of the network to begin
-    with; by default its weights are random. Raises SettingsError for another file, and where the
-    training that goes on began otherwise.
+    with; by default its weights are random. Raises FileError or SettingsError for another
+    file, and where the training that goes on began otherwise.
     """
     trainer = Trainer(plan)
-    data = None if start is None else _network_data(start)
+    data = None if start is None else read_bytes(
+        start, _MOST_OF_NETWORK, 'it is no network of the form that learn-map trains')
     digest = '' if data is None else hashlib.sha256(data).hexdigest()
     state = trainer.state(0)
     if path.exists():
@@ -174,7 +160,9 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
             raise SettingsError(f'{path} is of a training that did not begin with {start}: give '
                                 'another folder')
         trainer.restore(state)
-        report(f'going on from step {state.step} of {path}')
+        report(f'going on from step {state.step} of {path}' + (
+            f', to {plan.steps}, with the learning rate {plan.rate:g}' if state.step < plan.steps
+            else f': nothing is left to train of {plan.steps}'))
     elif data is not None:
         try:
             trainer.start_from(data, folder)
@@ -202,15 +190,3 @@ def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
                f'{row[3]:.4f}, {row[4]:.4f}; {seconds:.0f} s')
     source.close()
     return state
-
-
-def _network_data(path: Path) -> bytes:
-    try:
-        with path.open('rb') as file:
-            data = file.read(_MOST_OF_NETWORK + 1)
-    except OSError as error:
-        raise SettingsError(f'cannot read the network {path}: {error.strerror}') from None
-    if len(data) > _MOST_OF_NETWORK:
-        raise SettingsError(f'{path} has more than {_MOST_OF_NETWORK // 2 ** 20} MB: it is no '
-                            'network of the form that learn-map trains')
-    return data

@@ -10,8 +10,9 @@ from labelled_discs import write
 
 from pmcl_ros.learning.contour_net.network import build
 from pmcl_ros.learning.contour_net.onnx_file import write as write_network
-from pmcl_ros.learning.contour_net.training import Plan, State, train
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.learning.contour_net.plan import Plan
+from pmcl_ros.learning.contour_net.training import State, train
+from pmcl_ros.runtime.errors import FileError, PmclError, SettingsError
 
 PLAN = Plan(steps=40, size=4, crop=64, every=20)
 
@@ -88,12 +89,12 @@ def test_it_begins_with_a_network(trained, folder, tmp_path):
 
 
 def test_a_network_that_cannot_be_read_is_told_with_its_file(folder, tmp_path):
-    for name, reason in (('none.onnx', r'cannot read the network .*none\.onnx: No such file'),
+    for name, reason in (('none.onnx', r'cannot read .*none\.onnx: No such file'),
                          ('text.onnx', r'text\.onnx: .*network')):
         (tmp_path / 'text.onnx').write_text('no network')
-        with pytest.raises(SettingsError, match=reason):
+        with pytest.raises(PmclError, match=reason):
             train(folder, tmp_path / 'training.npz', PLAN, [].append, tmp_path / name)
-    with pytest.raises(SettingsError, match='zero has more than 64 MB'):
+    with pytest.raises(FileError, match='zero has more than 64 MiB'):
         train(folder, tmp_path / 'training.npz', PLAN, [].append, Path('/dev/zero'))
 
 
