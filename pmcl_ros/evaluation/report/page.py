@@ -99,10 +99,12 @@ def about(run: Localization) -> dict[str, str]:
         # To the microsecond: no float holds more, and no shutter.
         moment = datetime.fromtimestamp(header.stamp_ns // 10**9, timezone.utc)
         taken = f'{moment:%Y-%m-%d %H:%M:%S}.{header.stamp_ns % 10**9 // 1000:06d} UTC'
+    frame = header.frame_id
     if run.views:
         views = f'{len(run.views)} of {views}; figures are of the first that sees the region'
+        frame = f'{frame}; x, y, z and the axis are in that of this first camera'
     return {'picture': run.name or _UNKNOWN, 'taken': taken, 'camera': run.serial or _UNKNOWN,
-            'frame': header.frame_id, 'views': views}
+            'frame': frame, 'views': views}
 
 
 def _pose(run: Localization, found: Coordinates) -> list[Fact]:
