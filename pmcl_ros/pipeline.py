@@ -46,7 +46,7 @@ from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer
-from pmcl_ros.pmcl.region import Region, regions_before, size_in_view
+from pmcl_ros.pmcl.prior.region import Region, regions_before, size_in_view
 from pmcl_ros.pmcl.render.raster import check_size
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings

@@ -25,7 +25,7 @@ from pmcl_ros.learning.searches import Search, Supports, searches
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.pipeline import build_evidence, size_in
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError

@@ -11,7 +11,7 @@ import numpy as np
 from pmcl_ros.cli.base import STDERR
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pipeline import cameras_of
-from pmcl_ros.pmcl.region import with_region
+from pmcl_ros.pmcl.prior.region import with_region
 from pmcl_ros.pmcl.settings import WIDEST, PmclSettings
 
 _OPTIONS = (

@@ -13,7 +13,7 @@ from pmcl_ros.evidence.energies import energies_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import perturb, uniform_poses
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import Creases

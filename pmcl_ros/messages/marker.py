@@ -11,7 +11,7 @@ from pmcl_ros.messages.header import header_to_message
 from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 
 
 def mesh_to_marker(model: ObjectModel) -> Marker:

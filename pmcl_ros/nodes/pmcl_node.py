@@ -44,7 +44,7 @@ from pmcl_ros.pmcl.multi_view.growing import GrowingSearch
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Box, with_region
+from pmcl_ros.pmcl.prior.region import Box, with_region
 from pmcl_ros.pmcl.render.sunken import as_it_appears
 from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.pmcl.tracking.tracker import PREDICTED, Tracker

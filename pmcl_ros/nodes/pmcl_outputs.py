@@ -34,7 +34,7 @@ from pmcl_ros.pipeline import AnyLocalizer, Evidence, make_scene_localizer
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.multi_object.scene_estimate import SceneEstimate, distinct_names
 from pmcl_ros.pmcl.object_model import ObjectModel, mesh_file
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
 

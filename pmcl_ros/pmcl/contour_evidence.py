@@ -18,9 +18,9 @@ from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.estimator import Contour
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import ContourPosterior, Refine, Score
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, Renderer
 from pmcl_ros.pmcl.render.creases import CreasePoints, Creases
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton

@@ -16,10 +16,10 @@ from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.particles import Weights
 from pmcl_ros.pmcl.posterior import Posterior
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings

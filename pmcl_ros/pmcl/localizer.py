@@ -21,10 +21,10 @@ from pmcl_ros.pmcl.estimator import Estimator, Thresholds
 from pmcl_ros.pmcl.history import Generation, Watch
 from pmcl_ros.pmcl.local_model import LocalModel, Observation, weighted
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import Score
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import ContourScore, make_renderer
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import Creases

@@ -15,10 +15,10 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.estimator import Estimator
 from pmcl_ros.pmcl.history import Record, Watch, recorder
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.particles import Weights, perturb, uniform_poses
 from pmcl_ros.pmcl.posterior import Score
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import RenderError

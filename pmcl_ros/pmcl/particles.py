@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.orientation import Orientation
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
 
 

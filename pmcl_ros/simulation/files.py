@@ -22,7 +22,7 @@ from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
 from pmcl_ros.messages.bags import Recorded, record
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
 from pmcl_ros.simulation.card import with_card

@@ -20,8 +20,8 @@ from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.modes import ambiguous_poses
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import ObjectModelError, SettingsError

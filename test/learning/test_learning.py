@@ -27,7 +27,7 @@ from pmcl_ros.learning.contour_tables import (
 )
 from pmcl_ros.learning.searches import Supports, searches
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.runtime.errors import LocalizationError
@@ -107,7 +107,7 @@ from pmcl_ros.evidence.learned import LearnedContour
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.learning.searches import searches
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.simulation.edge_scenes import random_edge_scene
 
 scene = random_edge_scene(np.random.default_rng(0), ModelError(0.1, 0.1, 40))

@@ -52,7 +52,7 @@ from pmcl_ros.messages.volume import (
 )
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.errors import MessageError
 
 HEADER = Header(1_700_000_000_123_456_789, 'lytro_optical_frame')

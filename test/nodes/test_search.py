@@ -25,7 +25,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.camera_info import pinhole_to_message
 from pmcl_ros.messages.volume import edges_to_message, volume_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
-from pmcl_ros.pmcl.region import with_region
+from pmcl_ros.pmcl.prior.region import with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 
 LONG = {'mode': 'faithful', 'faithful_iterations': 100_000, 'faithful_particles': 2,

@@ -17,7 +17,7 @@ from pmcl_ros.learning.contour_tables import Example
 from pmcl_ros.learning.searches import found
 from pmcl_ros.pmcl.contour_approximations import LinearizedContour
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings

@@ -29,7 +29,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pipeline import make_localizer
 from pmcl_ros.pmcl.localizer import Localizer
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 

@@ -8,7 +8,7 @@ from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.particle_filter import ParticleFilterLocalizer, particle_filter
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 
 CAMERA = Pinhole(97, 81, 300, 290, 50, 41)

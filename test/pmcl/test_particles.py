@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
 from pmcl_ros.pmcl.particles import Weights, perturb, uniform_poses
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
 
 LOGS = arrays(float, st.integers(1, 60), elements=st.floats(-800, 800) | st.just(-np.inf))

@@ -1,6 +1,6 @@
 import pytest
 
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError
 

@@ -12,7 +12,7 @@ from pmcl_ros.evaluation.bench import pmcl as bench
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene
 from pmcl_ros.runtime import kernel_threads

@@ -26,7 +26,7 @@ from pmcl_ros.nodes.bench.running_graph import Graph, GraphError
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.continuity import Continuity
 from pmcl_ros.runtime.errors import PmclError

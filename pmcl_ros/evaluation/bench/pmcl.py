@@ -17,8 +17,8 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.gl_renderer import GlRenderer
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers

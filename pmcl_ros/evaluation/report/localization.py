@@ -24,7 +24,7 @@ from pmcl_ros.pmcl.multi_view.localizer import in_frame
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, NextView, cap, next_views
 from pmcl_ros.pmcl.multi_view.view_by_view import sigmas_by_views
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings

@@ -15,7 +15,7 @@ from pmcl_ros.lightfield.sweep.frame import SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.pipeline import Pipeline
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import SyntheticCapture, photographs, render

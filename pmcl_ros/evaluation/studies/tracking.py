@@ -17,7 +17,7 @@ from pmcl_ros.evidence.edges import EdgeVolume, build_edges
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.tracking.settings import Tracking, TrackingSettings
 from pmcl_ros.pmcl.tracking.tracker import Tracker
 from pmcl_ros.simulation.sequence import Frame, Sequence

@@ -16,9 +16,9 @@ from pmcl_ros.pmcl.contour_evidence import ContourEvidence, Feasible, refinement
 from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.posterior import Refine
-from pmcl_ros.pmcl.region import Region, regions_before
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region, regions_before
 from pmcl_ros.pmcl.render.back_end import Renderer
 from pmcl_ros.pmcl.render.gauss_newton import GaussNewton
 from pmcl_ros.pmcl.render.scene import Window

@@ -30,7 +30,7 @@ from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings

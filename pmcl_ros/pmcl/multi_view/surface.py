@@ -20,7 +20,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.multi_view.region_volume import region_volume
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import size_in_view
+from pmcl_ros.pmcl.prior.region import size_in_view
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings

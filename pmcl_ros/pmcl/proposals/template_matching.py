@@ -20,7 +20,8 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.orientation import Orientation
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals.branch_and_bound import SQUARE, best_places, upper_bounds
 from pmcl_ros.pmcl.proposals.evidence_maps import (
     CELL,
@@ -31,7 +32,6 @@ from pmcl_ros.pmcl.proposals.evidence_maps import (
     whole_cells,
 )
 from pmcl_ros.pmcl.proposals.templates import POINTS, Templates
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.back_end import Renderer
 
 _TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed

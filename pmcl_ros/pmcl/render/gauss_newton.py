@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.contour import (
     Edges,
     check_profile,

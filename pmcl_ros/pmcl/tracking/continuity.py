@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.se3 import covariance_at, inverse
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.estimate import PoseEstimate
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 
 
 @dataclass(frozen=True)

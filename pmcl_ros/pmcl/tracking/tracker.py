@@ -13,7 +13,7 @@ from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.modes import MODE_EXTENT
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particles import Weights
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.tracking.action import ActionModel, State
 from pmcl_ros.pmcl.tracking.settings import TrackingSettings

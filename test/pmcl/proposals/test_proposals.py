@@ -12,10 +12,10 @@ from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.proposals import template_matching
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
 from pmcl_ros.pmcl.proposals.templates import Templates
-from pmcl_ros.pmcl.region import Region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.runtime.errors import LocalizationError
 

@@ -11,7 +11,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.gauss_newton import ContourExpansion, GaussNewton
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window

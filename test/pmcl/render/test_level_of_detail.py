@@ -11,7 +11,7 @@ from scipy.ndimage import distance_transform_edt
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.localizer import FINEST_DETAIL
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.level_of_detail import Faces, simplified
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window

@@ -12,7 +12,7 @@ from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.se3 import retract, rotation_angle
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.estimate import PoseEstimate, PoseMode
-from pmcl_ros.pmcl.region import Box
+from pmcl_ros.pmcl.prior.region import Box
 from pmcl_ros.pmcl.tracking.continuity import Continuity
 
 AXIS = np.array([0, 0, 1.0])

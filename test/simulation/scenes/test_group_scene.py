@@ -5,7 +5,7 @@ import pytest
 
 from pmcl_ros.pmcl.multi_object.penetration import Solid, deepest_penetration
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.pmcl.region import Region
+from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.simulation.scenes.group_scene import group_scene, seen_overlap
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings
 

@@ -17,10 +17,10 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
-from pmcl_ros.pmcl.orientation import Orientation
 from pmcl_ros.pmcl.particle_filter import particle_filter
+from pmcl_ros.pmcl.prior.orientation import Orientation
+from pmcl_ros.pmcl.prior.region import Region, with_region
 from pmcl_ros.pmcl.proposals.template_matching import Proposals
-from pmcl_ros.pmcl.region import Region, with_region
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import SettingsError

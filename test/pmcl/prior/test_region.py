@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.pmcl.region import Box, Region, with_region
+from pmcl_ros.pmcl.prior.region import Box, Region, with_region
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError, SettingsError
 
