@@ -35,17 +35,18 @@ class PoseBuffer:
     A capture is processed seconds after its shutter, and asks for the pose of that moment: an arm
     asks for the `nearest` one, a sweep for an `interpolated` one.
 
-    duration: poses that are older than the newest by more are forgotten [s].
+    duration: poses that are older than the newest by more are forgotten [s]; None: none is.
     """
 
-    def __init__(self, duration: float = 120.0) -> None:
-        self._duration_ns = round(duration * 1e9)
+    def __init__(self, duration: float | None = 120.0) -> None:
+        self._duration_ns = None if duration is None else round(duration * 1e9)
         self._stamps: list[int] = []  # sorted, ns
         self._poses: list[NDArray[np.float64]] = []
 
     def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> None:
         """Store a pose (4, 4); one much older than the newest (the clock was set) clears all."""
-        if self._stamps and stamp_ns < self._stamps[-1] - self._duration_ns:
+        kept = self._duration_ns
+        if kept is not None and self._stamps and stamp_ns < self._stamps[-1] - kept:
             self._stamps, self._poses = [], []
         index = bisect.bisect_left(self._stamps, stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == stamp_ns:
@@ -53,8 +54,9 @@ class PoseBuffer:
             return
         self._stamps.insert(index, stamp_ns)
         self._poses.insert(index, pose)
-        old = bisect.bisect_left(self._stamps, self._stamps[-1] - self._duration_ns)
-        del self._stamps[:old], self._poses[:old]
+        if kept is not None:
+            old = bisect.bisect_left(self._stamps, self._stamps[-1] - kept)
+            del self._stamps[:old], self._poses[:old]
 
     def nearest(self, stamp_ns: int, tolerance: float) -> NDArray[np.float64]:
         """(4, 4) pose at a stamp: interpolated between its neighbours, else the nearest one.

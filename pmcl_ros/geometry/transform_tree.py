@@ -6,8 +6,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.runtime.errors import PoseUnavailableError
 
-_SPEED_INTERVAL = 0.05  # s: the speed is the mean of this time before a stamp
-_ALWAYS = 1e8  # s: no pose is forgotten
+_SPEED_INTERVAL = 0.05  # s: the speed is the mean of this time
 
 
 class TransformTree:
@@ -30,18 +29,24 @@ class TransformTree:
         if stamp_ns is None:
             self._fixed[child] = pose
         else:
-            self._moving.setdefault(child, PoseBuffer(_ALWAYS)).add(stamp_ns, pose)
+            self._moving.setdefault(child, PoseBuffer(None)).add(stamp_ns, pose)
 
     def interpolated(self, stamp_ns: int, frame: str, child: str, gap: float
                      ) -> MovingPose | None:
         """The pose of `child` in `frame` at a stamp, with the mean speed just before it.
 
+        Where the poses begin, the speed is that just after it.
         gap, None, raises: as `PoseBuffer.interpolated`; also where no chain joins the frames.
         """
         now = self._at(stamp_ns, frame, child, gap)
-        before = self._at(stamp_ns - round(_SPEED_INTERVAL * 1e9), frame, child, gap)
-        return None if now is None or before is None else MovingPose.between(
-            before, now, _SPEED_INTERVAL, 1)
+        if now is None:
+            return None
+        interval = round(_SPEED_INTERVAL * 1e9)
+        try:
+            other = self._at(stamp_ns - interval, frame, child, gap)
+        except PoseUnavailableError:
+            other = self._at(stamp_ns + interval, frame, child, gap)
+        return None if other is None else MovingPose.between(other, now, _SPEED_INTERVAL, 1)
 
     def _at(self, stamp_ns: int, frame: str, child: str, gap: float
             ) -> NDArray[np.float64] | None:

@@ -32,7 +32,6 @@ _IMAGE, _COMPRESSED = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage'
 _INFO, _POSE = 'sensor_msgs/msg/CameraInfo', 'geometry_msgs/msg/PoseStamped'
 _TRANSFORMS = 'tf2_msgs/msg/TFMessage'
 _TF, _TF_STATIC = '/tf', '/tf_static'
-_ALWAYS = 1e8  # s: no pose of a bag is forgotten
 _CAMERA = 'camera on mount_parent'  # its name among the frames of /tf
 _Poses = Callable[[Header], MovingPose | None]  # of the camera when an image was taken
 
@@ -113,7 +112,7 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
 def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Poses]:
     """The frame of a topic of PoseStamped, and its poses, those of the camera by its mount."""
     mount = transform(settings.mount_position, settings.mount_rpy)
-    buffer = PoseBuffer(_ALWAYS)
+    buffer = PoseBuffer(None)
     frame = settings.fixed_frame if 'fixed_frame' in settings.model_fields_set else ''
     for each in read(bag, (topic,)):
         header, pose = pose_from(message_of(each, _POSE))

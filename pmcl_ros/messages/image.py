@@ -94,7 +94,8 @@ def pixels_of(message: Image, encoding: str, topic: str) -> NDArray[Any]:
 def colours_from(message: Image) -> NDArray[Any]:
     """(height, width, 3) RGB, uint8 or uint16, of an image in one of the usual encodings.
 
-    Its own memory. MessageError for other encodings, or when data are missing.
+    Its own memory. MessageError for other encodings, for a size that they cannot have, or when
+    data are missing.
     """
     if message.encoding not in _CAMERA_ENCODINGS:
         raise MessageError(f'image: encoding {message.encoding!r} is none of '
@@ -113,7 +114,13 @@ def colours_from(message: Image) -> NDArray[Any]:
     kind = np.dtype(f'{">" if message.is_bigendian else "<"}u{size}')
     pixels = rows.view(kind).astype(kind.newbyteorder('='), copy=False)
     pixels = pixels.reshape((height, width, channels) if channels > 1 else (height, width))
-    return pixels.copy() if code is None else np.asarray(cv2.cvtColor(pixels, code))
+    if code is None:
+        return pixels.copy()
+    try:
+        return np.asarray(cv2.cvtColor(pixels, code))
+    except cv2.error as error:  # of an odd width say, where two pixels share a colour
+        raise MessageError(f'image: {width}x{height} px of {message.encoding} cannot be '
+                           f'converted to RGB: {error.err}') from None
 
 
 def decompressed_from(message: CompressedImage) -> NDArray[Any]:

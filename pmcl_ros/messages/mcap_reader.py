@@ -51,10 +51,11 @@ class McapReader:
         self._schemas: dict[int, str] = {}
         self._chunks: list[_Chunk] = []
         self._chunk_count: int | None = None
+        self._counted = False  # the summary says how many messages each channel has
         self.checked = True  # all has checksums
         try:
             self._look()
-            if self._chunk_count is None or not self.channels:
+            if not (self._counted and self.channels):
                 self._count()
             self._chunks.sort()
             _check_overlap(self._chunks)
@@ -152,8 +153,9 @@ class McapReader:
                            f'{topic}: the file is damaged')
 
     def _statistics(self, fields: Fields) -> None:
-        self._chunk_count = fields.numbers('QHIIIIQQ')[5]
+        messages, *_, self._chunk_count, _, _ = fields.numbers('QHIIIIQQ')
         counts = Fields(fields.sized())
+        self._counted = bool(counts) or not messages  # an empty map: nobody has counted
         while counts:
             number, count = counts.numbers('HQ')
             self.counts[number] = count

@@ -110,6 +110,8 @@ def main(args: Sequence[str] | None = None) -> int:
     parser.add_argument('-o', '--output', type=Path, required=True, help='folder of the new bag')
     parser.add_argument('--duration', type=float, default=float('inf'), help='end by itself [s]')
     options = parser.parse_args(remove_ros_args(given)[1:])
+    if not options.duration > 0:  # nor NaN
+        parser.error(f'--duration must be positive, not {options.duration}')
     try:
         with ros(given):
             record(options)

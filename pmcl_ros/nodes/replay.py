@@ -176,7 +176,7 @@ def main(args: Sequence[str] | None = None) -> int:
                         help='play only the topics of this stage, as of pmcl_record')
     parser.add_argument('--loop', action='store_true', help='begin again at the end')
     options = parser.parse_args(remove_ros_args(given)[1:])
-    if options.rate <= 0:
+    if not options.rate > 0:  # nor NaN
         parser.error(f'--rate must be positive, not {options.rate}')
     try:
         found = {each.name: each for each in topics(options.bag)}

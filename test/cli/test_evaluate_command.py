@@ -61,6 +61,8 @@ def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
     settings = json.loads((tmp_path / 'settings.json').read_text())
     assert settings['rows']['particles=8']['search']['particles'] == 8
     assert settings['command'] == [*map(str, arguments)]
+    assert settings['rows'][paper]['volume']['interpolation'] == 'phase'
+    assert settings['rows']['centre']['volume']['interpolation'] == 'neutral'
     for name in ('success', 'errors', 'coverage', 'time'):
         assert cv2.imread(str(tmp_path / f'{name}.png')) is not None
 

@@ -50,6 +50,23 @@ def test_the_speed_is_that_of_the_motion(tree):
     assert (fixed.speed, fixed.angular_speed) == (0, 0)
 
 
+def test_where_the_poses_begin_the_speed_is_that_after_it(tree):
+    first, later = (tree.interpolated(each, 'base', 'arm', 2) for each in (0, SECOND // 4))
+    np.testing.assert_allclose(first.pose, pose(2), atol=1e-12)
+    assert (first.speed, first.angular_speed) == pytest.approx(
+        (later.speed, later.angular_speed))
+    with pytest.raises(PoseUnavailableError, match=r'first pose is 0\.001 s newer'):
+        tree.interpolated(-SECOND // 1000, 'base', 'arm', 2)
+
+
+def test_no_pose_is_forgotten_and_no_clock_is_set():
+    tree = TransformTree()
+    for stamp, seed in ((10 ** 18, 0), (10 ** 18 + SECOND, 1), (0, 2)):
+        tree.add('base', 'arm', pose(seed), stamp)
+    np.testing.assert_allclose(tree.interpolated(10 ** 18, 'base', 'arm', 2).pose, pose(0),
+                               atol=1e-12)
+
+
 def test_what_is_not_known_is_told(tree):
     assert tree.interpolated(2 * SECOND, 'base', 'camera', 2) is None  # it may still come
     with pytest.raises(PoseUnavailableError, match=r'at most 0\.5 s are allowed'):

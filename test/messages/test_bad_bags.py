@@ -288,6 +288,21 @@ def test_a_file_without_a_summary(bag):
     assert isinstance(there[0], Topic)
 
 
+@pytest.mark.parametrize('counted', [True, False])
+def test_a_summary_need_not_count_the_messages_of_each_channel(bag, counted):
+    there, data = topics(bag), (bag / 'bag.mcap').read_bytes()
+    start, end = chunk_of(data)
+    records = zstandard.ZstdDecompressor().decompress(data[start + 44:end])
+    numbers = struct.pack('<QHIIIIQQ', sum(each.messages for each in there), 2, 2, 0, 0, 0, 1, 1)
+    counts = b''.join(struct.pack('<HQ', number, each.messages) for number, each in enumerate(
+        there, 1)) if counted else b''
+    (bag / 'bag.mcap').write_bytes(
+        MAGIC + mcap_record(Op.HEADER, text('ros2'), text('')) + records
+        + mcap_record(Op.STATISTICS, numbers, sized(counts))
+        + mcap_record(Op.FOOTER, bytes(20)) + MAGIC)
+    assert topics(bag) == there
+
+
 @pytest.mark.parametrize('name', ['shaker', 'wine_glass'])
 def test_the_shipped_bags_have_checksums(name, caplog):
     assert len(list(read(Path(__file__).parents[2] / 'bags' / name))) == 2

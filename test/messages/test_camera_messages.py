@@ -72,6 +72,12 @@ def test_yuv(encoding, order):
                                np.broadcast_to(colour, (4, 10, 3)), atol=3)
 
 
+@pytest.mark.parametrize('encoding', ['yuv422', 'yuv422_yuy2'])
+def test_an_odd_width_where_two_pixels_share_a_colour(encoding):
+    with pytest.raises(MessageError, match=f'5x4 px of {encoding} cannot be converted'):
+        colours_from(image(encoding, np.zeros((4, 5, 2), np.uint8)))
+
+
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'encoding': '32FC1'}, "'32FC1' is none of rgb8"),
     ({'data': b'123'}, '3 bytes of data'),

@@ -122,6 +122,7 @@ def test_a_signal_leaves_a_bag_of_all_that_came(tmp_path, user):
      'nothing came on metadata, image_raw: are the nodes active'),
     (['-o', 'OLD', '--preset', 'raw'], 1, 'is already there; remove it'),
     (['-o', 'NEW'], 2, 'one of the arguments --preset --topic is required'),
+    (['-o', 'NEW', '--preset', 'raw', '--duration', 'nan'], 2, '--duration must be positive'),
 ])
 def test_what_cannot_be_recorded_is_told(tmp_path, arguments, status, reason):
     (tmp_path / 'old').mkdir()

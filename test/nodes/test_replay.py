@@ -213,6 +213,7 @@ def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, sm
     (['BAG', '--timeout', 0.2], 1, 'fewer than 1 subscribers to /a, /b after 0.2 s'),
     (['BAG', '--topic', '/c'], 1, 'nothing to play in .*: it holds /a, /b'),
     (['BAG', '--rate', 0], 2, '--rate must be positive'),
+    (['BAG', '--rate', 'nan'], 2, '--rate must be positive, not nan'),
     ([ROOT, '--rate', 1], 1, 'cannot read the bag'),
 ])
 def test_what_cannot_be_played_is_told(tmp_path, bag, arguments, status, reason):

@@ -2,6 +2,7 @@
 
 import re
 import threading
+import time
 from dataclasses import dataclass
 
 from pydantic import Field
@@ -11,6 +12,7 @@ from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 SERVICE = '_lytro._tcp.local.'
+_OTHERS = 0.5  # s: within which other cameras answer; mDNS asks for 20 to 120 ms (RFC 6762, 6)
 CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera
 
 
@@ -108,7 +110,8 @@ def discover(timeout: float = 5.0) -> list[Announcement]:
                 any_found.set()
 
         ServiceBrowser(network, SERVICE, [changed])
-        any_found.wait(timeout)
+        if any_found.wait(timeout):
+            time.sleep(_OTHERS)
         cameras = [each for name in sorted(names)
                    if (each := _ask(network, name, timeout)) is not None]
     except (OSError, Error) as error:

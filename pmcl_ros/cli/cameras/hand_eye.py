@@ -90,11 +90,19 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool) -> HandEye
     pinholes = {view.pinhole for view in views}
     if len(pinholes) > 1:
         raise LightFieldError(f'{path} has pictures of {len(pinholes)} cameras; give those of one')
-    sigma = views[0].sigma if all(min(view.sigma) > 0 for view in views) else None
+    sigmas = {view.sigma for view in views}
+    sigma = views[0].sigma if all(min(each) > 0 for each in sigmas) else None
+    if sigma is not None and len(sigmas) > 1:
+        raise LightFieldError(f'{path}: sigma_mm and sigma_deg must be the same at all views, not '
+                              f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     try:
         return hand_eye(pictures, board.points, views[0].pinhole, sigma, fixed_camera)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
+
+
+def _told(sigma: tuple[float, float]) -> str:
+    return f'{1e3 * sigma[0]:g} mm and {np.rad2deg(sigma[1]):g} degrees'
 
 
 def _print(found: HandEye, fixed: bool, parent: str) -> None:

@@ -2,7 +2,7 @@
 
 The transform and the board's pose are fitted together to what the pictures and the arm say, each
 weighted by its errors: a motion of the arm's flange and the noise of the corners. The closed form
-of Park and Martin (1994), which OpenCV has too, is where the fit starts.
+of Park and Martin (1994) is where the fit starts.
 """
 
 from collections.abc import Sequence
@@ -138,8 +138,8 @@ def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArr
     """Camera to mount (4, 4), in closed form, of poses of the mount and of the board before it.
 
     mounts: (n, 4, 4) to the base. seen: (n, 4, 4) board to camera. Park and Martin, "Robot Sensor
-    Calibration: Solving AX = XB on the Euclidean Group", 1994; as OpenCV's calibrateHandEye does
-    by default of that name.
+    Calibration: Solving AX = XB on the Euclidean Group", 1994. OpenCV before 5
+    has it as calibrateHandEye.
     """
     first, second = np.triu_indices(len(mounts), 1)
     moved = inverse(mounts[second]) @ mounts[first]

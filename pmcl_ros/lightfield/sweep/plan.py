@@ -60,7 +60,8 @@ class SweepPlan(Settings):
 
     @model_validator(mode='after')
     def _whole(self) -> 'SweepPlan':
-        if len({(each.row, each.column) for each in self.poses}) != self.rows * self.columns:
+        cells = sorted((each.row, each.column) for each in self.poses)
+        if cells != [*np.ndindex(self.rows, self.columns)]:
             raise ValueError(f'{len(self.poses)} poses are not the {self.rows}x{self.columns} of '
                              'the grid, one for each row and column')
         return self

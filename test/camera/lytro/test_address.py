@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from pmcl_ros.camera.lytro.address import Address, discover
+from pmcl_ros.camera.lytro.address import Address, discover, find_camera
 from pmcl_ros.camera.simulated.server import announced
 from pmcl_ros.runtime.errors import CameraError, LinkError
 
@@ -29,6 +29,14 @@ def test_a_camera_that_announces_itself_is_found(callback_port):
     with announced(address, f'A{callback_port:09d}'):
         found = {each.name: each.address for each in discover(5)}
     assert found[f'lytro-A{callback_port:09d}'] == address
+
+
+@pytest.mark.skipif(not multicast_works(), reason='no multicast on this loopback')
+def test_of_two_cameras_none_is_taken():
+    addresses = [Address(host='127.0.0.1', port=port) for port in (4241, 4243)]
+    with announced(addresses[0], 'A1'), announced(addresses[1], 'A2'), pytest.raises(
+            CameraError, match=r'2 cameras announce.*127\.0\.0\.1:4241.*127\.0\.0\.1:4243'):
+        find_camera('mdns')
 
 
 def test_no_camera_is_told():

@@ -172,6 +172,13 @@ def test_what_is_missing_is_said(taken, tmp_path):
     missing = run(main, ['handeye', str(tmp_path)])
     assert missing.exit_code != 0
     assert '3.png has no mount_to_base' in missing.output
+    values = yaml.safe_load((folder / 'views.yaml').read_text())
+    for number, each in enumerate(values['views']):
+        each |= {'file': str(folder / each['file']), 'sigma_mm': 0.2 + (number == 3),
+                 'sigma_deg': 0.05}
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(values))
+    several = run(main, ['handeye', str(tmp_path), '--square', '0.02'])
+    assert '0.2 mm and 0.05 degrees, 1.2 mm and 0.05 degrees' in several.output
     localised = run(main, ['localize', str(folder), '--object', str(folder / 'views.yaml'),
                            '--roi', *['0.5'] * 6])
     assert localised.exit_code != 0

@@ -57,6 +57,7 @@ def test_the_command_writes_what_is_read(tmp_path):
 
 @pytest.mark.parametrize(('change', 'reason'), [
     (('rows: 2', 'rows: 3'), 'are not the 3x2 of the grid'),
+    (('row: 0\n  column: 1', 'row: 5\n  column: 7'), 'are not the 2x2 of the grid'),
     (('0.0, 0.0, 0.0, 1.0', '0.0, 0.0, 0.0, 2.0'), 'has length 2'),
 ])
 def test_files_that_are_no_plan_are_refused(tmp_path, change, reason):
