@@ -50,6 +50,7 @@ from pmcl_ros.pmcl.prior.region import Region, regions_before, size_in_view
 from pmcl_ros.pmcl.render.raster import check_size
 from pmcl_ros.pmcl.render.scene import Window
 from pmcl_ros.pmcl.settings import EvidenceKind, Mode, PmclSettings
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import VolumeError
 from pmcl_ros.runtime.progress import StageProgress
 
@@ -206,7 +207,7 @@ class Run(Generic[Estimate]):
     seconds: dict[str, float]
 
 
-class Pipeline(Generic[Estimate]):
+class Pipeline(Closing, Generic[Estimate]):
     """Finds an object, or several, in light fields or pictures; use and close it in one thread.
 
     localizer: closed with this. near, far: depths that can hold a part of an object [m]. radius:
@@ -244,10 +245,8 @@ class Pipeline(Generic[Estimate]):
         return Pipeline(localizer, settings, near, far, largest.radius, changes, origin,
                         largest if posed else None)
 
-    def __enter__(self) -> 'Pipeline[Estimate]':
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Close the localizer."""
         self.localizer.close()
 
     def settings_for(self, grid: ViewGrid | None) -> DlvSettings:

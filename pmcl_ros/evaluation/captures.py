@@ -4,7 +4,6 @@ A model.yaml beside them gives the object's symmetries and material (`ObjectSett
 objects in the same picture have a model.obj and a truth.json in subfolders.
 """
 
-import hashlib
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +18,7 @@ from pmcl_ros.lightfield.readers.read import Source, read_source
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bags import is_bag
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import SettingsError
 
 _MOST_NAMES = 20  # in an error
@@ -62,7 +62,7 @@ class Capture:
     @cached_property
     def object(self) -> str:
         """A digest of the mesh: the same for two captures of one object."""
-        return hashlib.sha256(self.mesh.read_bytes()).hexdigest()[:16]
+        return sha256(self.mesh)[:16]
 
     @property
     def bop_numbers(self) -> tuple[int, int, int] | None:

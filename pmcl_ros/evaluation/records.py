@@ -1,7 +1,6 @@
 """Writes trials for other programs: a CSV of all, BOP's CSV, the settings and versions."""
 
 import csv
-import hashlib
 import importlib.metadata
 import os
 import platform
@@ -19,13 +18,17 @@ from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
 from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.evaluation.variants import Variant
+from pmcl_ros.pipeline import volume_settings
+from pmcl_ros.runtime.binary_file import sha256
+from pmcl_ros.runtime.closing import Closing
 
 COLUMNS = tuple(each.name for each in fields(Trial) if each.name != 'extra')  # of results.csv
 _LIBRARIES = ('numpy', 'scipy', 'numba', 'opencv-python-headless', 'moderngl', 'trimesh')
 _BOP = ('scene_id', 'im_id', 'obj_id', 'score', 'R', 't', 'time')
 
 
-class TrialsFile:
+class TrialsFile(Closing):
     """A CSV with a row for each trial, written as trials come."""
 
     def __init__(self, path: Path) -> None:
@@ -33,10 +36,8 @@ class TrialsFile:
         self._writer = csv.DictWriter(self._stream, COLUMNS, extrasaction='ignore')
         self._writer.writeheader()
 
-    def __enter__(self) -> 'TrialsFile':
-        return self
-
-    def __exit__(self, *_: object) -> None:
+    def close(self) -> None:
+        """Close the file."""
         self._stream.close()
 
     def add(self, trial: Trial) -> None:
@@ -101,13 +102,12 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
         'processes': processes,
         'seconds': round(seconds, 1),
         'command': sys.argv[1:],
-        'files': {each.name: _digest(each) for each in files if each.is_file()},
+        'files': {each.name: sha256(each) for each in files if each.is_file()},
         'seeds': list(plan.seeds),
         'rows': {each.name: {
             'base': each.base, 'search': each.search(plan.captures[0]).model_dump(
                 exclude={'roi_center', 'roi_size', 'seed', 'object'}),
-            'volume': DlvSettings.make(dict(each.dlv)).model_dump(exclude={'near', 'far'})}
-            for each in plan.variants},
+            'volume': _volume(each)} for each in plan.variants},
         'captures': [{
             'scene_id': numbers[each.name][0], 'name': each.name,
             'obj_id': numbers[each.name][1],
@@ -115,6 +115,13 @@ def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
             'sha256': _digests(each)} for each in plan.captures],
         'other_objects': [each.name for each in plan.others],
     }
+
+
+def _volume(variant: Variant) -> dict[str, Any]:
+    """A row's settings of the volume but those that depend on the capture, if not chosen."""
+    default, chosen = DlvSettings(), dict(variant.dlv)
+    made = volume_settings(variant.mode, default.near, default.far, None, chosen, variant.name)
+    return made.model_dump(exclude={'near', 'far', *({'labels', 'edge_labels'} - chosen.keys())})
 
 
 def libraries() -> dict[str, str]:
@@ -128,12 +135,8 @@ def libraries() -> dict[str, str]:
 
 def _digests(capture: Capture) -> dict[str, str]:
     """Of the files of a capture, by their paths from its source."""
-    return {Path(os.path.relpath(each, capture.source)).as_posix(): _digest(each)
+    return {Path(os.path.relpath(each, capture.source)).as_posix(): sha256(each)
             for each in capture.files()}
-
-
-def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _processor() -> str:

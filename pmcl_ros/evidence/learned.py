@@ -7,7 +7,7 @@ the numbers raises SettingsError.
 """
 
 import math
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -169,36 +169,6 @@ def _alike(views: float) -> float:
     return math.exp(-(views - 1) / _ALIKE)
 
 
-@cache
-def learned_contour() -> LearnedContour:
-    """The numbers of `contour.yaml`; SettingsError names the file, and the field that is wrong."""
-    return _load(LearnedContour, 'contour.yaml')
-
-
-@cache
-def learned_creases() -> LearnedProfile:
-    """The numbers of `creases.yaml`; SettingsError names the file, and the field that is wrong."""
-    return _load(LearnedProfile, 'creases.yaml')
-
-
-@cache
-def learned_map() -> LearnedMap:
-    """The numbers of `contour_map.yaml`; SettingsError names the file, and the field."""
-    return _load(LearnedMap, 'contour_map.yaml')
-
-
-@cache
-def learned_map_evidence() -> LearnedMapEvidence:
-    """The numbers of `contour_map_evidence.yaml`; SettingsError names the file, and the field."""
-    return _load(LearnedMapEvidence, 'contour_map_evidence.yaml')
-
-
-@cache
-def learned_views() -> LearnedViews:
-    """The numbers of `views.yaml`; SettingsError names the file, and the field."""
-    return _load(LearnedViews, 'views.yaml')
-
-
 def learned_file(name: str) -> Path:
     """Where a file of `config/learned` is; SettingsError when there is none."""
     tried = candidates(f'{_FOLDER}/{name}')
@@ -211,3 +181,12 @@ def learned_file(name: str) -> Path:
 
 def _load(kind: type[T], name: str) -> T:
     return kind.load(learned_file(name))
+
+
+# Each reads its file once, at the first call; SettingsError names the file, and the field that is
+# wrong.
+learned_contour = cache(partial(_load, LearnedContour, 'contour.yaml'))
+learned_creases = cache(partial(_load, LearnedProfile, 'creases.yaml'))
+learned_map = cache(partial(_load, LearnedMap, 'contour_map.yaml'))
+learned_map_evidence = cache(partial(_load, LearnedMapEvidence, 'contour_map_evidence.yaml'))
+learned_views = cache(partial(_load, LearnedViews, 'views.yaml'))

@@ -38,6 +38,7 @@ from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.support import share_in_view
 from pmcl_ros.pmcl.tracking.local_search import LocalSearch
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior, rigid_score
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import LocalizationError, RenderError
 from pmcl_ros.runtime.progress import Progress
 
@@ -48,7 +49,7 @@ FINEST_DETAIL = 0.05
 Shown = Callable[[ContourPoints], NDArray[np.float64]]
 
 
-class Localizer:
+class Localizer(Closing):
     """Finds one object by its contour in edge volumes: the mode default.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
@@ -82,12 +83,6 @@ class Localizer:
         except BaseException:
             self._renderer.close()
             raise
-
-    def __enter__(self) -> 'Localizer':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the GL context, if there is one."""

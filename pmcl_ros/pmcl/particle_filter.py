@@ -21,11 +21,12 @@ from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.pmcl.render.back_end import make_renderer
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.progress import Progress
 
 
-class ParticleFilterLocalizer:
+class ParticleFilterLocalizer(Closing):
     """Finds one object by the mean likelihood of its rendered pixels: the mode faithful.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
@@ -39,12 +40,6 @@ class ParticleFilterLocalizer:
         self._estimator = Estimator(model, self._region, settings, self._orientation)
         self._renderer = make_renderer(settings.renderer, likelihoods=True)
         self.renderer = self._renderer.name
-
-    def __enter__(self) -> 'ParticleFilterLocalizer':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the GL context, if there is one."""

@@ -1,8 +1,11 @@
 """Files that anybody may have written, read as bytes: bounded before they are read."""
 
+import hashlib
 from pathlib import Path
 
 from pmcl_ros.runtime.errors import FileError
+
+_BLOCK = 2 ** 20  # bytes
 
 
 def read_bytes(path: Path, most: int, otherwise: str = 'expected a smaller file') -> bytes:
@@ -18,3 +21,12 @@ def read_bytes(path: Path, most: int, otherwise: str = 'expected a smaller file'
     if len(data) > most:
         raise FileError(f'{path} has more than {most / 2 ** 20:g} MiB: {otherwise}')
     return data
+
+
+def sha256(path: Path) -> str:
+    """The digest of a file; OSError where it cannot be read."""
+    digest = hashlib.sha256()
+    with path.open('rb') as stream:
+        while block := stream.read(_BLOCK):
+            digest.update(block)
+    return digest.hexdigest()

@@ -1,17 +1,16 @@
 """Files that a command writes: none that is there already is overwritten unasked."""
 
-import hashlib
 import json
 import os
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import OutputError
 from pmcl_ros.runtime.text_file import read_json
 
 _NOTE = '.pmcl_results.json'
-_BLOCK = 2 ** 20  # bytes
 
 
 def refuse_existing(paths: Iterable[Path], force: bool = False) -> None:
@@ -101,10 +100,4 @@ def _written(path: Path) -> tuple[str, int]:
 
 def _digest(path: Path) -> str:
     """SHA-256; '' where there is no file."""
-    if not path.is_file():
-        return ''
-    digest = hashlib.sha256()
-    with path.open('rb') as file:
-        while block := file.read(_BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+    return sha256(path) if path.is_file() else ''

@@ -20,10 +20,10 @@ from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import picture_from, picture_to_message
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
-from pmcl_ros.simulation.lytro.camera import LytroCamera
+from pmcl_ros.simulation.lytro.camera import F01_RAW, LytroCamera
 from pmcl_ros.simulation.lytro.centre_view import centre_view
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
-from pmcl_ros.simulation.manipulation.camera_kinds import F01_RAW, load_camera
+from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.ordinary_camera import take_picture
 from pmcl_ros.simulation.path_tracing.render import physical, physical_along
 from pmcl_ros.simulation.scenes.rays import fast_along

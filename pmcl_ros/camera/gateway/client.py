@@ -7,7 +7,6 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import TypeVar
 from urllib.parse import quote, urlsplit
 
@@ -19,6 +18,7 @@ from pmcl_ros.camera.gateway.download import Download, LostError
 from pmcl_ros.camera.gateway.settings import TIME_HEADER, GatewaySettings, check_token
 from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
 from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.progress import BytesProgress
 from pmcl_ros.runtime.settings import explain
@@ -84,7 +84,7 @@ class _Problem(_Answer):
 _PICTURES = TypeAdapter(list[_Picture])
 
 
-class GatewayClient:
+class GatewayClient(Closing):
     """A `CameraClient` behind a gateway (`pmcl camera gateway`); usable from several threads.
 
     url: as in http://192.168.1.7:5680. token: the content of the gateway's --token-file.
@@ -164,13 +164,6 @@ class GatewayClient:
         """End every connection; calls that wait in other threads raise LinkError soon."""
         self._closed.set()
         self._session.close()
-
-    def __enter__(self) -> 'GatewayClient':
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
     def _get(self, path: str, read: Callable[[bytes], _Value]) -> _Value:
         def attempt() -> _Value:

@@ -4,7 +4,6 @@ import logging
 import threading
 import time
 from datetime import datetime, timedelta, timezone
-from types import TracebackType
 
 from pmcl_ros.camera.client import CameraStatus, Picture
 from pmcl_ros.camera.lytro import protocol
@@ -29,6 +28,7 @@ from pmcl_ros.camera.lytro.protocol import (
     decode_time,
 )
 from pmcl_ros.camera.metadata import CameraMetadata
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import CameraError, LinkError
 from pmcl_ros.runtime.progress import BytesProgress
 
@@ -37,7 +37,7 @@ _PAUSE = 0.2  # seconds between two requests of the picture list
 _LOG = logging.getLogger(__name__)
 
 
-class LytroClient:
+class LytroClient(Closing):
     """A `CameraClient` by the camera's own protocol; usable from several threads.
 
     The constructor raises LinkError when nobody answers. Later, methods reconnect and retry for
@@ -207,13 +207,6 @@ class LytroClient:
                 raise CameraError(f'the camera keeps {picture.id} despite the delete command; '
                                   'delete it on the camera')
             self._closed.wait(_PAUSE)
-
-    def __enter__(self) -> 'LytroClient':
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 trace: TracebackType | None) -> None:
-        self.close()
 
     def _recognize(self) -> None:
         """Check the serial number: all cameras have one address, another one may answer now."""

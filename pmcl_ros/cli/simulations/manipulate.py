@@ -13,7 +13,8 @@ from pmcl_ros.evaluation.results import table
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.ros_domain import own_domain
-from pmcl_ros.simulation.manipulation.camera_kinds import F01, F01_RAW, load_camera
+from pmcl_ros.simulation.lytro.camera import F01, F01_RAW
+from pmcl_ros.simulation.manipulation.camera_kinds import load_camera
 from pmcl_ros.simulation.manipulation.physics import mujoco
 from pmcl_ros.simulation.manipulation.workplace import OBJECTS, WorkplaceKind
 

@@ -26,7 +26,7 @@ from pmcl_ros.simulation.described.surroundings import (
     Surroundings,
     described_scene,
 )
-from pmcl_ros.simulation.lytro.camera import LytroCamera
+from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.path_tracing.render import physical, physical_along
 from pmcl_ros.simulation.scenes.objects import SceneObject
@@ -41,15 +41,14 @@ RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (ph
 # Samples are of a raw pixel: one view's pixel gathers those of some ten.
 _ALONG: dict[str, tuple[RayRenderer, int]] = {
     'fast': (fast_along, 4), 'physical': (physical_along, 16)}
-_F01, _RAW = 'f01', 'f01-raw'
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
 
 _OPTIONS = (
     click.argument('thing', metavar='OBJECT', type=OBJECT),
     click.option('--camera', required=True, metavar='FILE', help='An ordinary camera, YAML, as of '
-                 f'`pmcl scenes render`; or {_F01}: light fields of a camera like it; or '
-                 f'{_RAW}: its raw pictures.'),
+                 f'`pmcl scenes render`; or {F01}: light fields of a camera like it; or '
+                 f'{F01_RAW}: its raw pictures.'),
     click.option('--region', default='0.35:0.7', show_default=True, metavar='NEAR:FAR[:SIDE]',
                  help='Distances of the object from the camera, and the side of the box that the '
                  'search is told holds its origin (default 0.16) [m].'),
@@ -148,17 +147,17 @@ class Simulated:
         along, usual_raw = _ALONG[renderer]
         seen_by: OrdinaryCamera | LytroCamera | None = None
         pictures = 'light fields'
-        if camera in (_F01, _RAW):
+        if camera in (F01, F01_RAW):
             values |= {'views': 9}
             if plan is not None:
                 raise SettingsError(f'--cameras {plan}: several poses are of an ordinary camera')
-            if camera == _RAW:
+            if camera == F01_RAW:
                 seen_by, usual, pictures = LytroCamera(), usual_raw, 'raw pictures'
                 values |= {'field': seen_by.field}
         else:
             if not Path(camera).is_file():
                 raise SettingsError(f'--camera {camera}: there is no such file; a YAML with '
-                                    f'width, height, fx, cx, cy, or {_F01} or {_RAW}')
+                                    f'width, height, fx, cx, cy, or {F01} or {F01_RAW}')
             seen_by = OrdinaryCamera.load(Path(camera))
             values |= {'field': min(seen_by.field, 1.5)}
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'

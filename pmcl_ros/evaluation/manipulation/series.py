@@ -27,9 +27,9 @@ from pmcl_ros.runtime.text_file import read_json
 from pmcl_ros.simulated_robot.trial import Grip, Trial
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration
-from pmcl_ros.simulation.lytro.camera import LytroCamera
+from pmcl_ros.simulation.lytro.camera import F01_RAW, LytroCamera
 from pmcl_ros.simulation.manipulation.buoyancy import DRIFT
-from pmcl_ros.simulation.manipulation.camera_kinds import F01_RAW, WIDE_F01, load_camera
+from pmcl_ros.simulation.manipulation.camera_kinds import WIDE_F01, load_camera
 from pmcl_ros.simulation.manipulation.fetch_arm import LIFT
 from pmcl_ros.simulation.manipulation.pick_and_place import Sight, pick_and_place
 from pmcl_ros.simulation.manipulation.workcell import Workcell

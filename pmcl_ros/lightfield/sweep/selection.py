@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import rotation_angle
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 
@@ -63,8 +64,7 @@ def _typical(turns: NDArray[np.float64]) -> NDArray[np.float64]:
 
     A mean would follow outliers.
     """
-    cosines = (np.einsum('iab,jab->ij', turns, turns) - 1) / 2
-    return np.asarray(turns[np.arccos(np.clip(cosines, -1, 1)).sum(axis=1).argmin()])
+    return np.asarray(turns[np.argmin([rotation_angle(turns, each).sum() for each in turns])])
 
 
 def _corner(steps: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
@@ -145,9 +145,8 @@ def distances(pose: NDArray[np.float64], others: NDArray[np.float64], near: floa
 
     A rotation counts by its motion of points at depth `near`.
     """
-    cosines = (np.einsum('ij,nij->n', pose[:3, :3], others[:, :3, :3]) - 1) / 2
     return np.asarray(np.linalg.norm(pose[:3, 3] - others[:, :3, 3], axis=1)
-                      + near * np.arccos(np.clip(cosines, -1, 1)))
+                      + near * rotation_angle(others, pose))
 
 
 def relative_sharpness(frames: Sequence[SweepFrame]) -> NDArray[np.float64]:

@@ -21,6 +21,7 @@ from pmcl_ros.pmcl.multi_view.beside import Beside
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.progress import Progress
 
 _LOG = logging.getLogger(__name__)
@@ -28,7 +29,7 @@ _ITS_OWN = 0.5  # share of an object's evidence that must be left beside those t
 _LIKELY = 8.4  # nat: half the 99 % quantile of chi-squared, of 6 degrees of freedom
 
 
-class PosedSceneLocalizer:
+class PosedSceneLocalizer(Closing):
     """Finds several objects in several views (docs/concepts/several.md).
 
     Matching pursuit: each object is searched for alone; the one with the most evidence is there,
@@ -43,15 +44,6 @@ class PosedSceneLocalizer:
         self._localizers = [MultiViewLocalizer(each, settings)
                             for each in self._objects.distinct]
         self.renderer = self._localizers[0].renderer
-
-    def __enter__(self) -> 'PosedSceneLocalizer':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None) -> SceneEstimate:

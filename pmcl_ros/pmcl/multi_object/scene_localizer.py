@@ -12,11 +12,12 @@ from pmcl_ros.pmcl.multi_object.scene_estimate import ListedObjects, SceneEstima
 from pmcl_ros.pmcl.multi_object.scene_search import SceneSearch
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
 
 
-class SceneLocalizer:
+class SceneLocalizer(Closing):
     """Finds several objects in edge volumes (docs/concepts/several.md).
 
     Each object is searched for alone. Then the poses are assigned jointly, at most one to each
@@ -42,12 +43,6 @@ class SceneLocalizer:
             self.close()
             raise
         self.renderer = self._localizers[0].renderer
-
-    def __enter__(self) -> 'SceneLocalizer':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """Release the GL contexts, if there are any."""

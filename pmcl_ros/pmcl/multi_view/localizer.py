@@ -32,6 +32,7 @@ from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.search import ContourSearch, Stages
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.near_prior import NearPrior
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import LocalizationError
 from pmcl_ros.runtime.progress import Progress
 
@@ -40,7 +41,7 @@ _PROPOSING = 2  # views whose proposals are refined: as far apart as possible
 _CLEARLY = 4.0  # standard deviations by which a view is off that does not agree
 
 
-class MultiViewLocalizer:
+class MultiViewLocalizer(Closing):
     """Finds one object by its contours in several views. It draws on the processor.
 
     The settings' region of interest is a box in the reference frame, and so are the estimates.
@@ -58,15 +59,6 @@ class MultiViewLocalizer:
             learned_map_evidence()
             learned_views()
         GaussNewton.warm_up()
-
-    def __enter__(self) -> 'MultiViewLocalizer':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Nothing is held."""
 
     def localize(self, evidence: ViewsEvidence, rng: np.random.Generator,
                  progress: Progress | None = None, start: NDArray[np.float64] | None = None,

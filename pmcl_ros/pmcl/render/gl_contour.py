@@ -13,6 +13,7 @@ from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, sums_of_i
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.raster import MARGIN
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
 
@@ -155,7 +156,7 @@ void main() {
 """
 
 
-class GlContourScore:
+class GlContourScore(Closing):
     """See `ContourScore`. capacity: poses drawn at once.
 
     Raises RenderError when the volume, the window or the profile is larger than this GL can hold.
@@ -239,15 +240,9 @@ class GlContourScore:
                            result[:, 0])
         return result
 
-    def __enter__(self) -> 'GlContourScore':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-    def release(self) -> None:
+    def close(self) -> None:
         """Free what this score holds on the GPU."""
-        self.zbuffers.release()
+        self.zbuffers.close()
         for each in (self._tensor, self._sums, self._program):
             each.release()
 

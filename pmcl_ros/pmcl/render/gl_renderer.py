@@ -12,6 +12,7 @@ from pmcl_ros.pmcl.render.creases import Creases
 from pmcl_ros.pmcl.render.gl_contour import GlContourScore
 from pmcl_ros.pmcl.render.gl_zbuffers import ZBuffers
 from pmcl_ros.pmcl.render.scene import Scene
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
 
@@ -62,7 +63,7 @@ void main() {
 """
 
 
-class GlLikelihoodScore:
+class GlLikelihoodScore(Closing):
     """See `LikelihoodScore`. capacity: poses drawn at once.
 
     Raises RenderError when the volume is larger than this GL can hold.
@@ -103,15 +104,10 @@ class GlLikelihoodScore:
         sums = np.frombuffer(self._sums.read(len(poses) * 8), np.float32).reshape(-1, 2)
         return sums[:, 0].astype(np.float64) / np.maximum(sums[:, 1], 1)
 
-    def __enter__(self) -> 'GlLikelihoodScore':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-    def release(self) -> None:
+    def close(self) -> None:
         """Free what this score holds on the GPU."""
-        for each in (self.zbuffers, self._likelihood, self._sums, self._program):
+        self.zbuffers.close()
+        for each in (self._likelihood, self._sums, self._program):
             each.release()
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.pmcl.render.scene import Scene, sphere_bounds
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.gl import GlContext
 
@@ -38,7 +39,7 @@ void main() {
 """
 
 
-class ZBuffers:
+class ZBuffers(Closing):
     """Renders batches of poses of one scene into a depth atlas that stays on the GPU.
 
     capacity: poses per batch at most; fewer where their tiles would not fit the GL's largest
@@ -124,13 +125,7 @@ class ZBuffers:
         near, far = self.inverse
         return np.where(depth < 1, near - depth * (near - far), 0).astype(np.float32)
 
-    def __enter__(self) -> 'ZBuffers':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.release()
-
-    def release(self) -> None:
+    def close(self) -> None:
         """Free what this atlas holds on the GPU."""
         self.context.use()
         self.context.gl.detect_framebuffer(0).use()  # moderngl binds again what was bound last

@@ -19,6 +19,7 @@ from pmcl_ros.pmcl.render.creases import CreasePoints, Creases, Lines, crease_su
 from pmcl_ros.pmcl.render.level_of_detail import longest_edge
 from pmcl_ros.pmcl.render.raster import MARGIN, Drawing, Room, draw
 from pmcl_ros.pmcl.render.scene import Scene, Window
+from pmcl_ros.runtime.closing import Closing
 from pmcl_ros.runtime.kernel_threads import LOCK
 from pmcl_ros.runtime.kernels import compiled, rounds
 
@@ -72,7 +73,7 @@ class NumbaRenderer:
         """Nothing to do."""
 
 
-class NumbaContourScore:
+class NumbaContourScore(Closing):
     """See `ContourScore`."""
 
     def __init__(self, scene: Scene, edges: EvidenceVolume, profile: ContourProfile,
@@ -129,14 +130,8 @@ class NumbaContourScore:
         return draw(self._drawing, _float32(pose), room.corners[0], room.exact[0],
                     room.z[0]), room.z[0]
 
-    def __enter__(self) -> 'NumbaContourScore':
-        return self
 
-    def __exit__(self, *_: object) -> None:
-        pass
-
-
-class NumbaLikelihoodScore:
+class NumbaLikelihoodScore(Closing):
     """See `LikelihoodScore`."""
 
     def __init__(self, scene: Scene, volume: DepthLikelihoodVolume) -> None:
@@ -154,12 +149,6 @@ class NumbaLikelihoodScore:
         _likelihoods(self._drawing, _float32(poses), self._room, self._volume, *self._window,
                      *self._labels, result)
         return result
-
-    def __enter__(self) -> 'NumbaLikelihoodScore':
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 def _float32(poses: NDArray[np.floating]) -> NDArray[np.float32]:

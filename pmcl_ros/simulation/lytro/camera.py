@@ -17,6 +17,7 @@ from pmcl_ros.runtime.kernels import compiled, rounds
 from pmcl_ros.runtime.settings import Settings
 from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 
+F01, F01_RAW = 'f01', 'f01-raw'  # as options name it: by its views; by its raw pictures
 _ZOOM, _FOCUS = 600, 700  # steps of the motors: told, not modelled
 _ISO = 80
 _EXPOSURE = 0.01  # s: told, not modelled

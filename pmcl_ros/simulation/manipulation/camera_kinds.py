@@ -3,10 +3,9 @@
 from pathlib import Path
 
 from pmcl_ros.runtime.errors import SettingsError
-from pmcl_ros.simulation.lytro.camera import LytroCamera
+from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 
-F01, F01_RAW = 'f01', 'f01-raw'  # by its centre views; by its raw pictures
 # At its widest zoom, 39 degrees: an arm's reach leaves no room for less.
 WIDE_F01 = LytroCamera(focal=0.00645, stop=0.00597)
 
