@@ -24,7 +24,7 @@ _UP = 0.0, 0.0, 1.0
 @view_options
 @click.option('--box', 'boxes', multiple=True, type=(int, float, float, float, float),
               metavar='VIEW X Y W H', help='The object in a view: its number, from 0, then left, '
-              'top, width and height [px]. Give it for two views at least.')
+              'top, width and height [px], before --shrink. Give it for two views at least.')
 @click.option('--points', multiple=True, type=(int, str), metavar='VIEW "X,Y ..."',
               help='In place of --box: points on its outline, topmost, lowest, left and right.')
 @click.option('--up', type=(float, float, float), default=_UP, show_default=True,
@@ -64,6 +64,10 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     if not posed:
         raise ProfileError(f'{source.source} is a light field: a profile needs pictures with '
                            'camera poses, a views.yaml (docs/howto/profile.md)')
+    # Boxes are of the pictures' own pixels; the middle of the first is (0, 0).
+    marked = {view: ((x + 0.5) / source.shrink - 0.5, (y + 0.5) / source.shrink - 0.5,
+                     width / source.shrink, height / source.shrink)
+              for view, (x, y, width, height) in marked.items()}
     missing = [each for each in marked if not 0 <= each < len(posed)]
     if missing:
         raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(posed)}, '

@@ -60,6 +60,9 @@ class GivenRegion:
             if max(self.roi[3:]) > WIDEST:
                 raise click.UsageError(f'--roi is {max(self.roi[3:]):g} m wide: it is in metres, '
                                        '0.2 for 200 mm')
+            if not min(self.roi[3:]) > 0:
+                raise click.UsageError(f'--roi is centre and size, not two corners: its size '
+                                       f'{self.roi[3:]} must be positive')
             return {'roi_center': self.roi[:3], 'roi_size': self.roi[3:]} | self.orientation
         given = {'roi_depths': self.depths, 'roi_table': self.table}
         return ({name: value for name, value in given.items() if value is not None}

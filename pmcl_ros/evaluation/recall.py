@@ -118,8 +118,7 @@ def coverage(trials: Sequence[Trial], level: float) -> float:
     return share(levels(trials) <= level)
 
 
-def in_time(trials: Sequence[Trial], seconds: ArrayLike, mm: float = 10, degrees: float = 10
-            ) -> NDArray[np.float64]:
-    """(k,) the share found within the bounds at most `seconds` (k,) after the evidence."""
-    taken = np.where(_within(trials, mm, degrees), values(present(trials), 'seconds'), np.inf)
+def in_time(trials: Sequence[Trial], seconds: ArrayLike) -> NDArray[np.float64]:
+    """(k,) the share found within 10 mm and 10 degrees `seconds` (k,) after the evidence."""
+    taken = np.where(_within(trials, 10, 10), values(present(trials), 'seconds'), np.inf)
     return cumulative(taken, seconds)

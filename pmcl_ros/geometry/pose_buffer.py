@@ -94,6 +94,9 @@ class PoseBuffer:
             return None
         if stamps[after] == stamp_ns:
             return self._with_speed(after, gap)
+        if after == 0 and stamp_ns == 0:
+            raise PoseUnavailableError('the capture has the stamp 0, which is no time: let the '
+                                       'camera driver stamp its images')
         if after == 0:
             raise PoseUnavailableError(f'the first pose is {(stamps[0] - stamp_ns) / 1e9:.3f} s '
                                        f'newer than the capture at {stamp_ns}')

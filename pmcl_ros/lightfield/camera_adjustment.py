@@ -23,6 +23,7 @@ _LARGEST = 1280  # px, the longer side: SIFT holds eleven pictures of twice the 
 _RATIO = 0.8  # of the distances to the nearest and the next feature (Lowe 2004, section 7.1)
 _NOISE = 0.5  # px: of a match
 _GATE = 4.0  # standard deviations of told poses that a match may be off its line
+_BEHIND = 2.0  # the same, by which told rotations may put what is far away behind the cameras
 _FEWEST = 12  # matches of a pair of views, twice what its relative pose has unknowns
 _MOST = 150  # the same
 _ITERATIONS = 15
@@ -146,6 +147,19 @@ def sampson(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[
     return np.asarray((other * line).sum(axis=1) / np.sqrt(np.maximum(scale, 1e-18)))
 
 
+def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m,) angles between the rays of matches [rad]; negative where they meet behind the cameras.
+
+    rays: (m, 2, 3) in either camera. between: (4, 4) first to second camera.
+    """
+    one, other = (each / np.linalg.norm(each, axis=1, keepdims=True)
+                  for each in (rays[:, 0] @ between[:3, :3].T, rays[:, 1]))
+    normal = np.cross(other, one)
+    ahead = -np.einsum('mi,mi->m', np.cross(other, between[:3, 3]), normal)
+    angle = np.arctan2(np.linalg.norm(normal, axis=1), np.einsum('mi,mi->m', one, other))
+    return np.asarray(np.copysign(angle, ahead))
+
+
 def _neighbours(told: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Pairs of views: each with those whose axes are nearest to its own."""
     near = np.argsort(-(told[:, :3, 2] @ told[:, :3, 2].T), axis=1)[:, :_NEIGHBOURS + 1]
@@ -193,11 +207,16 @@ def _matched(first: tuple[NDArray[np.float64], NDArray[np.float32]],
 
 def _consistent(rays: NDArray[np.float64], focal: float, told: NDArray[np.float64]
                 ) -> NDArray[np.float64]:
-    """Those matches (m, 2, 3) that one relative pose explains, and is about the told one."""
+    """Those matches (m, 2, 3) that one relative pose explains, and is about the told one.
+
+    By the told pose they are not behind the cameras, as those of a pattern that repeats can be.
+    """
     position, rotation = _PRIOR
     gate = _GATE * np.sqrt(2) * np.hypot(position / _DISTANCE, rotation)
-    between = np.tile(np.linalg.inv(told[1]) @ told[0], (len(rays), 1, 1))
-    rays = rays[np.abs(sampson(rays, between)) < gate]
+    relative = np.linalg.inv(told[1]) @ told[0]
+    between = np.tile(relative, (len(rays), 1, 1))
+    rays = rays[(np.abs(sampson(rays, between)) < gate)
+                & (parallax(rays, relative) > -_BEHIND * np.sqrt(2) * rotation)]
     if len(rays) < _FEWEST:
         return rays
     cv2.setRNGSeed(0)

@@ -96,9 +96,9 @@ def _all_of(found: dict[str, Any], names: dict[str, str]) -> list[Any]:
     return [found[name] for name in names]
 
 
-def record_capture(picture: Path | str, bag: Path | str, header: Header | None = None) -> None:
+def record_capture(picture: Path | str, bag: Path | str) -> None:
     """Make a bag of `/metadata` and `/image_raw` from a raw picture and its .TXT."""
-    record(bag, capture_messages(read_raw_frame(picture, header)))
+    record(bag, capture_messages(read_raw_frame(picture)))
 
 
 def capture_messages(frame: RawFrame) -> list[Recorded]:

@@ -14,6 +14,7 @@ from pmcl_ros.runtime.errors import MessageError, PictureError
 from pmcl_ros.runtime.picture_file import decoded
 
 # What this package publishes. encoding: type of one value, values per pixel
+_LEAST_ROW = 64  # bytes: padding of a shorter row can look like values
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
               '32FC1': ('<f4', 1), '32FC3': ('<f4', 3), '32FC4': ('<f4', 4)}
 # What other cameras publish. encoding: bits, channels, OpenCV's code to make it RGB (None: it is
@@ -109,6 +110,11 @@ def colours_from(message: Image) -> NDArray[Any]:
         raise MessageError(f'image: {width}x{height} px of {message.encoding} in rows of '
                            f'{message.step} bytes with {len(message.data)} bytes of data; rows '
                            f'need {needed} bytes')
+    values = message.step // (width * size)
+    if needed >= _LEAST_ROW and message.step == values * width * size and channels < values <= 4:
+        raise MessageError(f'image: rows of {message.step} bytes hold {values} values a pixel of '
+                           f'{width}, {message.encoding} has {channels}: is it the encoding of '
+                           'the data?')
     rows = np.frombuffer(message.data, np.uint8)[:message.step * height]
     rows = np.ascontiguousarray(rows.reshape(height, message.step)[:, :needed])
     kind = np.dtype(f'{">" if message.is_bigendian else "<"}u{size}')

@@ -21,8 +21,7 @@ class LightFieldMessages(NamedTuple):
     views: Image
 
 
-def light_field_to_messages(light_field: LightField,
-                            buffer: Buffer | None = None) -> LightFieldMessages:
+def light_field_to_messages(light_field: LightField) -> LightFieldMessages:
     """The mosaic of views, their geometry and their light.
 
     views: rgb16, rows x columns of views, linear, 32768 at the sensor's white; negative light
@@ -32,8 +31,7 @@ def light_field_to_messages(light_field: LightField,
     """
     grid, header = light_field.grid, light_field.header
     info = pinhole_to_message(header, grid.pinhole, grid.baseline)
-    return LightFieldMessages(info, pupil_to_message(light_field),
-                              views_to_message(light_field, buffer))
+    return LightFieldMessages(info, pupil_to_message(light_field), views_to_message(light_field))
 
 
 def views_to_message(light_field: LightField, buffer: Buffer | None = None) -> Image:

@@ -26,8 +26,7 @@ class PosedViewsMessages(NamedTuple):
     views: Image
 
 
-def posed_views_to_messages(views: PosedViews, buffer: Buffer | None = None
-                            ) -> PosedViewsMessages:
+def posed_views_to_messages(views: PosedViews) -> PosedViewsMessages:
     """Some views of one scene. All have the stamp of the last, and the reference frame.
 
     posed_views: rgb16, the pictures one below the other, gamma encoded, 65535 at white.
@@ -39,7 +38,7 @@ def posed_views_to_messages(views: PosedViews, buffer: Buffer | None = None
         from 1; 0: the view has no group.
     """
     return PosedViewsMessages(info_to_message(views), poses_to_message(views),
-                              sigma_to_message(views), mosaic_to_message(views, buffer))
+                              sigma_to_message(views), mosaic_to_message(views))
 
 
 def info_to_message(views: PosedViews) -> CameraInfo:

@@ -119,8 +119,8 @@ class DlvNode(StageNode):
         self._deferred = DeferredPublisher(
             self, self._outputs, 'no subscriber of dlv/edges, dlv/contour_map, dlv, '
             'dlv/depth or dlv/layers')
-        self._of_views = DeferredPublisher(
-            self, self._volumes, 'no subscriber of dlv, dlv/depth or dlv/layers')
+        # `pmcl_node` reads posed views themselves: their volume is for whoever wants it.
+        self._of_views = DeferredPublisher(self, self._volumes, '')
         PosedViewsInput(self, self._on_views)
         for topic, (kind, check, qos) in _INPUTS.items():
             subscribe_value(self, kind, topic, part_from(check),

@@ -27,6 +27,7 @@ from pmcl_ros.nodes.transport.deferred_publisher import DeferredPublisher
 from pmcl_ros.nodes.view_outputs import posed_view_outputs, view_outputs
 from pmcl_ros.runtime.errors import (
     LightFieldError,
+    MessageError,
     PmclError,
     PoseUnavailableError,
     SettingsError,
@@ -89,9 +90,12 @@ class SweepDriver(StageNode):
                 'plan': 'at the planned poses'}[settings.collect]
         return f'collects up to {self._collection.cells} posed views, {when}'
 
+    _lens: Lens | None
+    _no_lens: str  # why there is none
+
     def start(self) -> None:
         """Listen."""
-        self._lens: Lens | None = None
+        self._lens, self._no_lens = None, 'no camera_info has come'
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._number = False, 0
         self._wanted = 0  # pictures that ~/take asked for
@@ -144,7 +148,11 @@ class SweepDriver(StageNode):
                                if forgotten else '')
 
     def _on_info(self, message: CameraInfo) -> None:
-        self._lens = lens_from(message, self._settings.rectified)
+        try:
+            self._lens = lens_from(message, self._settings.rectified)
+        except MessageError as error:  # what was told before is of another calibration
+            self._lens, self._no_lens = None, str(error)
+            raise
 
     def _on_image(self, message: Image) -> None:
         self.health.frames_in += 1
@@ -190,7 +198,7 @@ class SweepDriver(StageNode):
         if lens is None or moving is None:
             if time.monotonic() - first.came < self._settings.patience:
                 return None
-            self._give_up(self._waiting.popleft(), 'no camera_info has come' if lens is None
+            self._give_up(self._waiting.popleft(), self._no_lens if lens is None
                           else self._poses.missing)
             return False
         self._waiting.popleft()

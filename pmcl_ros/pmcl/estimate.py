@@ -105,7 +105,25 @@ class PoseEstimate:
         found = 'lost; best hypothesis' if self.lost else 'found'
         return (f'{found} at ({x:.4f}, {y:.4f}, {z:.4f}) m, orientation xyzw '
                 f'({", ".join(f"{q:.4f}" for q in self.quaternion)}), score {self.score:.3g}, '
-                f'standard deviation ({", ".join(f"{s:.1f}" for s in sigma)}) mm')
+                f'standard deviation ({", ".join(f"{s:.1f}" for s in sigma)}) mm{self._why_lost}')
+
+    @property
+    def _why_lost(self) -> str:
+        """The number that decides (docs/concepts/lost.md); '' where none here does."""
+        if not self.lost:
+            return ''
+        if self.support == -math.inf:
+            return '; nothing of it is in view'
+        if self.evidence < self.least_evidence:
+            return (f'; lost as its contour has {self.evidence:.2f} nat/px of evidence, '
+                    f'{self.least_evidence:.2f} are needed')
+        if self.support < self.least_support:
+            return (f'; lost as the weakest part of its contour has {self.support:.2f} nat/px of '
+                    f'evidence, {self.least_support:.2f} are needed')
+        if self.modes and self.modes[0].weight < 0.999:
+            return (f'; lost as other poses are as likely: this one has '
+                    f'{100 * self.modes[0].weight:.0f} % of the posterior')
+        return ''
 
 
 def _quaternion(pose: NDArray[np.float64]) -> NDArray[np.float64]:

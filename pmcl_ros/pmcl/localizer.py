@@ -53,15 +53,13 @@ class Localizer(Closing):
     """Finds one object by its contour in edge volumes: the mode default.
 
     With the renderer gl it owns a headless GL context: make, use, close it in one thread.
-    profile: of the contour; by default that of the evidence.
-    creases: by default the model's where `profile` is left out, else none.
+    profile: of the contour; by default that of the evidence, with the model's creases beside.
     error: of the model; by default that of the evidence.
     Raises RenderError when there is no GL, LocalizationError when the region is impossible.
     """
 
     def __init__(self, model: ObjectModel, settings: PmclSettings,
-                 profile: ContourProfile | None = None,
-                 creases: Creases | None = None, error: ModelError | None = None) -> None:
+                 profile: ContourProfile | None = None, error: ModelError | None = None) -> None:
         self._model = model
         self._settings = settings
         if profile is None:  # a broken file is an error here, not at the first capture
@@ -70,7 +68,7 @@ class Localizer(Closing):
                 learned_map_evidence()
         self._profile = profile
         self._error = error
-        self._creases = creases or (Creases.from_model(model) if profile is None else None)
+        self._creases = Creases.from_model(model) if profile is None else None
         self._region = Region(settings.roi_center, settings.roi_size)
         self._told = False  # that its middle is out of view
         self._orientation = Orientation.from_settings(settings, model)

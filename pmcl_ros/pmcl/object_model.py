@@ -28,6 +28,8 @@ _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to
 _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
 _MOST_FACES = 1_000_000
+_MANY_FACES = 100_000
+_FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 _MOST_BYTES = 2 ** 26
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
@@ -150,9 +152,10 @@ class ObjectModel:
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
-            axis = _found_axis(mesh)
+            axis = _found_axis(mesh, name)
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
+        _check_scan(mesh, name)
         reach = float(np.linalg.norm(vertices, axis=1).max())
         discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
         _check_group(mesh, discrete, name)
@@ -289,19 +292,70 @@ def _check_group(mesh: trimesh.Trimesh, group: NDArray[np.float64], name: str) -
                      '%.1f mm; poses that far apart count as one', name, 1e3 * off)
 
 
-def _found_axis(mesh: trimesh.Trimesh) -> NDArray[np.float64] | None:
-    """The mesh axis (z, x or y) about which turning the surface leaves it as it is.
+def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
+    """Warn of what scans bring along and a search suffers from: many faces, holes, a far origin.
 
-    Within 2 % of its diagonal.
+    Raises ObjectModelError for an origin so far away that poses about it say nothing.
+    """
+    if len(mesh.faces) > _MANY_FACES:
+        _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
+                     'the mesh', name, len(mesh.faces))
+    _, uses = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+    if (uses == 1).any():
+        _LOG.warning('object %r: its mesh is not closed, %.2g %% of the edges belong to one face '
+                     'only; close holes of a scan, their rims count as outlines', name,
+                     100 * (uses == 1).mean())
+    far, diagonal = float(np.linalg.norm(mesh.bounds.mean(axis=0))), _diagonal(mesh)
+    if far > _FARTHEST * diagonal:
+        raise ObjectModelError(f'object {name!r}: its origin is {far:.3g} m from the middle of '
+                               f'its mesh, which measures {diagonal:.3g} m; move it into the mesh')
+    if far > diagonal:
+        _LOG.warning('object %r: its origin is %.3g m from the middle of its mesh, which measures '
+                     '%.3g m; region and pose are those of the origin: better move it into the '
+                     'mesh', name, far, diagonal)
+
+
+def _found_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
+    """The axis through the origin about which turning the surface leaves it as it is.
+
+    Within 2 % of its diagonal. Tried are z, x, y, and the principal axes of the surface. Warns of
+    an axis that is elsewhere.
     """
     points, surface, noise = _surface_of(mesh)
     tolerance = noise + 0.01 * float(np.linalg.norm(mesh.extents))
-    for axis in (np.array([0, 0, 1.0]), np.array([1.0, 0, 0]), np.array([0, 1.0, 0])):
-        turned = (Rotation.from_rotvec(angle * axis).apply(points)
+
+    def is_axis(axis: NDArray[np.float64], through: NDArray[np.float64]) -> bool:
+        turned = (Rotation.from_rotvec(angle * axis).apply(points - through) + through
                   for angle in (0.5, 1.3, 2.1, 3.0))
-        if all(surface.query(each)[0].max() < tolerance for each in turned):
-            return axis
+        return all(surface.query(each)[0].max() < tolerance for each in turned)
+
+    middle, principal = _principal_axes(mesh)
+    for axis in (*np.eye(3)[[2, 0, 1]], *principal):
+        if is_axis(axis, np.zeros(3)):
+            return np.asarray(axis)
+    for axis in principal:
+        if is_axis(axis, middle):
+            off = middle - (middle @ axis) * axis
+            _LOG.warning(
+                'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '
+                'so that poses which look the same count as others and it may be lost; move the '
+                'origin to %s in metres', name, axis.round(4).tolist(), np.linalg.norm(off),
+                off.round(5).tolist())
     return None
+
+
+def _principal_axes(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The middle (3,) of the surface and its principal axes (3, 3), in rows."""
+    corners, areas = mesh.triangles, mesh.area_faces / mesh.area
+    middle = areas @ corners.mean(axis=1)
+    corners = corners - middle
+    # The integral of x x^T over a triangle is area / 12 (sum of v v^T + (sum of v)(sum of v)^T).
+    total = corners.sum(axis=1)
+    moments = (np.einsum('n,nki,nkj->ij', areas, corners, corners)
+               + np.einsum('n,ni,nj->ij', areas, total, total)) / 12
+    axes = np.linalg.eigh(moments)[1].T
+    largest = np.take_along_axis(axes, abs(axes).argmax(axis=1)[:, None], axis=1)
+    return middle, np.asarray(axes * np.sign(largest))
 
 
 def _surface_of(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], cKDTree, float]:

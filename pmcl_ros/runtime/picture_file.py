@@ -4,10 +4,12 @@ OpenCV's decoders believe a header of 68 bytes that asks for gigabytes, print li
 and give what they have of a damaged picture: a PNG is checked whole, as it has checksums.
 """
 
+import logging
 import re
 import struct
 import zlib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +20,15 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, PictureError
 
+_LOG = logging.getLogger(__name__)
 MOST_PIXELS = 2 ** 26
 _MOST_BYTES = 2 ** 28  # of a file
 _MOST_DECODED = 3 * 2 ** 27  # bytes of its pixels: 16 bits a colour of the most
 _PNG = b'\x89PNG\r\n\x1a\n'
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour type
 _BLOCK = 2 ** 20
+_EXIF = 2 ** 16  # bytes, in which a JPEG's EXIF begins
+_ORIENTATION = 0x0112  # tag of EXIF
 _BITS = 258  # tag of a TIFF
 _TOKEN = re.compile(rb'(?:\s|#[^\n]*\n)*(\d{1,9})\s')
 _KNOWN = 'PNG, JPEG, TIFF, BMP, WebP, PPM'
@@ -44,8 +49,9 @@ def read_picture_file(path: Path, flags: int) -> NDArray[Any]:
 def decoded(data: bytes, flags: int) -> NDArray[Any]:
     """The pixels of a PNG, JPEG, TIFF, BMP, WebP or PPM, by cv2.imdecode with `flags`.
 
-    They are as they are stored, whatever orientation EXIF tells: cameras are calibrated, and their
-    poses are told, for the pixels of the sensor (COLMAP does not turn pictures either).
+    They are as they are stored, whatever orientation EXIF tells, which is said once: cameras are
+    calibrated, and their poses are told, for the pixels of the sensor (COLMAP does not turn
+    pictures either).
     Raises PictureError when it is none, is damaged, or has more than `MOST_PIXELS`.
     """
     try:
@@ -61,9 +67,36 @@ def decoded(data: bytes, flags: int) -> NDArray[Any]:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise PictureError(f'the picture cannot be decoded: {error.err}') from None
+    if (turned := _orientation(data)) != 1:
+        _tell_orientation(turned)
     if pixels is None:
         raise PictureError(f'it is no complete picture that OpenCV reads ({_KNOWN})')
     return np.asarray(pixels)
+
+
+@cache
+def _tell_orientation(orientation: int) -> None:
+    _LOG.warning('pictures have the EXIF orientation %d, which is not applied: intrinsics and '
+                 'poses must be those of the pixels as they are stored '
+                 '(cv2.IMREAD_IGNORE_ORIENTATION)', orientation)
+
+
+def _orientation(data: bytes) -> int:
+    """Of a JPEG, as EXIF tells it; 1, which is upright, where it tells none."""
+    start = data.find(b'Exif\0\0', 0, _EXIF) + 6
+    if start < 6 or not data.startswith(b'\xff\xd8'):
+        return 1
+    order = '<' if data[start:start + 2] == b'II' else '>'
+    try:
+        first, = struct.unpack_from(f'{order}I', data, start + 4)
+        count, = struct.unpack_from(f'{order}H', data, start + first)
+        for entry in range(start + first + 2, start + first + 2 + 12 * count, 12):
+            tag, _, _, value = struct.unpack_from(f'{order}HHIH', data, entry)
+            if tag == _ORIENTATION:
+                return int(value)
+    except struct.error:
+        pass  # EXIF that is damaged tells nothing
+    return 1
 
 
 def _size(data: bytes) -> tuple[int, int]:

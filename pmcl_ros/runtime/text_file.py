@@ -22,10 +22,13 @@ _LOADER = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)  # ten times as fast, wh
 
 
 def read_text(path: Path | str, most: int = MOST_BYTES) -> str:
-    """The UTF-8 text of a file; FileError where it has more than `most` bytes, or is no text."""
+    """The UTF-8 text of a file, without a byte order mark.
+
+    FileError where it has more than `most` bytes, or is no text.
+    """
     data = read_bytes(Path(path), most)
     try:
-        return data.decode('utf-8')
+        return data.decode('utf-8-sig')
     except UnicodeDecodeError as error:
         raise FileError(f'{path} is no text in UTF-8: byte {error.start} is '
                         f'0x{data[error.start]:02x}') from None

@@ -101,3 +101,10 @@ def test_the_nearest_pose_is_no_old_one_and_none_when_the_clock_is_set_back():
     assert buffer.nearest(SECOND, 0.1)[0, 3] == 7
     with pytest.raises(PoseUnavailableError):
         buffer.nearest(5 * SECOND, 0.1)
+
+
+def test_a_capture_without_a_stamp_is_told():
+    buffer = PoseBuffer()
+    buffer.add(SECOND, pose_at(0))
+    with pytest.raises(PoseUnavailableError, match='has the stamp 0, which is no time'):
+        buffer.interpolated(0, 0.2)

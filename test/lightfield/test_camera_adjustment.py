@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from textured_planes import views_of_planes
 
 from pmcl_ros.geometry.se3 import local, retract
-from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, sampson
+from pmcl_ros.lightfield.camera_adjustment import adjust_cameras, parallax, sampson
 
 MIDDLE = np.array([0, 0, 0.6])
 
@@ -91,3 +91,16 @@ def test_the_distance_is_that_from_the_epipolar_line():
     share = np.square(line[:, :2]).sum(axis=1)
     expected = 1e-4 * np.sqrt(share / (share + np.square(back[:, :2]).sum(axis=1)))
     np.testing.assert_allclose(sampson(moved, many), expected, rtol=1e-3)
+
+
+def test_the_parallax_is_negative_behind_the_cameras():
+    rng = np.random.default_rng(0)
+    between = np.linalg.inv(CAMERAS[1]) @ CAMERAS[0]
+    ahead = rng.uniform([-0.1, -0.1, 0.5], [0.1, 0.1, 0.7], (50, 3))
+    for points, sign in ((ahead, 1), (-ahead, -1)):
+        other = points @ between[:3, :3].T + between[:3, 3]
+        rays = np.stack([points / points[:, 2:], other / other[:, 2:]], axis=1)
+        one = rays[:, 0] @ between[:3, :3].T
+        cosines = (one * rays[:, 1]).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(
+            rays[:, 1], axis=1)
+        np.testing.assert_allclose(parallax(rays, between), sign * np.arccos(cosines), atol=1e-7)

@@ -82,6 +82,8 @@ def test_an_odd_width_where_two_pixels_share_a_colour(encoding):
     ({'encoding': '32FC1'}, "'32FC1' is none of rgb8"),
     ({'data': b'123'}, '3 bytes of data'),
     ({'step': 10}, 'rows need 60 bytes'),
+    ({'encoding': 'mono8', 'width': 64, 'height': 1, 'step': 192, 'data': bytes(192)},
+     'hold 3 values a pixel of 64, mono8 has 1: is it the encoding'),
     ({'width': 0}, '0x16 px'),
 ])
 def test_images_that_are_none_are_refused(picture, changes, reason):

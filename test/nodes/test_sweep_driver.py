@@ -1,5 +1,7 @@
 """A sweep of an ordinary camera, replayed from a bag through real nodes, gives a pose."""
 
+import re
+from array import array
 from dataclasses import replace
 from importlib.util import find_spec
 
@@ -184,6 +186,14 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert robot.ask('start').success
         robot.shoot(frames[0])
         user.wait(lambda: 'no camera_info has come' in node.log, 'the first to be given up')
+        refused = info_of(frames[0])
+        refused.distortion_model, refused.d = 'fisheye', array('d', [0.1] * 4)
+        for each in (info_of(frames[0]), refused):  # the camera was started again, say
+            robot.info.publish(each)
+            user.delivered(robot.info)
+        robot.shoot(frames[0])
+        user.wait(lambda: re.search("dropped frame 2.*model 'fisheye' is not known", node.log),
+                  'the second to be given up')
         robot.info.publish(info_of(frames[0]))
         user.delivered(robot.info)
         for each in frames[:-1]:
@@ -196,7 +206,7 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert answer.success, answer.message
         assert answer.message.startswith('8 of 3x3 views')
         assert 'frame 1: no camera_info has come' in answer.message
-        assert 'frame 11: its pose had not come when the sweep ended' in answer.message
+        assert 'frame 12: its pose had not come when the sweep ended' in answer.message
         user.wait(lambda: views and infos and pupils and centres, 'the light field')
 
         found = light_field_from(infos[0], pupils[0], views[0])

@@ -32,8 +32,17 @@ def test_the_dictionary_is_what_the_command_line_promises():
     assert replace(make(), hidden=(1, 3)).as_dict()['hidden_views'] == [1, 3]
 
 
-@pytest.mark.parametrize(('lost', 'word'), [(False, 'found'), (True, 'lost; best hypothesis')])
-def test_a_line_for_people(lost, word):
-    line = make(lost).describe()
+@pytest.mark.parametrize(('numbers', 'word', 'why'), [
+    ({}, 'found', ''),
+    ({'lost': True}, 'lost; best hypothesis', '; lost as other poses are as likely: this one has '
+     '75 % of the posterior'),
+    ({'lost': True, 'support': 0.2, 'least_support': 0.36}, 'lost; best hypothesis',
+     '; lost as the weakest part of its contour has 0.20 nat/px of evidence, 0.36 are needed'),
+    ({'lost': True, 'evidence': 0.9, 'least_evidence': 1.03}, 'lost; best hypothesis',
+     '; lost as its contour has 0.90 nat/px of evidence, 1.03 are needed'),
+    ({'lost': True, 'support': -np.inf}, 'lost; best hypothesis', '; nothing of it is in view'),
+])
+def test_a_line_for_people(numbers, word, why):
+    line = replace(make(), **numbers).describe()
     assert line.startswith(f'{word} at (0.1000, -0.0200, 0.5000) m, ')
-    assert line.endswith('score 123, standard deviation (1.0, 2.0, 3.0) mm')
+    assert line.endswith(f'score 123, standard deviation (1.0, 2.0, 3.0) mm{why}')

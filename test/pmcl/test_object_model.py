@@ -277,3 +277,38 @@ def test_a_mesh_too_fine_to_render_is_refused(tmp_path):
     save(trimesh.Trimesh(sheet, faces, process=False), tmp_path, 'fine.stl')
     with pytest.raises(ObjectModelError, match='1002000 faces, at most 1000000 are read'):
         ObjectModel.load(tmp_path / 'fine.stl')
+
+
+def test_any_axis_through_the_origin_is_found(tmp_path, caplog):
+    """As of a scan, whose frame has no axis of the object's."""
+    for seed in range(3):
+        mesh = cup()
+        mesh.apply_transform(trimesh.transformations.random_rotation_matrix(
+            np.random.default_rng(seed).random(3)))
+        expected = mesh.vertices[mesh.vertices @ mesh.vertices.mean(axis=0) > 0].mean(axis=0)
+        axis = ObjectModel.load(save(mesh, tmp_path)).axis
+        assert abs(axis @ expected) / np.linalg.norm(expected) > 0.9999
+    assert not [each for each in caplog.records if each.levelname == 'WARNING']
+    mesh.apply_translation([0.05, 0, 0])
+    assert ObjectModel.load(save(mesh, tmp_path)).axis is None
+    assert 'beside the origin, so that poses which look the same count as others' in caplog.text
+
+
+@pytest.mark.parametrize(('change', 'told'), [
+    (lambda mesh: mesh.apply_translation([0.3, 0, 0]), 'its origin is 0.3'),
+    (lambda mesh: mesh.update_faces(np.arange(len(mesh.faces)) % 10 > 0), 'is not closed'),
+])
+def test_what_a_scan_brings_along_is_told(tmp_path, caplog, change, told):
+    mesh = cup()
+    ObjectModel.load(save(mesh, tmp_path))
+    assert not [each for each in caplog.records if each.levelname == 'WARNING']
+    change(mesh)
+    ObjectModel.load(save(mesh, tmp_path))
+    assert told in caplog.text
+
+
+def test_an_origin_far_away_is_refused(tmp_path):
+    mesh = cup()
+    mesh.apply_translation([3.0, 0, 0])
+    with pytest.raises(ObjectModelError, match=r'its origin is 3 m from the middle of its mesh'):
+        ObjectModel.load(save(mesh, tmp_path))

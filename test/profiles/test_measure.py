@@ -49,6 +49,17 @@ def test_command_measures_the_profile_and_writes_an_object(folder, boxes, tmp_pa
     assert '--force' in again.output
 
 
+def test_boxes_are_of_the_pictures_before_they_are_shrunk(folder, boxes, tmp_path):
+    heights = []
+    for shrink in (1, 2):
+        found = _run(folder, *_box_options(boxes), '-o', tmp_path / f'{shrink}.yaml', '--json',
+                     '--shrink', shrink)
+        assert found.exit_code == 0, found.output
+        told = json.loads(found.stdout.splitlines()[0])
+        heights.append(np.ptp(np.array(told['profile'])[:, 0]))
+    assert heights[1] == pytest.approx(heights[0], abs=4e-3)
+
+
 def test_the_edge_of_the_bottom_is_as_usual(true_surface):
     """From above, the height of the bottom follows from it alone."""
     cameras = [camera(azimuth) for azimuth in (-0.5, 0.0, 0.5)]

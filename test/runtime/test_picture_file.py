@@ -41,7 +41,7 @@ def test_what_opencv_writes_is_decoded(kind, pixels):
 
 
 @pytest.mark.parametrize('orientation', range(1, 9))
-def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation):
+def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation, caplog):
     """Intrinsics and poses are those of the sensor, as of COLMAP."""
     plain = encoded('.jpg')
     one_tag = b'II*\0' + struct.pack('<IHHHIII', 8, 1, 0x112, 3, 1, orientation, 0)
@@ -50,6 +50,8 @@ def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation):
     turned = cv2.imdecode(np.frombuffer(told, np.uint8), FLAGS)  # OpenCV does follow the tag
     assert np.array_equal(turned, decoded(plain, FLAGS)) == (orientation == 1)
     np.testing.assert_array_equal(decoded(told, FLAGS), decoded(plain, FLAGS))
+    assert (f'EXIF orientation {orientation}, which is not applied' in caplog.text) == (
+        orientation != 1)
 
 
 @pytest.mark.parametrize(('kind', 'dtype'), [('.png', np.uint16), ('.tif', np.uint16),

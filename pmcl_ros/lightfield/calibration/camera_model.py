@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH
+
 # Parameters of the camera, in this order; a board's pose follows: rotation vector, origin.
 PARAMETERS = ('fx', 'fy', 'cx', 'cy', 'baseline', 'focus', 'k1', 'k2')
 
@@ -52,15 +54,14 @@ def predict(points: NDArray[np.float64], camera: NDArray[np.float64],
                      fy * per_step * (factor + y ** 2 * slope)], axis=-1)
 
 
-def bok_parameters(fx: float, baseline: float, focus_distance: float,
-                   pitch: float = 10) -> tuple[float, float]:
-    """K1 and K2 [m] of Bok et al. (PAMI 2017); pitch: raw px per view px.
+def bok_parameters(fx: float, baseline: float, focus_distance: float) -> tuple[float, float]:
+    """K1 and K2 [m] of Bok et al. (PAMI 2017).
 
     Their x - xc = (X - Z xc) / (K1 Z + K2) is where, under the lenslet at normalised xc, a point
-    is seen, normalised with the focal length in raw pixels, pitch fx: a view step, one raw pixel,
-    is 1 / (pitch fx). Ours, solved for the step, is a = (X / Z - xc) / (-c) with the same point's
-    c = baseline (1/F - 1/Z), hence K2 = baseline pitch fx and K1 = -K2 / F: views one step apart
-    are K2 / (pitch fx) apart and see no disparity at Z = -K2 / K1 = F.
+    is seen, normalised with the focal length in raw pixels, RAW_PITCH fx: a view step, one raw
+    pixel, is 1 / (RAW_PITCH fx). Ours, solved for the step, is a = (X / Z - xc) / (-c) with the
+    same point's c = baseline (1/F - 1/Z), hence K2 = baseline RAW_PITCH fx and K1 = -K2 / F: views
+    one step apart are K2 / (RAW_PITCH fx) apart and see no disparity at Z = -K2 / K1 = F.
     """
-    k2 = baseline * pitch * fx
+    k2 = baseline * RAW_PITCH * fx
     return -k2 / focus_distance, k2

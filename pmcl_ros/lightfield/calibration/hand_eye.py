@@ -26,6 +26,8 @@ _FIRST_SIGMA = np.repeat([1e-3, 2e-3], 3)  # m, rad: of the arm, where nothing i
 _ROUNDS = 20  # of estimating the arm's errors
 _RIGID = 1e-3  # tolerance of orthogonality
 _STEP = 1e-6  # m, rad: of derivatives
+_MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
+_SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
     board: (m, 3) its corners [m]. sigma: standard deviations of the arm's poses on each axis [m,
     rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
     Raises LightFieldError for fewer than `FEWEST` pictures, where more than a quarter do not fit,
-    and where all rotations of the arm have one axis: they do not tell where the camera is.
+    where all rotations of the arm have one axis: they do not tell where the camera is; and where
+    the arm turned otherwise than the boards, or moved by a multiple of what they say.
     """
     kept = [*pictures]
     left_out: list[str] = []
@@ -148,11 +151,42 @@ def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArr
     matrix = b.T @ a
     values, vectors = np.linalg.eigh(matrix.T @ matrix)
     rotation = vectors @ np.diag(1 / np.sqrt(values)) @ vectors.T @ matrix.T
+    _check_turns(moved, turned, rotation)
     left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    right = (moved[:, :3, 3] - turned[:, :3, 3] @ rotation.T).ravel()
+    by_board = (turned[:, :3, 3] @ rotation.T).ravel()
+    _check_scale(left, moved[:, :3, 3].ravel(), by_board)
     pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation, np.linalg.lstsq(left, right, rcond=None)[0]
+    pose[:3, :3] = rotation
+    pose[:3, 3] = np.linalg.lstsq(left, moved[:, :3, 3].ravel() - by_board, rcond=None)[0]
     return pose
+
+
+def _check_turns(moved: NDArray[np.float64], turned: NDArray[np.float64],
+                 rotation: NDArray[np.float64]) -> None:
+    """Raise LightFieldError unless the rotation leads from the board's turns to the arm's."""
+    off = np.inf
+    if np.linalg.det(rotation) > 0:
+        seen = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
+        off = float(np.median((seen.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude()))
+    if not off < _MISMATCH:
+        raise LightFieldError(
+            'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose '
+            'of the link in the base (not of the base in the link), are the poses those of these '
+            'pictures, and is --fixed-camera given for a camera beside the arm, and only for it?')
+
+
+def _check_scale(left: NDArray[np.float64], moved: NDArray[np.float64],
+                 by_board: NDArray[np.float64]) -> None:
+    """Raise LightFieldError where a board of another size fits the arm's motions far better."""
+    both = np.column_stack([left, by_board])
+    *_, scale = np.linalg.lstsq(both, moved, rcond=None)[0]
+    with_it, without = (
+        np.linalg.norm(each @ np.linalg.lstsq(each, values, rcond=None)[0] - values)
+        for each, values in ((both, moved), (left, moved - by_board)))
+    if not _SCALES[0] < scale < _SCALES[1] and without > 2 * with_it:
+        raise LightFieldError(
+            f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
+            'positions of mount_to_base in metres, and is --square the side of a square?')
 
 
 def _fitted(pictures: Sequence[BoardPicture],

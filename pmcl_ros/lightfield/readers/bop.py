@@ -139,7 +139,7 @@ def model_of(path: Path, object_id: int) -> Path:
 def scene_of(picture: Path) -> Path | None:
     """The scene whose picture a path is, rgb/000003.png or likewise; None: it is of none."""
     folder = picture.absolute().parent
-    return (folder.parent if picture.suffix[1:] in _ENDINGS and folder.name in _FOLDERS
+    return (folder.parent if picture.suffix[1:].lower() in _ENDINGS and folder.name in _FOLDERS
             and (folder.parent / NAME).is_file() else None)
 
 
@@ -164,11 +164,12 @@ def by_number(path: Path) -> dict[int, Any]:
 def picture_of(scene: Path, number: int) -> Path:
     """The file of a picture of a scene; LightFieldError where there is none."""
     for folder in _FOLDERS:
-        for ending in _ENDINGS:
+        for ending in (*_ENDINGS, *(each.upper() for each in _ENDINGS)):
             path = scene / folder / f'{number:06d}.{ending}'
             if path.is_file():
                 return path
-    raise LightFieldError(f'{scene} has no picture {number:06d} in {" or ".join(_FOLDERS)}')
+    raise LightFieldError(f'{scene} has no picture {number:06d} in {" or ".join(_FOLDERS)}, as '
+                          f'{" or ".join(_ENDINGS)}')
 
 
 def _size(path: Path) -> tuple[int, int]:

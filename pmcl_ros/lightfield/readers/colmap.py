@@ -54,6 +54,11 @@ def model_folder(path: Path) -> Path | None:
                 None)
 
 
+def is_binary(path: Path) -> bool:
+    """Whether a model in binary form lies there."""
+    return any((path / each / Path(_IMAGES).with_suffix('.bin')).is_file() for each in _PLACES)
+
+
 def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
     """The views of a model, and the folder that their files are relative to.
 
@@ -80,7 +85,7 @@ def load(path: Path, metric: Metric | None) -> tuple[ViewsFile, Path]:
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Numbered lines that are no comments; empty ones too."""
     try:
-        with path.open(encoding='utf-8') as stream:
+        with path.open(encoding='utf-8-sig') as stream:
             if os.fstat(stream.fileno()).st_size > _MOST_BYTES:
                 raise LightFieldError(f'{path} has more than {_MOST_BYTES // 2 ** 20} MiB: is it '
                                       'of COLMAP?')
@@ -127,6 +132,9 @@ def _images(path: Path) -> Iterator[_Image]:
     for number, line in _lines(path):
         if points:
             points = False
+            if len(line.split()) % 3:
+                raise LightFieldError(f'{path}:{number}: expected the points of the image above, '
+                                      f'three numbers each, or an empty line, not {line[:80]!r}')
             continue
         if not line:
             continue

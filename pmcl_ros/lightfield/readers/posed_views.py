@@ -15,8 +15,9 @@ from pmcl_ros.lightfield.readers.npz import read_npz
 from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction, read_picture
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
 from pmcl_ros.lightfield.sweep.frame import Lens
-from pmcl_ros.runtime.errors import LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError
 from pmcl_ros.runtime.settings import Settings
+from pmcl_ros.runtime.text_file import read_yaml_file
 
 NAME = 'views.yaml'
 _NPZ = '.npz'
@@ -80,6 +81,14 @@ class ViewEntry(Settings):
     def is_light_field(self) -> bool:
         """Whether the file is a light field, with a camera of its own."""
         return self.file.lower().endswith(_NPZ)
+
+
+def has_views(path: Path) -> bool:
+    """Whether a YAML file lists views, whatever its name."""
+    try:
+        return 'views' in read_yaml_file(path)
+    except FileError:
+        return False
 
 
 class ViewsFile(Settings):

@@ -78,9 +78,14 @@ def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.V
 
 
 def _views_yaml(path: Path) -> Path | None:
-    """The views.yaml that a path names, if it does."""
+    """The views.yaml that a path names, if it does; as a file it may have another name."""
     yaml = path / posed_views.NAME if path.is_dir() else path
-    return yaml if yaml.name == posed_views.NAME and yaml.is_file() else None
+    if yaml.suffix.lower() not in _YAML or not yaml.is_file():
+        return None
+    light_field = yaml.name in (folder.NAME, sweep_folder.NAME)
+    if yaml.name == posed_views.NAME or (not light_field and posed_views.has_views(yaml)):
+        return yaml
+    return None
 
 
 def is_light_field(path: Path | str) -> bool:
@@ -145,6 +150,10 @@ def check_folder(path: Path) -> None:
         return
     if any(folder.STANFORD_NAMES.fullmatch(each.name) for each in path.iterdir()):
         raise LightFieldError(f'{path}: {folder.STANFORD_HINT.format(name=folder.NAME)}')
+    if colmap.is_binary(path):
+        raise LightFieldError(f'{path} has a COLMAP model in binary form; write it as text: '
+                              'colmap model_converter --input_path MODEL --output_path MODEL '
+                              '--output_type TXT')
     raise LightFieldError(f'{path} has no {folder.NAME}, {hci.NAME} or views.npz with the '
                           f'geometry of its views; write {folder.NAME} '
                           '(docs/howto/light_fields.md), or of ordinary pictures '

@@ -104,12 +104,16 @@ class SweepFrame:
 
     def __post_init__(self) -> None:
         pinhole = self.lens.pinhole
-        if (self.image.shape != (pinhole.height, pinhole.width, 3)
+        if (self.image.ndim != 3 or self.image.shape[2] != 3
                 or self.image.dtype not in (np.uint8, np.uint16, np.float32)):
             raise LightFieldError(
-                f'{self.name} is {self.image.dtype} of shape {self.image.shape}, its camera has '
-                f'{pinhole.width}x{pinhole.height} px; expected (height, width, 3) of uint8, '
-                'uint16 or float32')
+                f'{self.name} is {self.image.dtype} of shape {self.image.shape}; expected '
+                '(height, width, 3) of uint8, uint16 or float32')
+        if self.image.shape[:2] != (pinhole.height, pinhole.width):
+            raise LightFieldError(
+                f'{self.name} has {self.image.shape[1]}x{self.image.shape[0]} px, its camera '
+                f'(camera_info) {pinhole.width}x{pinhole.height}: give the calibration of this '
+                'resolution')
         turn = self.pose[:3, :3]
         if (self.pose.shape != (4, 4) or not np.isfinite(self.pose).all()
                 or abs(turn @ turn.T - np.eye(3)).max() > _RIGID or np.linalg.det(turn) < 0):

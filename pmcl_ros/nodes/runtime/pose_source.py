@@ -110,8 +110,9 @@ class TopicPoses:
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
         if header.frame_id != self._frame:
-            raise MessageError(f'{self._names.topic} is in frame {header.frame_id!r}, expected '
-                               f'{self._names.frame} {self._frame!r}')
+            self.missing = (f'{self._names.topic} is in frame {header.frame_id!r}, expected '
+                            f'{self._names.frame} {self._frame!r}')
+            raise MessageError(f'{self.missing}: set one to the other')
         self._buffer.add(header.stamp_ns, pose if self._offset is None else pose @ self._offset)
 
 

@@ -27,7 +27,8 @@ class DeferredPublisher(Generic[T]):
 
     For `start` of a node. Buffers the newest capture until DDS discovers a subscriber, or until
     `patience` [s] after activation. The result is computed when the first subscriber is found.
-    unclaimed: why a capture without a subscriber is dropped, for the log.
+    unclaimed: why a capture without a subscriber is dropped, for the log; empty: none need come,
+    and nothing is dropped.
     """
 
     def __init__(self, node: StageNode, outputs: Sequence[Output[T]], unclaimed: str,
@@ -45,7 +46,7 @@ class DeferredPublisher(Generic[T]):
         capture: its name in the log, with its stamp.
         """
         if self._pending and not self._made:
-            self._node.dropped(f'{self._capture}: a newer one came before a subscriber was found')
+            self._drop('a newer one came before a subscriber was found')
         self._made, self._make, self._pending = False, cache(make), list(self._outputs)
         self._capture = capture
         self._came = time.monotonic()
@@ -66,15 +67,18 @@ class DeferredPublisher(Generic[T]):
         if over:
             self._timer.cancel()
             if self._pending and not self._made:
-                self._node.dropped(f'{self._capture}: {self._unclaimed}')
+                self._drop(self._unclaimed)
         if over or not self._pending:
             self._forget()
 
     def _end_waiting(self) -> None:
         if self._pending and not self._made:
-            self._node.dropped(f'{self._capture}: {self._unclaimed}, and the node was '
-                               'deactivated')
+            self._drop(f'{self._unclaimed}, and the node was deactivated')
         self._forget()
+
+    def _drop(self, why: str) -> None:
+        if self._unclaimed:
+            self._node.dropped(f'{self._capture}: {why}')
 
     def _forget(self) -> None:
         self._pending, self._made, self._make = [], True, _nothing

@@ -27,18 +27,17 @@ class SceneLocalizer(Closing):
     no GL.
     """
 
-    def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings,
-                 profile: ContourProfile | None = None) -> None:
+    def __init__(self, models: Sequence[ObjectModel], settings: PmclSettings) -> None:
         self._objects = ListedObjects.from_models(models, settings)
         if settings.evidence == 'map':
             raise LocalizationError('several objects need evidence edges, it is '
                                     f'{settings.evidence}')
         self._settings = settings
-        self._least = (profile or ContourProfile.learned()).least
+        self._least = ContourProfile.learned().least
         self._localizers: list[Localizer] = []
         try:
             for each in self._objects.distinct:
-                self._localizers.append(Localizer(each, settings, profile))
+                self._localizers.append(Localizer(each, settings))
         except BaseException:
             self.close()
             raise

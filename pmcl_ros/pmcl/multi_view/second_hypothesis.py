@@ -96,14 +96,15 @@ def _cameras_off(evidence: ViewsEvidence, lost: Found, search: _Search
         replace(each, camera_to_reference=camera)
         for each, camera in zip(evidence.views, adjusted.cameras, strict=True)))
     found = search(fitting)
+    if found.estimate.lost:  # nothing says that these poses are better: patterns can repeat
+        return None
     position, rotation = adjusted.off
     _LOG.warning(
-        '%s with camera poses that fit the surroundings, up to %.1f mm and %.1f degrees off those '
-        'told: matches in the pictures are %.1f px apart with the told ones, %.1f px with these; '
-        'check the hand-eye transform, or state sigma_mm and sigma_deg',
-        'lost also' if found.estimate.lost else 'found', 1e3 * position, np.rad2deg(rotation),
-        adjusted.before, adjusted.after)
-    return None if found.estimate.lost else (found, fitting)
+        'found with camera poses that fit the surroundings, up to %.1f mm and %.1f degrees off '
+        'those told: matches in the pictures are %.1f px apart with the told ones, %.1f px with '
+        'these; check the hand-eye transform, or state sigma_mm and sigma_deg', 1e3 * position,
+        np.rad2deg(rotation), adjusted.before, adjusted.after)
+    return found, fitting
 
 
 def _tell_if_off(evidence: ViewsEvidence, lost: Found, search: _Search) -> None:

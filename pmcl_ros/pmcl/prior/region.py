@@ -169,7 +169,8 @@ def regions_before(cameras: Sequence[tuple[Pinhole, NDArray[np.float64]]],
         raise LocalizationError(
             f'none of the {len(cameras)} views sees the region of interest at '
             f'{settings.roi_center} m of size {settings.roi_size} m in the frame '
-            f'{frame_id!r}: are poses and region of the same frame?')
+            f'{frame_id!r}: are poses and region of the same frame, in metres, and the poses '
+            'from the camera (z forward) to that frame?')
     return seen
 
 

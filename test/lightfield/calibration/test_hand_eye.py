@@ -93,6 +93,24 @@ def test_too_few_pictures_and_parallel_axes_are_refused():
         hand_eye([skewed, *arm.pictures[1:]], arm.board, arm.pinhole)
 
 
+@pytest.mark.parametrize('fixed', [False, True])
+def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
+    arm = simulated_arm(np.random.default_rng(7), fixed_camera=fixed)
+    inverted = [replace(each, mount_to_base=inverse(each.mount_to_base)) for each in arm.pictures]
+    shuffled = [replace(each, mount_to_base=other.mount_to_base) for each, other in zip(
+        arm.pictures, arm.pictures[::-1], strict=True)]
+    for pictures, fixed_camera in ((inverted, fixed), (shuffled, fixed),
+                                   (arm.pictures, not fixed)):
+        with pytest.raises(LightFieldError, match='the arm turned otherwise than the boards'):
+            hand_eye(pictures, arm.board, arm.pinhole, None, fixed_camera)
+    for factor in (1000, 1.5):
+        scaled = [replace(each, mount_to_base=each.mount_to_base * np.reshape(
+            [1, 1, 1, factor] * 3 + [1] * 4, (4, 4))) for each in arm.pictures]
+        with pytest.raises(LightFieldError, match='times as large as told') as refused:
+            hand_eye(scaled, arm.board, arm.pinhole, None, fixed)
+        assert float(str(refused.value).split()[7]) == pytest.approx(factor, rel=0.05)
+
+
 def test_matrices_by_columns_and_an_arm_that_never_fits_are_refused():
     arm = simulated_arm(np.random.default_rng(7))
     turned = [replace(each, mount_to_base=each.mount_to_base.T) for each in arm.pictures]

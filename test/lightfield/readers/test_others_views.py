@@ -14,6 +14,7 @@ from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers import bop as bop_reader
 from pmcl_ros.lightfield.readers.colmap import Metric
 from pmcl_ros.lightfield.readers.read import (
+    check_folder,
     has_posed_views,
     is_light_field,
     pictures_alone,
@@ -106,6 +107,28 @@ def test_a_colmap_model_is_the_same_views(tmp_path):
     same(read_source(folder, metric=Metric(between=('a.png', 'c.png', apart))), expected)
     assert is_light_field(folder)
     assert has_posed_views(folder)
+    for name in ('cameras', 'images'):  # as Windows' Notepad saves them
+        path = folder / 'sparse/0' / f'{name}.txt'
+        path.write_text('\ufeff' + path.read_text())
+    same(read_source(folder, metric=Metric(2.5)), expected)
+
+
+def test_a_binary_model_is_told(tmp_path):
+    folder = colmap(tmp_path)
+    for each in (folder / 'sparse/0').iterdir():
+        each.rename(each.with_suffix('.bin'))
+    with pytest.raises(LightFieldError, match='binary form; write it as text: colmap model_conv'):
+        check_folder(folder)
+
+
+def test_a_list_of_views_may_have_another_name(tmp_path):
+    expected = own(tmp_path)
+    mine = (tmp_path / 'views.yaml').rename(tmp_path / 'mine.yml')
+    same(read_source(mine), expected)
+    assert has_posed_views(mine)
+    mine.write_text('{fx: 500, baseline: 0.01}\n')
+    with pytest.raises(SettingsError, match='files: Field required'):
+        read_source(mine)
 
 
 @pytest.mark.parametrize(('model', 'parameters', 'camera'), [
@@ -153,6 +176,7 @@ def test_a_model_without_a_metric_scale_is_refused(tmp_path):
     (lambda text: text.replace('7 b.png', '8 b.png'), "of the camera '8', cameras has 7"),
     (lambda text: text.replace('c.png', 'a.png'), 'a.png is there more than once'),
     (lambda text: text.replace('c.png', 'd.png'), 'there is no .*d.png'),
+    (lambda text: text.replace('\n\n', '\n'), r'images.txt:5: expected the points of the image'),
     (lambda text: text.replace('\n0 ', '\n0 9'), 'the quaternion has length'),
     (lambda text: text.replace('\n0 ', '\n0 nan '), 'length nan|expected IMAGE_ID|quaternion')])
 def test_a_broken_model_is_refused_in_one_line(tmp_path, change, reason):
@@ -177,6 +201,17 @@ def test_a_bop_scene_is_the_same_views(tmp_path):
     assert has_posed_views(folder)
     assert not pictures_alone(folder)
     assert read_source(folder).header.frame_id == 'bop'
+
+
+def test_a_scene_s_pictures_may_be_called_in_capitals(tmp_path):
+    folder = bop(tmp_path / 'scene')
+    expected = read_source(folder)
+    for each in (folder / 'rgb').iterdir():
+        each.rename(each.with_suffix('.PNG'))
+    same(read_source(folder), expected)
+    (folder / 'rgb/000001.PNG').unlink()
+    with pytest.raises(LightFieldError, match='no picture 000001 in rgb or gray, as png or jpg'):
+        read_source(folder)
 
 
 def test_a_picture_of_a_scene_is_localised_alone(tmp_path):

@@ -239,7 +239,8 @@ def test_lenses_that_are_none_are_refused(changes, reason):
 
 @pytest.mark.parametrize(('changes', 'reason'), [
     ({'pose': 2 * np.eye(4)}, 'no rigid transform'),
-    ({'image': np.zeros((5, 5, 3), np.uint8)}, r'shape \(5, 5, 3\)'),
+    ({'image': np.zeros((5, 6, 3), np.uint8)}, r'f0 has 6x5 px, its camera \(camera_info\) 160x'),
+    ({'image': np.zeros((120, 160), np.uint8)}, r'shape \(120, 160\)'),
 ])
 def test_frames_that_are_none_are_refused(frames, changes, reason):
     with pytest.raises(LightFieldError, match=reason):

@@ -41,6 +41,8 @@ def test_who_else_has_parameters_in_it_is_told(write, text, others):
     ('/**/dlv_nod: {ros__parameters: {labels: 5}}',
      r"'\*\*/dlv_nod', but there is no node 'dlv_nod'; did you mean 'dlv_node'\?"),
     ('/left: {lytro-driver: {ros__parameters: {}}}', "did you mean 'lytro_driver'"),
+    ('pmcl_node: {ros__parameters: {roi_center: [0, 0.1, 1]}}',
+     r"gives 'pmcl_node' roi_center: \[0, 0.1, 1\]: ROS wants numbers of one kind"),
     ('dlv_node: {ros__parameters: {labls: 5}}',
      "gives 'dlv_node' an unknown parameter 'labls'; did you mean 'labels'"),
     ('/arm: {pmcl_node: {ros__parameters: {labels: 5}}}',
