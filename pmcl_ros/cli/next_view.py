@@ -59,7 +59,7 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
         cameras = cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
                       degrees, count)
     else:
-        cameras = ViewPlan.read(candidates).cameras
+        cameras = ViewPlan.load(candidates).cameras
     showing = run.evidence.without(run.estimate.hidden)
     found = next_views(showing, model, settings, run.estimate.pose, cameras,
                        run.source.views[0].pinhole)

@@ -65,10 +65,10 @@ class SweepDriver(StageNode):
             if not settings.plan:
                 raise SettingsError('collect is plan, and plan is empty: set it to a YAML file '
                                     'with `poses` (docs/howto/posed_views.md)')
-            self._planned = _in_frame(ViewPlan.read(resolve(settings.plan, 'plan')),
+            self._planned = _in_frame(ViewPlan.load(resolve(settings.plan, 'plan')),
                                       settings).cameras
         elif settings.plan:
-            plan = _in_frame(SweepPlan.read(resolve(settings.plan, 'plan')), settings)
+            plan = _in_frame(SweepPlan.load(resolve(settings.plan, 'plan')), settings)
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})
             self._middle = plan.middle

@@ -59,7 +59,7 @@ def settings_formats(folder, bag):
         'camera': at(folder, 'camera.yaml', dump(camera), drawn),
         'collect': at(bag, 'collect.yaml', dump(collect), lambda path: GivenSource(
             bag, collect=path).open().read()),
-        'candidates': at(folder, 'poses.yaml', dump(poses), lambda path: ViewPlan.read(
+        'candidates': at(folder, 'poses.yaml', dump(poses), lambda path: ViewPlan.load(
             path).cameras.tolist()),
         'gripper': at(folder, 'gripper.yaml', dump(gripper), GripperSettings.load),
         'token': at(folder, 'token.txt', b'0123456789abcdef\n', read_token),

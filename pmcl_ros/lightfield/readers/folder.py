@@ -81,7 +81,7 @@ def read_folder(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     Raises SettingsError or LightFieldError saying which file or value is wrong.
     """
     of = GridSettings.load(yaml)
-    names, found = _views(yaml.parent, of)
+    names, found = _views(yaml, of)
     paths = [[yaml.parent / name for name in row] for row in names]
     files = ViewFiles(paths, _positions(of, found, yaml), of.fx, of.fy or of.fx, of.cx, of.cy,
                       of.focus_distance, of.gamma)
@@ -91,17 +91,17 @@ def read_folder(yaml: Path, header: Header, reduction: Reduction) -> LightField:
         raise LightFieldError(f'{yaml}: {error}') from None
 
 
-def _views(folder: Path, of: GridSettings) -> tuple[list[list[str]], NDArray[np.float64]]:
+def _views(yaml: Path, of: GridSettings) -> tuple[list[list[str]], NDArray[np.float64]]:
     """The names [row][column] of the views, and (rows, columns, 2) the x, y in them, or NaN."""
+    folder = yaml.parent
     present = [path.name for path in folder.iterdir()
                if path.suffix.lower() in _PICTURES and path.is_file()]
-    pattern = (STANFORD_NAMES if of.files == 'stanford'
-               else _pattern(of.files, folder / NAME))
+    pattern = STANFORD_NAMES if of.files == 'stanford' else _pattern(of.files, yaml)
     matches = [match for match in map(pattern.fullmatch, present) if match]
     if {'row', 'column'} <= pattern.groupindex.keys():
         return _numbered(folder, of, matches)
     if of.rows is None or of.columns is None:
-        raise LightFieldError(f'{folder / NAME}: rows and columns are needed, as the names '
+        raise LightFieldError(f'{yaml}: rows and columns are needed, as the names '
                               f'{of.files!r} have no {{row}} and {{column}}')
     if len(matches) != of.rows * of.columns:
         raise LightFieldError(

@@ -1,14 +1,12 @@
 """Plans of sweeps: the poses of the pictures, and the depth resolution of the views."""
 
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.lightfield.light_field import nominal_positions
-from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
 MATCHING = 0.25  # px: standard deviation of a measured displacement
@@ -38,6 +36,14 @@ class PlannedView(Settings):
     column: int = Field(ge=0, description='of the view')
     position: tuple[float, float, float] = Field(description='[m]')
     orientation: tuple[float, float, float, float] = Field(description='quaternion x, y, z, w')
+
+    @model_validator(mode='after')
+    def _rigid(self) -> 'PlannedView':
+        try:
+            _ = self.pose
+        except LightFieldError as error:
+            raise ValueError(str(error)) from None
+        return self
 
     @property
     def pose(self) -> NDArray[np.float64]:
@@ -82,16 +88,6 @@ class SweepPlan(Settings):
                 poses.append(PlannedView(row=row, column=column, position=(a, b, c),
                                          orientation=(x, y, z, w)))
         return cls(frame=frame, rows=rows, columns=columns, baseline=baseline, poses=poses)
-
-    @classmethod
-    def read(cls, path: Path) -> 'SweepPlan':
-        """Read a plan; SettingsError for an invalid one."""
-        plan = cls.load(path)
-        try:
-            _ = [each.pose for each in plan.poses]
-        except LightFieldError as error:
-            raise SettingsError(f'{path}: {error}') from None
-        return plan
 
     @property
     def middle(self) -> NDArray[np.float64] | None:

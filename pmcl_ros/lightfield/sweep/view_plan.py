@@ -1,14 +1,13 @@
 """Plans of posed views: from where a camera is to look, or could."""
 
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from pmcl_ros.lightfield.posed_view import check_pose
-from pmcl_ros.runtime.errors import LightFieldError, SettingsError
+from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
 _Pose = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -21,16 +20,14 @@ class ViewPlan(Settings):
     poses: list[_Pose] = Field(min_length=1, max_length=10_000, description='camera to the '
                                'reference frame, 4x4 each, row by row [m]')
 
-    @classmethod
-    def read(cls, path: Path) -> 'ViewPlan':
-        """Read a plan; SettingsError for an invalid one."""
-        plan = cls.load(path)
+    @model_validator(mode='after')
+    def _rigid(self) -> 'ViewPlan':
         try:
-            for number, camera in enumerate(plan.cameras, 1):
+            for number, camera in enumerate(self.cameras, 1):
                 check_pose(camera, f'pose {number}')
         except LightFieldError as error:
-            raise SettingsError(f'{path}: {error}') from None
-        return plan
+            raise ValueError(str(error)) from None
+        return self
 
     @property
     def cameras(self) -> NDArray[np.float64]:

@@ -127,7 +127,7 @@ def test_a_list_of_views_may_have_another_name(tmp_path):
     same(read_source(mine), expected)
     assert has_posed_views(mine)
     mine.write_text('{fx: 500, baseline: 0.01}\n')
-    with pytest.raises(SettingsError, match='files: Field required'):
+    with pytest.raises(LightFieldError, match=r'mine\.yml: rows and columns are'):
         read_source(mine)
 
 

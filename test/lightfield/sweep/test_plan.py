@@ -26,7 +26,7 @@ def test_a_plan_comes_back_and_an_arm_goes_through_it_without_detours(tmp_path):
     middle = pose_at(0.5, 0.1, 0.9, (170, 10, -5))
     plan = SweepPlan.from_grid(3, 4, 0.02, middle, 'base_link')
     plan.save(tmp_path / 'plan.yaml', 'a plan')
-    again = SweepPlan.read(tmp_path / 'plan.yaml')
+    again = SweepPlan.load(tmp_path / 'plan.yaml')
     assert again == plan
     places = np.array([each.position for each in plan.poses])
     ways = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -46,7 +46,7 @@ def test_the_command_writes_what_is_read(tmp_path):
         '3', '5', '--size', '640', '480', '--pose', '0.5', '0', '0.9', '1', '0', '0', '0', '--out',
         str(path)])
     assert result.exit_code == 0, result.output
-    plan = SweepPlan.read(path)
+    plan = SweepPlan.load(path)
     assert (plan.rows, plan.columns, plan.frame) == (3, 5, 'base_link')
     assert plan.baseline == pytest.approx(0.6 ** 2 * 0.25 / (600 * 0.001) / 4)
     assert '15 poses' in result.output
@@ -67,4 +67,4 @@ def test_files_that_are_no_plan_are_refused(tmp_path, change, reason):
     assert change[0] in text
     path.write_text(text.replace(*change))
     with pytest.raises(SettingsError, match=reason):
-        SweepPlan.read(path)
+        SweepPlan.load(path)
