@@ -144,9 +144,10 @@ def has_screen() -> bool:
     return is_interactive
 
 
-def boxes_in_window(views: Sequence[PosedView], needed: int) -> dict[int, Box]:
+def boxes_in_window(views: Sequence[PosedView], needed: int, shrink: int = 1) -> dict[int, Box]:
     """Boxes by number of the view, drawn by the user in `needed` of them.
 
+    shrink: by how much the pictures have been shrunk, for the options that are printed.
     Raises ProfileError where there are fewer views, or the user gives up or closes the window.
     """
     if len(views) < needed:
@@ -158,8 +159,16 @@ def boxes_in_window(views: Sequence[PosedView], needed: int) -> dict[int, Box]:
     pyplot.show(block=True)
     if len(window.boxes) < needed:
         raise ProfileError('given up: the object is not marked')
-    click.echo(f'to repeat it without a window: {options_of(window.boxes)}', err=True)
+    click.echo(f'to repeat it without a window: '
+               f'{options_of({view: resized(box, shrink) for view, box in window.boxes.items()})}',
+               err=True)
     return window.boxes
+
+
+def resized(box: Box, factor: float) -> Box:
+    """A box in a picture of `factor` times as many pixels a side; the first's middle is (0, 0)."""
+    x, y, width, height = box
+    return ((x + 0.5) * factor - 0.5, (y + 0.5) * factor - 0.5, factor * width, factor * height)
 
 
 def options_of(boxes: dict[int, Box]) -> str:

@@ -7,7 +7,7 @@ import click
 import numpy as np
 
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
-from pmcl_ros.cli.box_window import boxes_in_window, has_screen
+from pmcl_ros.cli.box_window import boxes_in_window, has_screen, resized
 from pmcl_ros.cli.sources import GivenSource, view_options
 from pmcl_ros.drawing.pictures import overlay, write_png
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
@@ -64,10 +64,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     if not posed:
         raise ProfileError(f'{source.source} is a light field: a profile needs pictures with '
                            'camera poses, a views.yaml (docs/howto/profile.md)')
-    # Boxes are of the pictures' own pixels; the middle of the first is (0, 0).
-    marked = {view: ((x + 0.5) / source.shrink - 0.5, (y + 0.5) / source.shrink - 0.5,
-                     width / source.shrink, height / source.shrink)
-              for view, (x, y, width, height) in marked.items()}
+    marked = {view: resized(box, 1 / source.shrink) for view, box in marked.items()}
     missing = [each for each in marked if not 0 <= each < len(posed)]
     if missing:
         raise ProfileError(f'there is no view {missing[0]}: {source.source} has {len(posed)}, '
@@ -77,7 +74,7 @@ def profile(source: GivenSource, boxes: tuple[tuple[int, float, float, float, fl
     if results is not None:
         results.reserve(*names)
     if not marked:
-        marked = boxes_in_window(posed, 2 if height is None else 1)
+        marked = boxes_in_window(posed, 2 if height is None else 1, source.shrink)
     found = measured(posed, marked, np.array(up) / length, height)
     out.parent.mkdir(parents=True, exist_ok=True)
     found.write(out, mesh, f'Made by: pmcl profile {source.source.name}. {found.describe()}')

@@ -1,5 +1,7 @@
 """A tree of frames over time, as /tf has it."""
 
+from contextlib import suppress
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,18 +37,20 @@ class TransformTree:
                      ) -> MovingPose | None:
         """The pose of `child` in `frame` at a stamp, with the mean speed just before it.
 
-        Where the poses begin, the speed is that just after it.
+        Where the poses begin, the speed is that just after it, or 0 where nothing tells it.
         gap, None, raises: as `PoseBuffer.interpolated`; also where no chain joins the frames.
         """
         now = self._at(stamp_ns, frame, child, gap)
         if now is None:
             return None
-        interval = round(_SPEED_INTERVAL * 1e9)
+        interval, other = round(_SPEED_INTERVAL * 1e9), None
         try:
             other = self._at(stamp_ns - interval, frame, child, gap)
         except PoseUnavailableError:
-            other = self._at(stamp_ns + interval, frame, child, gap)
-        return None if other is None else MovingPose.between(other, now, _SPEED_INTERVAL, 1)
+            with suppress(PoseUnavailableError):
+                other = self._at(stamp_ns + interval, frame, child, gap)
+        return (MovingPose(now) if other is None
+                else MovingPose.between(other, now, _SPEED_INTERVAL, 1))
 
     def _at(self, stamp_ns: int, frame: str, child: str, gap: float
             ) -> NDArray[np.float64] | None:

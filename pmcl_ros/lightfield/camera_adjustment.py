@@ -157,7 +157,7 @@ def parallax(rays: NDArray[np.float64], between: NDArray[np.float64]) -> NDArray
     normal = np.cross(other, one)
     ahead = -np.einsum('mi,mi->m', np.cross(other, between[:3, 3]), normal)
     angle = np.arctan2(np.linalg.norm(normal, axis=1), np.einsum('mi,mi->m', one, other))
-    return np.asarray(np.copysign(angle, ahead))
+    return np.where(ahead < 0, -angle, angle)
 
 
 def _neighbours(told: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -1,5 +1,7 @@
 """Image: pictures, depths, and the images of ordinary cameras."""
 
+import logging
+from functools import cache
 from typing import Any
 
 import cv2
@@ -13,8 +15,9 @@ from pmcl_ros.messages.types import Buffer, CompressedImage, Image
 from pmcl_ros.runtime.errors import MessageError, PictureError
 from pmcl_ros.runtime.picture_file import decoded
 
+_LOG = logging.getLogger(__name__)
+
 # What this package publishes. encoding: type of one value, values per pixel
-_LEAST_ROW = 64  # bytes: padding of a shorter row can look like values
 _ENCODINGS = {'bayer_bggr16': ('<u2', 1), 'rgb16': ('<u2', 3), 'rgb8': ('u1', 3),
               '32FC1': ('<f4', 1), '32FC3': ('<f4', 3), '32FC4': ('<f4', 4)}
 # What other cameras publish. encoding: bits, channels, OpenCV's code to make it RGB (None: it is
@@ -111,10 +114,8 @@ def colours_from(message: Image) -> NDArray[Any]:
                            f'{message.step} bytes with {len(message.data)} bytes of data; rows '
                            f'need {needed} bytes')
     values = message.step // (width * size)
-    if needed >= _LEAST_ROW and message.step == values * width * size and channels < values <= 4:
-        raise MessageError(f'image: rows of {message.step} bytes hold {values} values a pixel of '
-                           f'{width}, {message.encoding} has {channels}: is it the encoding of '
-                           'the data?')
+    if message.step == values * width * size and channels < values <= 4:
+        _tell_padding(message.step, width, message.encoding, values, channels)
     rows = np.frombuffer(message.data, np.uint8)[:message.step * height]
     rows = np.ascontiguousarray(rows.reshape(height, message.step)[:, :needed])
     kind = np.dtype(f'{">" if message.is_bigendian else "<"}u{size}')
@@ -127,6 +128,13 @@ def colours_from(message: Image) -> NDArray[Any]:
     except cv2.error as error:  # of an odd width say, where two pixels share a colour
         raise MessageError(f'image: {width}x{height} px of {message.encoding} cannot be '
                            f'converted to RGB: {error.err}') from None
+
+
+@cache
+def _tell_padding(step: int, width: int, encoding: str, values: int, channels: int) -> None:
+    _LOG.warning('image: rows of %d bytes hold %d values for each of %d px, and %s has %d; they '
+                 'are taken as padding: is it the encoding of the data?', step, values, width,
+                 encoding, channels)
 
 
 def decompressed_from(message: CompressedImage) -> NDArray[Any]:

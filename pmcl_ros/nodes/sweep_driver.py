@@ -57,6 +57,8 @@ class SweepDriver(StageNode):
 
     name = 'sweep_driver'
     settings_class = SweepDriverSettings
+    _lens: Lens | None
+    _no_lens: str  # why there is none
 
     def set_up(self, settings: SweepDriverSettings) -> None:
         """Read the plan, if there is one."""
@@ -89,9 +91,6 @@ class SweepDriver(StageNode):
         when = {'rest': 'wherever the camera comes to rest', 'service': 'at each call of ~/take',
                 'plan': 'at the planned poses'}[settings.collect]
         return f'collects up to {self._collection.cells} posed views, {when}'
-
-    _lens: Lens | None
-    _no_lens: str  # why there is none
 
     def start(self) -> None:
         """Listen."""

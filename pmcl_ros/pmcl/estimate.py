@@ -45,7 +45,8 @@ class PoseEstimate:
     evaluations: number of poses that were rendered and scored.
     incomplete: the support is too small, but the evidence of the whole contour is sufficient.
     in_view: share of the mesh's vertices in the image.
-    least_support, least_evidence: the thresholds that support and evidence were compared with.
+    least_support, least_evidence, least_weight: the thresholds that support, evidence and the
+        weight of the first mode were compared with.
     disagreement: of several views: median square by which each alone would move the contour,
         relative to what the model error of one view lets expect; NaN of one view.
     beyond: of several views: mean evidence for other contours beyond this one's [nat / px]; NaN of
@@ -71,6 +72,7 @@ class PoseEstimate:
     in_view: float = 1.0
     least_support: float = math.nan
     least_evidence: float = math.nan
+    least_weight: float = math.nan
     disagreement: float = math.nan
     beyond: float = math.nan
     hidden: tuple[int, ...] = ()
@@ -120,7 +122,7 @@ class PoseEstimate:
         if self.support < self.least_support:
             return (f'; lost as the weakest part of its contour has {self.support:.2f} nat/px of '
                     f'evidence, {self.least_support:.2f} are needed')
-        if self.modes and self.modes[0].weight < 0.999:
+        if self.modes and self.modes[0].weight < self.least_weight:
             return (f'; lost as other poses are as likely: this one has '
                     f'{100 * self.modes[0].weight:.0f} % of the posterior')
         return ''

@@ -110,7 +110,7 @@ class Estimator:
                             partly or absent or ambiguous, self.settings.mode, modes, support,
                             evidence, incomplete=partly and not (absent or ambiguous),
                             in_view=in_view, least_support=least.support,
-                            least_evidence=least.evidence)
+                            least_evidence=least.evidence, least_weight=least.weight)
 
     def from_prior(self, header: Header, prior: Gaussian, count: int,
                    rng: np.random.Generator) -> PoseEstimate:

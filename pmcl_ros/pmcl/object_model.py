@@ -3,6 +3,7 @@
 import io
 import logging
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +30,7 @@ _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
 _MOST_FACES = 1_000_000
 _MANY_FACES = 100_000
+_MOST_POINTS, _OUT_OF_ROUND = 0.9, 0.02  # share of a round surface; of its radius, it may be off
 _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 _MOST_BYTES = 2 ** 26
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
@@ -300,7 +302,9 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
     if len(mesh.faces) > _MANY_FACES:
         _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
                      'the mesh', name, len(mesh.faces))
-    _, uses = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
+    faces = mesh.faces[(mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)]
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, uses = np.unique(edges @ [len(mesh.vertices), 1], return_counts=True)
     if (uses == 1).any():
         _LOG.warning('object %r: its mesh is not closed, %.2g %% of the edges belong to one face '
                      'only; close holes of a scan, their rims count as outlines', name,
@@ -318,29 +322,40 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
 def _found_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
     """The axis through the origin about which turning the surface leaves it as it is.
 
-    Within 2 % of its diagonal. Tried are z, x, y, and the principal axes of the surface. Warns of
-    an axis that is elsewhere.
+    Within 2 % of its diagonal. Tried are z, x, y, and the principal axes of the surface, about
+    which most of a rod has to be as round as a vessel. Warns of an axis that is elsewhere.
     """
     points, surface, noise = _surface_of(mesh)
     tolerance = noise + 0.01 * float(np.linalg.norm(mesh.extents))
 
-    def is_axis(axis: NDArray[np.float64], through: NDArray[np.float64]) -> bool:
-        turned = (Rotation.from_rotvec(angle * axis).apply(points - through) + through
-                  for angle in (0.5, 1.3, 2.1, 3.0))
-        return all(surface.query(each)[0].max() < tolerance for each in turned)
+    usual = np.quantile(surface.query(points)[0], _MOST_POINTS)
+
+    def off(axis: NDArray[np.float64], through: NDArray[np.float64]
+            ) -> Iterator[NDArray[np.float64]]:
+        for angle in (0.5, 1.3, 2.1, 3.0):
+            turned = Rotation.from_rotvec(angle * axis).apply(points - through) + through
+            yield surface.query(turned)[0]
+
+    def is_round(axis: NDArray[np.float64], through: NDArray[np.float64]) -> bool:
+        radius = np.linalg.norm(np.cross(points - through, axis), axis=1).max()
+        return all(each.max() < tolerance
+                   and np.quantile(each, _MOST_POINTS) < usual + _OUT_OF_ROUND * radius
+                   for each in off(axis, through))
 
     middle, principal = _principal_axes(mesh)
-    for axis in (*np.eye(3)[[2, 0, 1]], *principal):
-        if is_axis(axis, np.zeros(3)):
+    for axis in np.eye(3)[[2, 0, 1]]:
+        if all(each.max() < tolerance for each in off(axis, np.zeros(3))):
             return np.asarray(axis)
     for axis in principal:
-        if is_axis(axis, middle):
-            off = middle - (middle @ axis) * axis
+        if is_round(axis, np.zeros(3)):
+            return np.asarray(axis)
+        if is_round(axis, middle):
+            beside = middle - (middle @ axis) * axis
             _LOG.warning(
                 'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '
                 'so that poses which look the same count as others and it may be lost; move the '
-                'origin to %s in metres', name, axis.round(4).tolist(), np.linalg.norm(off),
-                off.round(5).tolist())
+                'origin to %s in metres', name, axis.round(4).tolist(), np.linalg.norm(beside),
+                beside.round(5).tolist())
     return None
 
 

@@ -49,9 +49,9 @@ def read_picture_file(path: Path, flags: int) -> NDArray[Any]:
 def decoded(data: bytes, flags: int) -> NDArray[Any]:
     """The pixels of a PNG, JPEG, TIFF, BMP, WebP or PPM, by cv2.imdecode with `flags`.
 
-    They are as they are stored, whatever orientation EXIF tells, which is said once: cameras are
-    calibrated, and their poses are told, for the pixels of the sensor (COLMAP does not turn
-    pictures either).
+    They are as they are stored, whatever orientation EXIF tells; of a JPEG that is said once.
+    Cameras are calibrated, and their poses are told, for the pixels of the sensor (COLMAP does not
+    turn pictures either).
     Raises PictureError when it is none, is damaged, or has more than `MOST_PIXELS`.
     """
     try:
@@ -67,18 +67,18 @@ def decoded(data: bytes, flags: int) -> NDArray[Any]:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
         raise PictureError(f'the picture cannot be decoded: {error.err}') from None
-    if (turned := _orientation(data)) != 1:
-        _tell_orientation(turned)
+    if 1 < (turned := _orientation(data)) <= 8:
+        tell_orientation(turned)
     if pixels is None:
         raise PictureError(f'it is no complete picture that OpenCV reads ({_KNOWN})')
     return np.asarray(pixels)
 
 
 @cache
-def _tell_orientation(orientation: int) -> None:
+def tell_orientation(orientation: int) -> None:
+    """Warn, once for each orientation."""
     _LOG.warning('pictures have the EXIF orientation %d, which is not applied: intrinsics and '
-                 'poses must be those of the pixels as they are stored '
-                 '(cv2.IMREAD_IGNORE_ORIENTATION)', orientation)
+                 'poses must be those of the pixels as they are stored', orientation)
 
 
 def _orientation(data: bytes) -> int:

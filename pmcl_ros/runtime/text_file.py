@@ -28,7 +28,7 @@ def read_text(path: Path | str, most: int = MOST_BYTES) -> str:
     """
     data = read_bytes(Path(path), most)
     try:
-        return data.decode('utf-8-sig')
+        return data.decode('utf-8').removeprefix('\ufeff')
     except UnicodeDecodeError as error:
         raise FileError(f'{path} is no text in UTF-8: byte {error.start} is '
                         f'0x{data[error.start]:02x}') from None

@@ -59,6 +59,15 @@ def test_where_the_poses_begin_the_speed_is_that_after_it(tree):
         tree.interpolated(-SECOND // 1000, 'base', 'arm', 2)
 
 
+def test_a_pose_that_is_known_needs_no_speed():
+    tree = TransformTree()
+    for stamp, seed in ((0, 0), (SECOND // 50, 1)):
+        tree.add('base', 'arm', pose(seed), stamp)
+    found = tree.interpolated(SECOND // 100, 'base', 'arm', 2)
+    np.testing.assert_allclose(found.pose, interpolate(pose(0), pose(1), 0.5), atol=1e-12)
+    assert (found.speed, found.angular_speed) == (0, 0)
+
+
 def test_no_pose_is_forgotten_and_no_clock_is_set():
     tree = TransformTree()
     for stamp, seed in ((10 ** 18, 0), (10 ** 18 + SECOND, 1), (0, 2)):

@@ -104,3 +104,4 @@ def test_the_parallax_is_negative_behind_the_cameras():
         cosines = (one * rays[:, 1]).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(
             rays[:, 1], axis=1)
         np.testing.assert_allclose(parallax(rays, between), sign * np.arccos(cosines), atol=1e-7)
+    assert (parallax(rays, np.eye(4)) >= 0).all()  # of one place nothing is behind

@@ -312,3 +312,21 @@ def test_an_origin_far_away_is_refused(tmp_path):
     mesh.apply_translation([3.0, 0, 0])
     with pytest.raises(ObjectModelError, match=r'its origin is 3 m from the middle of its mesh'):
         ObjectModel.load(save(mesh, tmp_path))
+
+
+def test_a_square_rod_is_not_round(tmp_path, caplog):
+    for place in ([0, 0, 0], [0.006, 0.006, 0.1]):
+        rod = trimesh.creation.box([0.012, 0.012, 0.2])
+        rod.apply_translation(place)
+        rod.apply_transform(trimesh.transformations.rotation_matrix(0.7, [1, 2, 3]))
+        assert ObjectModel.load(save(rod, tmp_path)).axis is None
+    assert 'rotationally symmetric about' not in caplog.text
+
+
+def test_faces_that_collapse_are_no_holes(tmp_path, caplog):
+    """As some programs write the poles of a sphere."""
+    mesh = cup()
+    vertex = int(mesh.faces[0, 0])
+    flat = np.vstack([mesh.faces, [[vertex, vertex, int(mesh.faces[0, 1])]]])
+    ObjectModel.load(save(trimesh.Trimesh(mesh.vertices, flat, process=False), tmp_path))
+    assert 'is not closed' not in caplog.text

@@ -11,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from pmcl_ros.cli import box_window, main
-from pmcl_ros.cli.box_window import BoxWindow, boxes_in_window, has_screen, options_of
+from pmcl_ros.cli.box_window import BoxWindow, boxes_in_window, has_screen, options_of, resized
 from pmcl_ros.runtime.errors import ProfileError
 
 
@@ -162,3 +162,10 @@ def test_a_back_end_without_windows_is_no_screen(monkeypatch):
         [sys.executable, '-c', f'import {box_window.__name__} as w; print(w.has_screen())'],
         capture_output=True, text=True, check=True)
     assert found.stdout == 'False\n'
+
+
+def test_boxes_of_shrunk_pictures_are_printed_as_they_are_given():
+    box = (100.0, 80.0, 40.0, 60.0)
+    assert resized(resized(box, 4), 1 / 4) == pytest.approx(box)
+    # of the first four pixels one is made, about (1.5, 1.5)
+    assert resized((0.0, 0.0, 1.0, 1.0), 4)[:2] == (1.5, 1.5)

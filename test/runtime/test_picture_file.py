@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from pmcl_ros.runtime.errors import PictureError
-from pmcl_ros.runtime.picture_file import MOST_PIXELS, decoded, read_picture_file
+from pmcl_ros.runtime.picture_file import (
+    MOST_PIXELS,
+    decoded,
+    read_picture_file,
+    tell_orientation,
+)
 
 FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH
 COLOURS = np.random.default_rng(0).integers(0, 256, (19, 31, 3)).astype(np.uint8)
@@ -43,6 +48,7 @@ def test_what_opencv_writes_is_decoded(kind, pixels):
 @pytest.mark.parametrize('orientation', range(1, 9))
 def test_pixels_stay_as_they_are_stored_whatever_exif_tells(orientation, caplog):
     """Intrinsics and poses are those of the sensor, as of COLMAP."""
+    tell_orientation.cache_clear()
     plain = encoded('.jpg')
     one_tag = b'II*\0' + struct.pack('<IHHHIII', 8, 1, 0x112, 3, 1, orientation, 0)
     exif = b'Exif\0\0' + one_tag

@@ -12,7 +12,7 @@ from pmcl_ros.runtime.errors import CameraError, LinkError, SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 SERVICE = '_lytro._tcp.local.'
-_OTHERS = 0.5  # s: within which other cameras answer; mDNS asks for 20 to 120 ms (RFC 6762, 6)
+_OTHERS = 1.0  # s: within which other cameras answer; mDNS asks for 20 to 120 ms (RFC 6762, 6)
 CALLBACK_PORT = b'callback_port'  # in the TXT record, empty in a real camera
 
 

@@ -27,6 +27,10 @@ _ROUNDS = 20  # of estimating the arm's errors
 _RIGID = 1e-3  # tolerance of orthogonality
 _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
+_OTHERWISE = (
+    'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose of the '
+    'link in the base (not of the base in the link), are the poses those of these pictures, and '
+    'is --fixed-camera given for a camera beside the arm, and only for it?')
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
 
 
@@ -82,9 +86,14 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
         seen = [_board_pose(each, board, pinhole) for each in kept]
         found, squares = _fitted(kept, seen, sigma, fixed_camera)
         worst = int(squares.argmax())
-        if chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY:
+        fits = chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY
+        enough = len(left_out) >= len(pictures) // 4
+        if (fits or enough) and (why := _mismatch(kept, np.array([each[0] for each in seen]),
+                                                  fixed_camera)):
+            raise LightFieldError(why)
+        if fits:
             return replace(found, left_out=tuple(left_out))
-        if len(left_out) >= len(pictures) // 4:
+        if enough:
             raise LightFieldError(
                 'more than a quarter of the pictures do not fit the others: '
                 f'{", ".join([*left_out, kept[worst].name])}; are the poses those of the link, '
@@ -144,48 +153,51 @@ def park_martin(mounts: NDArray[np.float64], seen: NDArray[np.float64]) -> NDArr
     Calibration: Solving AX = XB on the Euclidean Group", 1994. OpenCV before 5
     has it as calibrateHandEye.
     """
-    first, second = np.triu_indices(len(mounts), 1)
-    moved = inverse(mounts[second]) @ mounts[first]
-    turned = seen[second] @ inverse(seen[first])
+    moved, turned = _motions(mounts, seen)
     a, b = (Rotation.from_matrix(each[:, :3, :3]).as_rotvec() for each in (moved, turned))
     matrix = b.T @ a
     values, vectors = np.linalg.eigh(matrix.T @ matrix)
     rotation = vectors @ np.diag(1 / np.sqrt(values)) @ vectors.T @ matrix.T
-    _check_turns(moved, turned, rotation)
+    if not np.linalg.det(rotation) > 0:
+        raise LightFieldError(_OTHERWISE)
     left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    by_board = (turned[:, :3, 3] @ rotation.T).ravel()
-    _check_scale(left, moved[:, :3, 3].ravel(), by_board)
+    right = (moved[:, :3, 3] - turned[:, :3, 3] @ rotation.T).ravel()
     pose = np.eye(4)
-    pose[:3, :3] = rotation
-    pose[:3, 3] = np.linalg.lstsq(left, moved[:, :3, 3].ravel() - by_board, rcond=None)[0]
+    pose[:3, :3], pose[:3, 3] = rotation, np.linalg.lstsq(left, right, rcond=None)[0]
     return pose
 
 
-def _check_turns(moved: NDArray[np.float64], turned: NDArray[np.float64],
-                 rotation: NDArray[np.float64]) -> None:
-    """Raise LightFieldError unless the rotation leads from the board's turns to the arm's."""
-    off = np.inf
-    if np.linalg.det(rotation) > 0:
-        seen = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
-        off = float(np.median((seen.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude()))
-    if not off < _MISMATCH:
-        raise LightFieldError(
-            'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose '
-            'of the link in the base (not of the base in the link), are the poses those of these '
-            'pictures, and is --fixed-camera given for a camera beside the arm, and only for it?')
+def _motions(mounts: NDArray[np.float64], seen: NDArray[np.float64]
+             ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k, 4, 4) motions of mount and board between all pairs of pictures, see `park_martin`."""
+    first, second = np.triu_indices(len(mounts), 1)
+    return inverse(mounts[second]) @ mounts[first], seen[second] @ inverse(seen[first])
 
 
-def _check_scale(left: NDArray[np.float64], moved: NDArray[np.float64],
-                 by_board: NDArray[np.float64]) -> None:
-    """Raise LightFieldError where a board of another size fits the arm's motions far better."""
-    both = np.column_stack([left, by_board])
-    *_, scale = np.linalg.lstsq(both, moved, rcond=None)[0]
+def _mismatch(pictures: Sequence[BoardPicture], seen: NDArray[np.float64], fixed: bool) -> str:
+    """Why pictures and arm, outliers left out, are not of one another; '' where they can be.
+
+    seen: (n, 4, 4) board to camera. Each pair of pictures tells a motion of either.
+    """
+    arm = np.array([each.mount_to_base for each in pictures])
+    mounts = inverse(arm) if fixed else arm
+    moved, turned = _motions(mounts, seen)
+    rotation = park_martin(mounts, seen)[:3, :3]
+    by_board = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
+    off = np.median((by_board.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude())
+    if off > _MISMATCH:
+        return _OTHERWISE
+    left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
+    shifts = (turned[:, :3, 3] @ rotation.T).ravel()
+    scaled = np.column_stack([left, shifts])  # what the arm moved, with the board's size unknown
+    places = moved[:, :3, 3].ravel()
+    *_, scale = np.linalg.lstsq(scaled, places, rcond=None)[0]
     with_it, without = (
         np.linalg.norm(each @ np.linalg.lstsq(each, values, rcond=None)[0] - values)
-        for each, values in ((both, moved), (left, moved - by_board)))
-    if not _SCALES[0] < scale < _SCALES[1] and without > 2 * with_it:
-        raise LightFieldError(
-            f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
+        for each, values in ((scaled, places), (left, places - shifts)))
+    if _SCALES[0] < scale < _SCALES[1] or without < 2 * with_it:
+        return ''
+    return (f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
             'positions of mount_to_base in metres, and is --square the side of a square?')
 
 

@@ -84,7 +84,7 @@ class TopicPoses:
                  offset: NDArray[np.float64] | None = None) -> None:
         self._node, self._names, self._frame = node, names, frame
         self._qos, self._offset = qos, offset
-        self.missing = f'no pose of its time, or later, has come on {names.topic}'
+        self.missing = self._none = f'no pose of its time, or later, has come on {names.topic}'
 
     def start(self) -> None:
         """Subscribe."""
@@ -113,6 +113,7 @@ class TopicPoses:
             self.missing = (f'{self._names.topic} is in frame {header.frame_id!r}, expected '
                             f'{self._names.frame} {self._frame!r}')
             raise MessageError(f'{self.missing}: set one to the other')
+        self.missing = self._none
         self._buffer.add(header.stamp_ns, pose if self._offset is None else pose @ self._offset)
 
 

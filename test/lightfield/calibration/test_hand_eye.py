@@ -111,6 +111,17 @@ def test_poses_the_other_way_round_and_other_units_are_refused(fixed):
         assert float(str(refused.value).split()[7]) == pytest.approx(factor, rel=0.05)
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_pictures_with_late_poses_are_left_out_and_their_cause_is_not_sought(seed):
+    arm = simulated_arm(np.random.default_rng(seed))
+    late = [replace(each, mount_to_base=after.mount_to_base) if number < 2 else each
+            for number, (each, after) in enumerate(zip(
+                arm.pictures, (*arm.pictures[1:], arm.pictures[0]), strict=True))]
+    found = hand_eye(late, arm.board, arm.pinhole)
+    assert {'000', '001'} <= {*found.left_out}
+    assert np.linalg.norm(local(arm.camera[None], found.camera)[0][:3]) < 0.003
+
+
 def test_matrices_by_columns_and_an_arm_that_never_fits_are_refused():
     arm = simulated_arm(np.random.default_rng(7))
     turned = [replace(each, mount_to_base=each.mount_to_base.T) for each in arm.pictures]
