@@ -151,13 +151,13 @@ class ObjectModel:
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
                 f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh: '
                 '0.001 for millimetres')
+        _check_scan(mesh, name)
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
             axis = _found_axis(mesh, name)
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
-        _check_scan(mesh, name)
         reach = float(np.linalg.norm(vertices, axis=1).max())
         discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
         _check_group(mesh, discrete, name)
@@ -354,8 +354,8 @@ def _found_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
             _LOG.warning(
                 'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '
                 'so that poses which look the same count as others and it may be lost; move the '
-                'origin to %s in metres', name, axis.round(4).tolist(), np.linalg.norm(beside),
-                beside.round(5).tolist())
+                'origin to %s in metres', name, (axis.round(4) + 0).tolist(), np.linalg.norm(beside),
+                (beside.round(5) + 0).tolist())
     return None
 
 
