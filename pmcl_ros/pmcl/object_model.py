@@ -350,12 +350,12 @@ def _found_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
         if is_round(axis, np.zeros(3)):
             return np.asarray(axis)
         if is_round(axis, middle):
-            beside = middle - (middle @ axis) * axis
+            beside = (middle - (middle @ axis) * axis).round(5) + 0
             _LOG.warning(
                 'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '
                 'so that poses which look the same count as others and it may be lost; move the '
-                'origin to %s in metres', name, (axis.round(4) + 0).tolist(), np.linalg.norm(beside),
-                (beside.round(5) + 0).tolist())
+                'origin to %s in metres', name, (axis.round(4) + 0).tolist(),
+                np.linalg.norm(beside), beside.tolist())
     return None
 
 
