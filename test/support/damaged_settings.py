@@ -54,7 +54,7 @@ def settings_formats(folder, bag):
                'mount_rpy': [0.0, 0, 0]}
     gripper = GripperSettings().model_dump(mode='json')
     made = {
-        'sweep plan': at(folder, 'plan.yaml', dump(plan), SweepPlan.read),
+        'sweep plan': at(folder, 'plan.yaml', dump(plan), SweepPlan.load),
         'camera plan': at(folder, 'cameras.yaml', dump(cameras), placed),
         'camera': at(folder, 'camera.yaml', dump(camera), drawn),
         'collect': at(bag, 'collect.yaml', dump(collect), lambda path: GivenSource(

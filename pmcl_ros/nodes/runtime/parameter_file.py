@@ -72,7 +72,7 @@ def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[l
 def _check_names(path: Path | str, section: str, node: NodeEntry, values: dict[str, Any]) -> None:
     kind = node.load().settings_class
     for name, value in values.items():
-        if isinstance(value, list) and {int, float} <= {type(each) for each in value}:
+        if isinstance(value, list) and {int, float} == {type(each) for each in value}:
             raise SettingsError(f'{path} gives {section!r} {name}: {value}: ROS wants numbers of '
                                 'one kind, each with a point, as 0.0')
         if name in kind.model_fields or str(name).partition('.')[0] in _EVERY:
