@@ -31,6 +31,7 @@ _OTHERWISE = (
     'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose of the '
     'link in the base (not of the base in the link), are the poses those of these pictures, and '
     'is --fixed-camera given for a camera beside the arm, and only for it?')
+_ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
 
 
@@ -187,15 +188,16 @@ def _mismatch(pictures: Sequence[BoardPicture], seen: NDArray[np.float64], fixed
     off = np.median((by_board.inv() * Rotation.from_matrix(moved[:, :3, :3])).magnitude())
     if off > _MISMATCH:
         return _OTHERWISE
+    # What no place of the camera on the mount explains: nothing, where the camera always had the
+    # board at one place before it; else the arm's part and the board's are the same.
     left = (np.eye(3) - moved[:, :3, :3]).reshape(-1, 3)
-    shifts = (turned[:, :3, 3] @ rotation.T).ravel()
-    scaled = np.column_stack([left, shifts])  # what the arm moved, with the board's size unknown
-    places = moved[:, :3, 3].ravel()
-    *_, scale = np.linalg.lstsq(scaled, places, rcond=None)[0]
-    with_it, without = (
-        np.linalg.norm(each @ np.linalg.lstsq(each, values, rcond=None)[0] - values)
-        for each, values in ((scaled, places), (left, places - shifts)))
-    if _SCALES[0] < scale < _SCALES[1] or without < 2 * with_it:
+    by_arm, by_boards = (each - left @ np.linalg.lstsq(left, each, rcond=None)[0] for each in (
+        moved[:, :3, 3].ravel(), (turned[:, :3, 3] @ rotation.T).ravel()))
+    sizes = np.linalg.norm(by_arm), np.linalg.norm(by_boards)
+    if by_arm @ by_boards <= _ALIKE * sizes[0] * sizes[1]:
+        return ''
+    scale = sizes[0] / sizes[1]
+    if _SCALES[0] < scale < _SCALES[1]:
         return ''
     return (f"by the arm's motions the board is {scale:.3g} times as large as told: are the "
             'positions of mount_to_base in metres, and is --square the side of a square?')
