@@ -1,9 +1,6 @@
 """The object that is looked for: its mesh, and which motions leave it as it is."""
 
-import io
 import logging
-import os
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -13,14 +10,12 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.spatial import cKDTree
-from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.revolution_axis import revolution_axis, surface_of
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.runtime.binary_file import read_bytes
-from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
-from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
+from pmcl_ros.runtime.errors import FileError, ObjectModelError
+from pmcl_ros.runtime.mesh_file import read_mesh
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
 
@@ -28,12 +23,8 @@ _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
 _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
-_MOST_FACES = 1_000_000
 _MANY_FACES = 100_000
-_MOST_POINTS, _OUT_OF_ROUND = 0.9, 0.02  # share of a round surface; of its radius, it may be off
 _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
-_MOST_BYTES = 2 ** 26
-_KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
@@ -155,7 +146,7 @@ class ObjectModel:
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
-            axis = _found_axis(mesh, name)
+            axis = revolution_axis(mesh, name)
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
         reach = float(np.linalg.norm(vertices, axis=1).max())
@@ -215,59 +206,6 @@ def _diagonal(mesh: trimesh.Trimesh) -> float:
         return float(np.linalg.norm(np.ptp(np.asarray(mesh.vertices, float), axis=0)))
 
 
-def read_mesh(path: Path) -> trimesh.Trimesh:
-    """The mesh of a file: finite vertices, a surface, not too many faces; else ObjectModelError.
-    """
-    kind = path.suffix.lower().removeprefix('.')
-    if not os.path.isfile(path):  # which takes any name
-        raise ObjectModelError(f'no mesh file {path}')
-    if kind not in _KINDS:
-        raise ObjectModelError(f'{path} cannot be read as a mesh: {", ".join(_KINDS)} are read; '
-                               'convert it, with Blender or MeshLab')
-    try:
-        data = read_bytes(path, _MOST_BYTES, 'simplify it, or write it as a binary STL or PLY')
-    except FileError as error:
-        raise ObjectModelError(str(error)) from None
-    try:
-        _check_size(mesh_size(data, kind))
-        mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))
-        if not np.isfinite(mesh.triangles).all():
-            raise ObjectModelError('has vertices that are not finite numbers')
-        if not mesh.area > 0:
-            raise ObjectModelError(f'holds {len(mesh.vertices)} vertices but no surface')
-        # Corners that differ in colour or normal alone are one; those of no face are no part.
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    except PmclError as error:
-        raise ObjectModelError(f'{path} {error}') from None
-    except MemoryError:
-        raise
-    except Exception as error:  # trimesh's readers raise whatever their parsers raise
-        raise ObjectModelError(f'{path} cannot be read as a mesh: {error!r}') from error
-    return mesh
-
-
-def _check_size(size: MeshSize) -> None:
-    """Raise ObjectModelError for too many faces, or what no such mesh needs."""
-    for name, count, most in (('faces', size.faces, _MOST_FACES),
-                              ('vertices', size.vertices, 3 * _MOST_FACES),
-                              ('corners', size.corners, 4 * _MOST_FACES),
-                              ('lines', size.lines, 10 * _MOST_FACES)):
-        if count > most:
-            raise ObjectModelError(f'has {count} {name}, at most {most} are read; simplify it')
-
-
-def _whole(loaded: Any) -> trimesh.Trimesh:
-    """The parts of a file as one mesh; ObjectModelError for none, or too many faces."""
-    scene = loaded if isinstance(loaded, trimesh.Scene) else trimesh.Scene(loaded)
-    # A part may be there many times, by reference.
-    parts = [scene.geometry[scene.graph[node][1]] for node in scene.graph.nodes_geometry]
-    faces = sum(len(getattr(each, 'faces', ())) for each in parts)
-    if not faces:
-        raise ObjectModelError('holds no faces, and so no surface')
-    _check_size(MeshSize(0, faces))
-    return loaded if isinstance(loaded, trimesh.Trimesh) else loaded.to_mesh()
-
-
 def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[np.float64] | None:
     if not symmetries:
         return None
@@ -284,7 +222,7 @@ def _check_group(mesh: trimesh.Trimesh, group: NDArray[np.float64], name: str) -
     """Warn if a declared group moves the surface: that may be meant, as with a small mark."""
     if len(group) == 1:
         return
-    points, surface, noise = _surface_of(mesh)
+    points, surface, noise = surface_of(mesh)
     off = max(float(surface.query(points @ each[:3, :3].T + each[:3, 3])[0].max())
               for each in group) - noise
     extent = float(np.linalg.norm(mesh.extents))
@@ -317,64 +255,3 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
         _LOG.warning('object %r: its origin is %.3g m from the middle of its mesh, which measures '
                      '%.3g m; region and pose are those of the origin: better move it into the '
                      'mesh', name, far, diagonal)
-
-
-def _found_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
-    """The axis through the origin about which turning the surface leaves it as it is.
-
-    Within 2 % of its diagonal. Tried are z, x, y, and the principal axes of the surface, about
-    which most of a rod has to be as round as a vessel. Warns of an axis that is elsewhere.
-    """
-    points, surface, noise = _surface_of(mesh)
-    tolerance = noise + 0.01 * float(np.linalg.norm(mesh.extents))
-
-    usual = np.quantile(surface.query(points)[0], _MOST_POINTS)
-
-    def off(axis: NDArray[np.float64], through: NDArray[np.float64]
-            ) -> Iterator[NDArray[np.float64]]:
-        for angle in (0.5, 1.3, 2.1, 3.0):
-            turned = Rotation.from_rotvec(angle * axis).apply(points - through) + through
-            yield surface.query(turned)[0]
-
-    def is_round(axis: NDArray[np.float64], through: NDArray[np.float64]) -> bool:
-        radius = np.linalg.norm(np.cross(points - through, axis), axis=1).max()
-        return all(each.max() < tolerance
-                   and np.quantile(each, _MOST_POINTS) < usual + _OUT_OF_ROUND * radius
-                   for each in off(axis, through))
-
-    middle, principal = _principal_axes(mesh)
-    for axis in np.eye(3)[[2, 0, 1]]:
-        if all(each.max() < tolerance for each in off(axis, np.zeros(3))):
-            return np.asarray(axis)
-    for axis in principal:
-        if is_round(axis, np.zeros(3)):
-            return np.asarray(axis)
-        if is_round(axis, middle):
-            beside = (middle - (middle @ axis) * axis).round(5) + 0
-            _LOG.warning(
-                'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '
-                'so that poses which look the same count as others and it may be lost; move the '
-                'origin to %s in metres', name, (axis.round(4) + 0).tolist(),
-                np.linalg.norm(beside), beside.tolist())
-    return None
-
-
-def _principal_axes(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The middle (3,) of the surface and its principal axes (3, 3), in rows."""
-    corners, areas = mesh.triangles, mesh.area_faces / mesh.area
-    middle = areas @ corners.mean(axis=1)
-    corners = corners - middle
-    # The integral of x x^T over a triangle is area / 12 (sum of v v^T + (sum of v)(sum of v)^T).
-    total = corners.sum(axis=1)
-    moments = (np.einsum('n,nki,nkj->ij', areas, corners, corners)
-               + np.einsum('n,ni,nj->ij', areas, total, total)) / 12
-    axes = np.linalg.eigh(moments)[1].T
-    largest = np.take_along_axis(axes, abs(axes).argmax(axis=1)[:, None], axis=1)
-    return middle, np.asarray(axes * np.sign(largest))
-
-
-def _surface_of(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], cKDTree, float]:
-    """Points (n, 3) of the surface, others to be the nearest of, and how near those are [m]."""
-    points = trimesh.sample.sample_surface(mesh, 4000, seed=0)[0]
-    surface = cKDTree(trimesh.sample.sample_surface(mesh, 20000, seed=1)[0])
-    return points, surface, float(surface.query(points)[0].max())

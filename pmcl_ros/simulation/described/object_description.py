@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.appearance import Appearance
-from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file, read_mesh
+from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
 from pmcl_ros.runtime.errors import ObjectModelError
+from pmcl_ros.runtime.mesh_file import read_mesh
 from pmcl_ros.runtime.settings import read_yaml
 from pmcl_ros.simulation.described import offsets, profiles
 from pmcl_ros.simulation.described.substances import liquid_of, medium_of
