@@ -12,13 +12,19 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
 
+def pose_of(rotation: Rotation | NDArray[np.float64],
+            position: NDArray[np.floating] | Sequence[float]) -> NDArray[np.float64]:
+    """(..., 4, 4) poses of rotations, or matrices (..., 3, 3), and positions (..., 3) [m]."""
+    turn = rotation.as_matrix() if isinstance(rotation, Rotation) else np.asarray(rotation)
+    pose = np.zeros((*turn.shape[:-2], 4, 4))
+    pose[..., :3, :3], pose[..., :3, 3], pose[..., 3, 3] = turn, position, 1
+    return pose
+
+
 def transform(position: Sequence[float] | NDArray[np.float64], rpy: Sequence[float] = (0, 0, 0)
               ) -> NDArray[np.float64]:
     """(4, 4) pose of a position [m] and roll, pitch, yaw about fixed axes, as in URDF [rad]."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_euler('xyz', rpy).as_matrix()
-    matrix[:3, 3] = position
-    return matrix
+    return pose_of(Rotation.from_euler('xyz', rpy), position)
 
 
 def inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -33,9 +39,7 @@ def inverse(pose: NDArray[np.float64]) -> NDArray[np.float64]:
 def rotations_about(axis: NDArray[np.float64], angles: NDArray[np.float64]
                     ) -> NDArray[np.float64]:
     """(n, 4, 4) rotations by `angles` (n,) [rad] about a unit vector through the origin."""
-    matrices = np.tile(np.eye(4), (len(angles), 1, 1))
-    matrices[:, :3, :3] = Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
-    return matrices
+    return pose_of(Rotation.from_rotvec(angles[:, None] * axis), [0, 0, 0])
 
 
 def least_turn(start: NDArray[np.float64], end: NDArray[np.float64]) -> Rotation:
@@ -69,11 +73,9 @@ def rotation_angle(poses: NDArray[np.float64], other: NDArray[np.float64]) -> ND
 def interpolate(first: NDArray[np.float64], last: NDArray[np.float64], fraction: float
                 ) -> NDArray[np.float64]:
     """(4, 4) pose at `fraction` (0 to 1) between two: linear in position, slerp in rotation."""
-    pose = np.eye(4)
-    pose[:3, 3] = (1 - fraction) * first[:3, 3] + fraction * last[:3, 3]
     ends = Rotation.from_matrix([first[:3, :3], last[:3, :3]])
-    pose[:3, :3] = Slerp([0.0, 1.0], ends)(fraction).as_matrix()
-    return pose
+    return pose_of(Slerp([0.0, 1.0], ends)(fraction),
+                   (1 - fraction) * first[:3, 3] + fraction * last[:3, 3])
 
 
 def retract(poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.float64]:

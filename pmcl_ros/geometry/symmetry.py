@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.special import chdtr
 
-from pmcl_ros.geometry.se3 import least_turn, local, rotation_angle, rotations_about
+from pmcl_ros.geometry.se3 import least_turn, local, pose_of, rotation_angle, rotations_about
 from pmcl_ros.runtime.errors import ObjectModelError
 
 FREE_AXIS_VARIANCE = math.pi ** 2 / 3  # rad^2: of an angle that is uniform over the full turn
@@ -203,16 +203,13 @@ class Symmetry:
         and the spin is canonical.
         """
         weights = np.full(len(poses), 1 / len(poses)) if weights is None else weights
-        mean = np.eye(4)
-        mean[:3, 3] = weights @ poses[:, :3, 3]
+        place = weights @ poses[:, :3, 3]
         if self.axis is None:
-            mean[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean(weights).as_matrix()
-            return mean
+            return pose_of(Rotation.from_matrix(poses[:, :3, :3]).mean(weights), place)
         direction = weights @ (poses[:, :3, :3] @ self.axis)
-        mean[:3, :3] = poses[int(weights.argmax()), :3, :3]
-        swing = least_turn(mean[:3, :3] @ self.axis, direction)
-        mean[:3, :3] = swing.as_matrix() @ mean[:3, :3]
-        return self.canonical_spin(mean)
+        turn = poses[int(weights.argmax()), :3, :3]
+        swing = least_turn(turn @ self.axis, direction)
+        return self.canonical_spin(pose_of(swing.as_matrix() @ turn, place))
 
     def covariance(self, poses: NDArray[np.float64], mean: NDArray[np.float64],
                    weights: NDArray[np.float64] | None = None) -> NDArray[np.float64]:

@@ -1,14 +1,17 @@
 """Pictures of ordinary cameras, and the cameras' poses in a reference frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.runtime.errors import LightFieldError
 
@@ -112,8 +115,11 @@ def centre_view(light_field: LightField) -> PosedView:
 def check_pose(pose: NDArray[np.float64], name: str) -> None:
     """Raise LightFieldError unless a matrix is a rotation and a shift (4, 4)."""
     if pose.shape != (4, 4) or not (abs(pose) < _FAR).all() or (pose[3] != [0, 0, 0, 1]).any():
-        raise LightFieldError(f'{name} {pose.tolist()} is no pose: expected a (4, 4) matrix with '
-                              f'numbers up to {_FAR:g} and the last row 0, 0, 0, 1')
+        raise LightFieldError(
+            f'{name} {pose.tolist()} is no pose: expected a (4, 4) matrix with numbers up to '
+            f'{_FAR:g} and the last row 0, 0, 0, 1' + (
+                '; it is written column by column' if pose.shape == (4, 4)
+                and (pose[:, 3] == [0, 0, 0, 1]).all() else ''))
     turn = pose[:3, :3]
     off = float(abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID or np.linalg.det(turn) < 0:
@@ -121,6 +127,16 @@ def check_pose(pose: NDArray[np.float64], name: str) -> None:
             f'{name} {turn.tolist()} is no rotation: ' + (
                 f'its rows are {off:.2g} off being orthonormal, {_RIGID:g} is allowed'
                 if off > _RIGID else 'it mirrors (its determinant is -1)'))
+
+
+def quaternion_pose(position: Sequence[float], quaternion: Sequence[float], name: str
+                    ) -> NDArray[np.float64]:
+    """(4, 4) of a position [m] and a unit quaternion x, y, z, w; else LightFieldError."""
+    length = float(np.linalg.norm(quaternion))
+    if not abs(length - 1) < _RIGID:
+        raise LightFieldError(f'{name}: the quaternion {list(quaternion)} has length '
+                              f'{length:.4f}, not 1')
+    return pose_of(Rotation.from_quat(quaternion), position)
 
 
 @dataclass(frozen=True)

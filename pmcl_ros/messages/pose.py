@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.types import (
     Point,
@@ -100,8 +101,6 @@ def poses_from(poses: Sequence[Pose], topic: str) -> NDArray[np.float64]:
     lengths = np.linalg.norm(rows[:, 3:], axis=1)
     if not np.isfinite(rows).all() or (abs(lengths - 1) > 1e-3).any():
         raise MessageError(f'{topic}: a pose is not finite or its quaternion has not length 1')
-    matrices = np.tile(np.eye(4), (len(rows), 1, 1))
-    if len(rows):
-        matrices[:, :3, :3] = Rotation.from_quat(rows[:, 3:]).as_matrix()
-    matrices[:, :3, 3] = rows[:, :3]
-    return matrices
+    if len(rows) == 0:  # which Rotation takes from SciPy 1.15 on only
+        return np.zeros((0, 4, 4))
+    return pose_of(Rotation.from_quat(rows[:, 3:]), rows[:, :3])

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import least_turn
+from pmcl_ros.geometry.se3 import least_turn, pose_of
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.object_model import ObjectModel
 
@@ -53,9 +53,7 @@ def ambiguous_poses(model: ObjectModel, pose: NDArray[np.float64]) -> NDArray[np
         away = axis - 2 * (axis @ sight) * sight
         turned = [least_turn(axis, each).as_matrix() @ rotation
                   for each in (-axis, away, -away)]
-    result = np.tile(np.eye(4), (len(turned), 1, 1))
-    result[:, :3, :3] = turned
-    result[:, :3, 3] = centre - result[:, :3, :3] @ middle
+    result = pose_of(np.array(turned), centre - np.array(turned) @ middle)
     return _drop_equivalents(model.symmetry, pose, result)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import pose_of, retract
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.errors import LocalizationError
@@ -93,11 +93,9 @@ def uniform_poses(region: Region, count: int, rng: np.random.Generator,
 
     orientation: in place of SO(3), if given.
     """
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, 3] = np.array(region.center) + (rng.random((count, 3)) - 0.5) * region.size
-    poses[:, :3, :3] = (Rotation.random(count, rng).as_matrix() if orientation is None
-                        else orientation.draw(count, rng))
-    return poses
+    places = np.array(region.center) + (rng.random((count, 3)) - 0.5) * region.size
+    return pose_of(Rotation.random(count, rng) if orientation is None
+                   else orientation.draw(count, rng), places)
 
 
 def perturb(poses: NDArray[np.float64], translation: NDArray[np.floating] | float,

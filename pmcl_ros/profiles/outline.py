@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import least_turn
+from pmcl_ros.geometry.se3 import least_turn, pose_of
 from pmcl_ros.runtime.errors import ProfileError
 
 Box = tuple[float, float, float, float]  # left, top, width, height [px]
@@ -103,10 +103,8 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
                            'of the same object, and the poses right?')
     radii, heights = zip(*(_size(view, float(rise), float(far)) for view, rise, far in zip(
         views, rises, distances, strict=True)), strict=True)
-    frame = np.eye(4)
-    frame[:3, :3] = _upright(up)
-    frame[:3, 3] = middle
-    return Cylinder(frame, float(np.mean(radii)), height or float(np.mean(heights)))
+    return Cylinder(pose_of(_upright(up), middle), float(np.mean(radii)),
+                    height or float(np.mean(heights)))
 
 
 def _size(view: BoxedView, rise: float, distance: float) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import retract
+from pmcl_ros.geometry.se3 import pose_of, retract
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
@@ -117,10 +117,7 @@ def _arc(scene: Scene, count: int, degrees: float) -> NDArray[np.float64]:
     vertical = scene.world_from_camera[2]  # upwards, in the camera's frame
     angles = np.deg2rad(degrees) * (np.linspace(-0.5, 0.5, count) if count > 1 else np.zeros(1))
     turns = Rotation.from_rotvec(angles[:, None] * vertical).as_matrix()
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, :3] = turns
-    poses[:, :3, 3] = middle - turns @ middle
-    return poses
+    return pose_of(turns, middle - turns @ middle)
 
 
 def in_room(scene: Scene, cameras: Sequence[NDArray[np.float64]] | NDArray[np.float64]
@@ -129,6 +126,5 @@ def in_room(scene: Scene, cameras: Sequence[NDArray[np.float64]] | NDArray[np.fl
 
     Its axes are those of the room (z up), its origin is that of the scene's own camera.
     """
-    room = np.eye(4)
-    room[:3, :3] = scene.world_from_camera
+    room = pose_of(scene.world_from_camera, [0, 0, 0])
     return np.asarray(room @ np.asarray(cameras))

@@ -22,6 +22,7 @@ from pmcl_ros.evidence.edges import NEIGHBOURHOOD, EdgeVolume
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -58,9 +59,8 @@ def random_edge_scene(rng: np.random.Generator, error: ModelError) -> EdgeScene:
     """Draw a vessel at any attitude, its contour displaced by a draw of `error`."""
     model = random_solid(rng)
     centre = np.append(rng.uniform(-0.02, 0.02, 2), rng.uniform(0.45, 0.6))
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.random(None, rng).as_matrix()
-    pose[:3, 3] = centre + rng.uniform(-0.4, 0.4, 3) * _SIDE
+    turn = Rotation.random(None, rng)
+    pose = pose_of(turn, centre + rng.uniform(-0.4, 0.4, 3) * _SIDE)
     depths = depth_labels(centre[2] - _SIDE / 2 - model.radius,
                           centre[2] + _SIDE / 2 + model.radius, _LABELS)
     camera = _CAMERA.resized(_ZOOM * _CAMERA.width, _ZOOM * _CAMERA.height)

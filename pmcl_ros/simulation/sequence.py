@@ -10,11 +10,11 @@ from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.settings import Odd, Settings
 from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_sensor
 from pmcl_ros.simulation.scenes.sensor import Sensor, exposure, noisy, sensed
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
@@ -81,17 +81,14 @@ def wander(rng: np.random.Generator, frames: int, reach: NDArray[np.float64], tu
     rates = rng.uniform(0.6, 1.7, (6, _WAVES))
     phases = rng.uniform(0, 2 * np.pi, (6, _WAVES))
     sizes = rng.dirichlet(np.full(_WAVES, 3.0), 6) * np.append(reach, np.full(3, turn))[:, None]
-    poses = np.tile(np.eye(4), (frames, 1, 1))
     if speed == 0:
-        return poses
+        return np.tile(np.eye(4), (frames, 1, 1))
     fine = np.linspace(0, _LONG, _FINE)[:, None, None]
     slopes = (sizes * rates * np.cos(rates * fine + phases)).sum(axis=2)
     step = speed / np.linalg.norm(slopes[:, :3], axis=1).max()
     time = step * np.arange(frames)[:, None, None]
     way = (sizes * np.sin(rates * time + phases)).sum(axis=2)
-    poses[:, :3, 3] = way[:, :3]
-    poses[:, :3, :3] = Rotation.from_rotvec(way[:, 3:]).as_matrix()
-    return poses
+    return pose_of(Rotation.from_rotvec(way[:, 3:]), way[:, :3])
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
 
 from pmcl_ros.geometry.header import Header
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.pose import pose_to_message
 from pmcl_ros.messages.posed_views import posed_views_from
@@ -20,7 +20,6 @@ from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.manipulation.camera_kinds import WIDE_F01
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.rays import fast_along
 from pmcl_ros.simulation.scenes.render import seen_from
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.camera.files import read_raw_frame, write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
 from pmcl_ros.evaluation.studies.view_comparison import IdealViews, compare_views
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import Calibrator
 from pmcl_ros.lightfield.calibration.camera_model import predict
@@ -20,7 +21,6 @@ from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.path_tracing.render import physical_along
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.rays import fast_along
 from pmcl_ros.simulation.scenes.render import fast
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet

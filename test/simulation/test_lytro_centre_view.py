@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.simulation.lytro.calibration_pictures import white_picture
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -14,7 +15,6 @@ from pmcl_ros.simulation.lytro.centre_view import centre_view
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.manipulation.camera_kinds import WIDE_F01
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.rays import fast_along
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet
 from pmcl_ros.simulation.scenes.textures import random_texture

@@ -7,9 +7,9 @@ from plain_scenes import WHITE, plain_scene, pose_at
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.occluding import DIRECTIONS, contour_labels
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.simulation.path_tracing.render import physical
 from pmcl_ros.simulation.path_tracing.variant import is_compiled
@@ -22,7 +23,6 @@ from pmcl_ros.simulation.scenes.environment import (
     random_lit_environment,
 )
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque, fresnel
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.render import fast
 from pmcl_ros.simulation.scenes.scene import Decal, Scene, Sheet, Solid
 from pmcl_ros.simulation.scenes.sensor import Sensor

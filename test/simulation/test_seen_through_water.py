@@ -7,6 +7,7 @@ from plain_scenes import WHITE, plain_scene, plain_sensor, pose_at
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.interface import Interface
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
@@ -14,7 +15,6 @@ from pmcl_ros.simulation.described.place import Frame
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import submerged
 from pmcl_ros.simulation.scenes.materials import Opaque
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.render import fast
 from pmcl_ros.simulation.scenes.scene import Solid
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles

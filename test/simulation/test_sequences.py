@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.cli import main
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import ViewGrid, nominal_positions
 from pmcl_ros.messages.bags import read, topics
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -19,7 +20,6 @@ from pmcl_ros.pmcl.tracking.settings import TrackingSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
 from pmcl_ros.simulation.files import write_sequence
 from pmcl_ros.simulation.layers import Plane, Solid, laid_over, view_shifts
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings, wander
 
 SMALL = SequenceSettings(frames=12, occluded=2, size=64)

@@ -10,13 +10,8 @@ from rich.table import Table
 from pmcl_ros.cli.base import FORCE, STDERR
 from pmcl_ros.evaluation.studies.sweep import Arm, compare
 from pmcl_ros.evaluation.trials import Trial
-from pmcl_ros.lightfield.sweep.plan import (
-    MATCHING,
-    SweepPlan,
-    depth_resolution,
-    pose_of,
-    width_for,
-)
+from pmcl_ros.lightfield.posed_view import quaternion_pose
+from pmcl_ros.lightfield.sweep.plan import MATCHING, SweepPlan, depth_resolution, width_for
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings
 
@@ -59,7 +54,7 @@ def plan(distance: float, resolution: float, fx: float, size: tuple[int, int] | 
     width = width_for(distance, fx, resolution, matching)
     rows, columns = views
     step = width / (max(rows, columns) - 1)
-    middle = None if pose is None else pose_of(pose[:3], pose[3:], '--pose')
+    middle = None if pose is None else quaternion_pose(pose[:3], pose[3:], '--pose')
     made = SweepPlan.from_grid(rows, columns, round(step, 6), middle, frame if pose else '')
     width = made.baseline * (max(rows, columns) - 1)
     sigma = depth_resolution(distance, fx, width, matching)

@@ -15,6 +15,7 @@ from pmcl_ros.evidence.contour_profile import ContourProfile
 from pmcl_ros.evidence.edges import EdgeVolume
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.prior.region import Region
@@ -157,10 +158,8 @@ def poses_beside(count: int) -> NDArray[np.float64]:
     """(count, 4, 4) upright, a little aside and tilted."""
     rng = np.random.default_rng(0)
     upright = Rotation.from_euler('x', 100, degrees=True)
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, :3] = (Rotation.from_rotvec(rng.normal(0, 0.1, (count, 3))) * upright).as_matrix()
-    poses[:, :3, 3] = PLACE + rng.normal(0, 0.004, (count, 3))
-    return poses
+    turns = Rotation.from_rotvec(rng.normal(0, 0.1, (count, 3))) * upright
+    return pose_of(turns, PLACE + rng.normal(0, 0.004, (count, 3)))
 
 
 def edges_at(renderer: Renderer, scene: Scene, pose: NDArray[np.float64]) -> EdgeVolume:

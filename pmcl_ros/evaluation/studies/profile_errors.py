@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.evaluation.recall import share_with_interval
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.grasps.revolution import Profile
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.pipeline import Pipeline
@@ -165,11 +166,9 @@ def _round(rng: np.random.Generator, of: ProfileStudy, scene: Scene) -> NDArray[
         right = np.cross(ahead, up)
         right /= np.linalg.norm(right)
         aside, roll = rng.normal(0, 0.03, 2), rng.normal(0, 0.1)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead], axis=1)
-        pose[:3, :3] @= Rotation.from_rotvec([*aside, roll]).as_matrix()
-        pose[:3, 3] = middle - distance * ahead
-        poses.append(pose)
+        turn = np.stack([right, np.cross(ahead, right), ahead], axis=1)
+        poses.append(pose_of(turn @ Rotation.from_rotvec([*aside, roll]).as_matrix(),
+                             middle - distance * ahead))
     return np.array(poses)
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evaluation.trials import Trial
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import LightField
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import SweepFrame
@@ -93,16 +94,13 @@ def _depth_error(volume: DepthLikelihoodVolume, capture: SyntheticCapture,
 def _missed(pose: NDArray[np.float64], shift: float, turn: float, rng: np.random.Generator
             ) -> NDArray[np.float64]:
     """A pose (4, 4) off by normal deviates [m], [rad] in its own frame."""
-    by = np.eye(4)
     # An arm keeps its plane better than its place: joints move little between two pictures.
-    by[:3, 3] = shift * rng.standard_normal(3) * [1, 1, 0.2]
-    by[:3, :3] = Rotation.from_rotvec(turn * rng.standard_normal(3)).as_matrix()
-    return pose @ by
+    by = shift * rng.standard_normal(3) * [1, 1, 0.2]
+    return pose @ pose_of(Rotation.from_rotvec(turn * rng.standard_normal(3)), by)
 
 
 def _reported(frame: SweepFrame, arm: Arm, rng: np.random.Generator) -> SweepFrame:
     """A frame with the pose that the arm reports."""
-    by = np.eye(4)
-    by[:3, 3] = arm.unknown * rng.standard_normal(3)
-    by[:3, :3] = Rotation.from_rotvec(arm.unknown_turn * rng.standard_normal(3)).as_matrix()
-    return replace(frame, pose=frame.pose @ by)
+    by = arm.unknown * rng.standard_normal(3)
+    turn = Rotation.from_rotvec(arm.unknown_turn * rng.standard_normal(3))
+    return replace(frame, pose=frame.pose @ pose_of(turn, by))

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.files import list_pictures, read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.bundle import (
     Fit,
@@ -78,10 +79,7 @@ class CalibrationResult:
     def poses(self) -> NDArray[np.float64]:
         """(n, 4, 4) board to camera: from the first inner corner x along the columns, y along the
         rows, z into the board."""
-        poses = np.tile(np.eye(4), (len(self.boards), 1, 1))
-        poses[:, :3, :3] = Rotation.from_rotvec(self.fit.poses[:, :3]).as_matrix()
-        poses[:, :3, 3] = self.fit.poses[:, 3:]
-        return poses
+        return pose_of(Rotation.from_rotvec(self.fit.poses[:, :3]), self.fit.poses[:, 3:])
 
     @property
     def residuals(self) -> NDArray[np.float64]:

@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import inverse, local, retract
+from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract
+from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import LightFieldError
 
 FEWEST = 6  # pictures
@@ -24,7 +25,6 @@ _LEAST_SPREAD = np.deg2rad(8)  # of the rotations about the second of their axes
 _UNLIKELY = 1e-4  # chance of a picture whose arm pose or board fits so badly
 _FIRST_SIGMA = np.repeat([1e-3, 2e-3], 3)  # m, rad: of the arm, where nothing is told
 _ROUNDS = 20  # of estimating the arm's errors
-_RIGID = 1e-3  # tolerance of orthogonality
 _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
 _OTHERWISE = (
@@ -104,15 +104,7 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
 
 def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
     for each in pictures:
-        turn = each.mount_to_base[:3, :3]
-        off = float(np.abs(turn @ turn.T - np.eye(3)).max())
-        if not (off < _RIGID and np.linalg.det(turn) > 0):
-            raise LightFieldError(f'{each.name}: mount_to_base is no rotation: its rows are '
-                                  f'{off:.2g} off being orthonormal, or it mirrors')
-        if (each.mount_to_base[3] != [0, 0, 0, 1]).any():
-            raise LightFieldError(f'{each.name}: the last row of mount_to_base is '
-                                  f'{each.mount_to_base[3].tolist()}, not 0, 0, 0, 1: is the '
-                                  'matrix written column by column?')
+        check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
     without = f', {", ".join(left_out)} being left out' if left_out else ''
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures with a board{without}; a hand-eye '
@@ -134,8 +126,7 @@ def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinh
     _, turn, place = cv2.solvePnP(board, picture.corners, pinhole.matrix, still,
                                   flags=cv2.SOLVEPNP_IPPE)
     turn, place = cv2.solvePnPRefineLM(board, picture.corners, pinhole.matrix, still, turn, place)
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = Rotation.from_rotvec(turn.ravel()).as_matrix(), place.ravel()
+    pose = pose_of(Rotation.from_rotvec(turn.ravel()), place.ravel().astype(float))
 
     def project(each: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(pinhole.project(board @ each[:3, :3].T + each[:3, 3]))

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
-from pmcl_ros.geometry.se3 import inverse, retract
+from pmcl_ros.geometry.se3 import inverse, pose_of, retract
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture
 
@@ -37,11 +37,10 @@ def simulated_arm(rng: np.random.Generator, count: int = 20,
     camera, placed = (_random(rng, reach) for reach in (0.05, 0.5))
     pictures = []
     for number in range(count):
-        seen = np.eye(4)
-        turn = rng.uniform(-1, 1, 3) * [_TILT, _TILT, _SPIN]
-        seen[:3, :3] = Rotation.from_euler('xyz', turn, degrees=True).as_matrix()
-        seen[:3, 3] = [0, 0, _DISTANCE] - seen[:3, :3] @ board.mean(axis=0)
-        seen[:3, 3] += rng.normal(0, 0.02, 3)
+        angles = rng.uniform(-1, 1, 3) * [_TILT, _TILT, _SPIN]
+        turn = Rotation.from_euler('xyz', angles, degrees=True).as_matrix()
+        seen = pose_of(turn, ([0, 0, _DISTANCE] - turn @ board.mean(axis=0)
+                              + rng.normal(0, 0.02, 3)))
         pixels = pinhole.project(board @ seen[:3, :3].T + seen[:3, 3])
         pixels = pixels + rng.normal(0, corners, pixels.shape)
         mount = (camera @ seen @ inverse(placed) if fixed_camera
@@ -53,7 +52,5 @@ def simulated_arm(rng: np.random.Generator, count: int = 20,
 
 
 def _random(rng: np.random.Generator, reach: float) -> NDArray[np.float64]:
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(rng.normal(size=4)).as_matrix()
-    pose[:3, 3] = rng.normal(0, reach, 3)
-    return pose
+    turn = Rotation.from_quat(rng.normal(size=4))
+    return pose_of(turn, rng.normal(0, reach, 3))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
@@ -87,8 +88,7 @@ def rigid(rotation: object, translation: object, where: str) -> NDArray[np.float
     if turn.size != 9 or place.size != 3:
         raise LightFieldError(f'{where}: expected 9 and 3 numbers, got {turn.size} and '
                               f'{place.size}')
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), place.ravel() / 1000
+    pose = pose_of(turn.reshape(3, 3), place.ravel() / 1000)
     check_pose(pose, where)
     return pose
 
@@ -101,12 +101,8 @@ def _camera_to_world(path: Path, number: int, values: dict[str, Any]
     if len(given) < len(_POSE):
         raise _incomplete(path, number)
     rotation, translation = _POSE
-    into = rigid(values[rotation], values[translation],
-                 f'{path}: picture {number}: {" and ".join(_POSE)}')
-    pose = np.eye(4)
-    pose[:3, :3] = into[:3, :3].T
-    pose[:3, 3] = -pose[:3, :3] @ into[:3, 3]
-    return pose
+    return inverse(rigid(values[rotation], values[translation],
+                         f'{path}: picture {number}: {" and ".join(_POSE)}'))
 
 
 def _incomplete(path: Path, number: int) -> LightFieldError:

@@ -11,15 +11,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
+from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
 from pmcl_ros.runtime.errors import LightFieldError
 
 _CAMERAS, _IMAGES = 'cameras.txt', 'images.txt'
 _PLACES = ('', 'sparse/0', 'sparse')  # of a model in the folder of a project
 _MOST_BYTES = 2 ** 28  # of images.txt, which lists all points too
-_UNIT = 1e-3  # of a quaternion's length
 # Parameters of a model: of the camera matrix, then the distortion in OpenCV's order.
 _MODELS = {
     'SIMPLE_PINHOLE': ('f cx cy', ''), 'PINHOLE': ('fx fy cx cy', ''),
@@ -145,13 +144,7 @@ def _images(path: Path) -> Iterator[_Image]:
         except (ValueError, IndexError):
             raise LightFieldError(f'{path}:{number}: expected IMAGE_ID QW QX QY QZ TX TY TZ '
                                   f'CAMERA_ID NAME, not {line[:80]!r}') from None
-        length = float(np.linalg.norm([x, y, z, w]))
-        if not abs(length - 1) < _UNIT:
-            raise LightFieldError(f'{path}:{number}: the quaternion has length {length:.4f}, '
-                                  'not 1')
-        world_to_camera = np.eye(4)
-        world_to_camera[:3, :3] = Rotation.from_quat([x, y, z, w]).as_matrix()
-        world_to_camera[:3, 3] = place
+        world_to_camera = quaternion_pose(place, (x, y, z, w), f'{path}:{number}')
         points = True
         yield _Image(name, camera, np.asarray(np.linalg.inv(world_to_camera), float))
 

@@ -9,10 +9,10 @@ from pydantic import Field
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.lightfield.readers.pictures import Reduction, read_picture
 from pmcl_ros.lightfield.sweep.assemble import assemble
 from pmcl_ros.lightfield.sweep.frame import DistortionModel, Lens, SweepFrame
-from pmcl_ros.lightfield.sweep.plan import pose_of
 from pmcl_ros.lightfield.sweep.settings import SweepSettings
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
@@ -77,4 +77,4 @@ def _frame(folder: Path, entry: FrameEntry, camera: CameraEntry) -> SweepFrame:
     pinhole = Pinhole(width, height, camera.fx, camera.fy or camera.fx, camera.cx, camera.cy)
     return SweepFrame(entry.file, 0, np.ascontiguousarray(picture),
                       Lens(pinhole, camera.distortion, camera.model),
-                      pose_of(entry.position, entry.orientation, entry.file))
+                      quaternion_pose(entry.position, entry.orientation, entry.file))

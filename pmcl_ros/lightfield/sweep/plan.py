@@ -5,7 +5,9 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import nominal_positions
+from pmcl_ros.lightfield.posed_view import quaternion_pose
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
 
@@ -48,7 +50,8 @@ class PlannedView(Settings):
     @property
     def pose(self) -> NDArray[np.float64]:
         """(4, 4)."""
-        return pose_of(self.position, self.orientation, f'row {self.row}, column {self.column}')
+        return quaternion_pose(self.position, self.orientation,
+                               f'row {self.row}, column {self.column}')
 
 
 class SweepPlan(Settings):
@@ -95,20 +98,5 @@ class SweepPlan(Settings):
         if not self.frame:
             return None
         poses = np.array([each.pose for each in self.poses])
-        middle = np.eye(4)
-        middle[:3, :3] = Rotation.from_matrix(poses[:, :3, :3]).mean().as_matrix()
-        middle[:3, 3] = poses[:, :3, 3].mean(axis=0)
-        return middle
-
-
-def pose_of(position: tuple[float, float, float], orientation: tuple[float, float, float, float],
-            name: str) -> NDArray[np.float64]:
-    """(4, 4) of a position [m] and a unit quaternion x, y, z, w; else LightFieldError."""
-    length = float(np.linalg.norm(orientation))
-    if not abs(length - 1) < 1e-3:
-        raise LightFieldError(f'{name}: the quaternion {list(orientation)} has length '
-                              f'{length:.4f}, not 1')
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(orientation).as_matrix()
-    pose[:3, 3] = position
-    return pose
+        return pose_of(Rotation.from_matrix(poses[:, :3, :3]).mean(),
+                       poses[:, :3, 3].mean(axis=0))

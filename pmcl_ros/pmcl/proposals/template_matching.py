@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.modes import SAME_PROPOSAL
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -240,10 +241,7 @@ def _poses(pinhole: Pinhole, pixels: NDArray[np.float64], depths: NDArray[np.flo
     """
     rays, towards = _rays(pinhole, pixels), _towards(pinhole, pixels)
     turned = Rotation.from_rotvec(turns[:, None] * [0, 0, 1.0]) * Rotation.from_matrix(rotations)
-    poses = np.tile(np.eye(4), (len(pixels), 1, 1))
-    poses[:, :3, :3] = (towards * turned).as_matrix()
-    poses[:, :3, 3] = rays * depths[:, None]
-    return poses
+    return pose_of(towards * turned, rays * depths[:, None])
 
 
 def _rays(pinhole: Pinhole, pixels: NDArray[np.float64]) -> NDArray[np.float64]:

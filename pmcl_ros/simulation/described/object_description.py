@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.se3 import least_turn
+from pmcl_ros.geometry.se3 import least_turn, pose_of
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
 from pmcl_ros.runtime.errors import ObjectModelError
@@ -84,8 +84,7 @@ class _Description:
             surfaces = self._revolved(vertices, top, is_hollow)
         else:
             surfaces = self._meshed(vertices, is_hollow)
-        pose = np.eye(4)
-        pose[:3, :3] = self.turn.T
+        pose = pose_of(self.turn.T, [0, 0, 0])
         media = self._media()
         solids = tuple(Solid(each, media, pose) for each in surfaces)
         return SceneObject(f'{look.material} {model.name}', solids, model.vertices, model.faces,

@@ -7,10 +7,11 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.broad_scene import Circle, Palette, viewing_way
 from pmcl_ros.simulation.scenes.materials import Medium
 from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.poses import Pose, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.textures import Texture

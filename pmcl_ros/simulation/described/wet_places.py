@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.described.place import Frame, Furnished, Place
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
@@ -17,7 +18,6 @@ from pmcl_ros.simulation.described.water import (
 )
 from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.materials import Opaque
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta

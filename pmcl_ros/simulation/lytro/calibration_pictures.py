@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from pmcl_ros.camera.files import write_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.lytro.camera import LytroCamera
 from pmcl_ros.simulation.lytro.raw_picture import raw_picture
 from pmcl_ros.simulation.scenes.environment import Environment
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.rays import fast_along
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet
 from pmcl_ros.simulation.scenes.textures import SIZE, Texture

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.grasps.ranking import Candidate
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.manipulation.physics import MotionError
 from pmcl_ros.simulation.manipulation.workcell import CLEAR, HOLD, Workcell
 from pmcl_ros.simulation.manipulation.workplace import Workplace
-from pmcl_ros.simulation.scenes.poses import pose_of
 
 Array = NDArray[np.float64]
 

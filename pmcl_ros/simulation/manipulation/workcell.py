@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.grasps.settings import GripperSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.simulation.manipulation import thing
@@ -198,9 +198,7 @@ class Workcell:
 
     def _pose(self, body: str) -> Array:
         found = self._data.body(body)
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = found.xmat.reshape(3, 3), found.xpos
-        return pose
+        return pose_of(found.xmat.reshape(3, 3), found.xpos)
 
     def _step(self) -> None:
         data = self._data

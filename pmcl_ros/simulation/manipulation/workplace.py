@@ -7,8 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.scenes.poses import Pose, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose
 
 WorkplaceKind = Literal['sink', 'tank']
 # What is taken there, of config/objects, and its mass [kg].

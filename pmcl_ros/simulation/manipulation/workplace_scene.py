@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import inverse
+from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.simulation.described.place import Frame
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
@@ -21,7 +21,7 @@ from pmcl_ros.simulation.scenes.broad_scene import Palette
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.materials import Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject
-from pmcl_ros.simulation.scenes.poses import Pose, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose
 from pmcl_ros.simulation.scenes.random_scene import random_film
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.path_tracing.integrator import BEFORE, BEHIND, BOUNCES
 from pmcl_ros.simulation.path_tracing.surfaces import Surface, surfaces
@@ -221,8 +222,7 @@ def _sheet(sheet: Sheet, name: str) -> Any:
 def _room(scene: Scene) -> dict[str, Any]:
     """The panorama as an environment map; its columns turn the other way there."""
     mi = mitsuba()
-    turn = np.eye(4)
-    turn[:3, :3] = scene.world_from_camera.T @ _WORLD_FROM_MAP
+    turn = pose_of(scene.world_from_camera.T @ _WORLD_FROM_MAP, [0, 0, 0])
     return {'type': 'envmap', 'bitmap': mi.Bitmap(_resampled(scene.environment)),
             'to_world': mi.ScalarTransform4f(turn)}
 

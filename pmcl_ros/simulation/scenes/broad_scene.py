@@ -8,6 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.environment import random_lit_environment
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque, random_glass
 from pmcl_ros.simulation.scenes.objects import (
@@ -16,7 +17,7 @@ from pmcl_ros.simulation.scenes.objects import (
     random_opaque,
     random_transparent,
 )
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
     nearest_depth,

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.environment import random_environment
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above
 from pmcl_ros.simulation.scenes.random_scene import (
     SceneSettings,
     nearest_depth,

@@ -8,9 +8,10 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.simulation.scenes.materials import Medium, Opaque, random_glass, random_liquid
-from pmcl_ros.simulation.scenes.poses import Pose, pose_of, resting
+from pmcl_ros.simulation.scenes.poses import Pose, resting
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
 from pmcl_ros.simulation.scenes.shapes.triangles import Triangles

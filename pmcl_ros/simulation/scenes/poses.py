@@ -4,17 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pmcl_ros.geometry.se3 import least_turn
+from pmcl_ros.geometry.se3 import least_turn, pose_of
 
 Pose = NDArray[np.float64]
 _Z = np.array([0, 0, 1.0])
-
-
-def pose_of(rotation: Rotation, position: NDArray[np.floating]) -> Pose:
-    """The (4, 4) pose of a rotation and a position (3,) [m]."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), position
-    return pose
 
 
 def resting(rng: np.random.Generator, vertices: NDArray[np.floating], way: str,

@@ -10,6 +10,7 @@ from pydantic import Field
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.lightfield.light_field import ViewGrid
 from pmcl_ros.runtime.settings import Odd, Settings
 from pmcl_ros.simulation.scenes.environment import random_environment
@@ -20,7 +21,7 @@ from pmcl_ros.simulation.scenes.objects import (
     random_opaque,
     random_transparent,
 )
-from pmcl_ros.simulation.scenes.poses import Pose, camera_above, pose_of, resting
+from pmcl_ros.simulation.scenes.poses import Pose, camera_above, resting
 from pmcl_ros.simulation.scenes.scene import Scene, Sheet, Solid, Target
 from pmcl_ros.simulation.scenes.sensor import Sensor, pupil_views
 from pmcl_ros.simulation.scenes.shapes.blocks import random_block

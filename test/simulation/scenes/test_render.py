@@ -12,10 +12,10 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.drawing.pictures import silhouette
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.runtime.kernel_threads import set_threads
 from pmcl_ros.simulation.scenes.materials import Clear, Opaque
 from pmcl_ros.simulation.scenes.objects import SceneObject, random_opaque, random_transparent
-from pmcl_ros.simulation.scenes.poses import pose_of
 from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import first_surfaces, render
 from pmcl_ros.simulation.scenes.scene import Sheet, Solid, Target

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import HalfspaceIntersection
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.simulation.scenes.materials import random_glass
 from pmcl_ros.simulation.scenes.objects import Finish, SceneObject, random_finish
 from pmcl_ros.simulation.scenes.scene import Solid
@@ -86,10 +87,7 @@ def _dihedral(fold: int) -> NDArray[np.float64]:
 
 def _about(turns: NDArray[np.float64], middle: NDArray[np.float64]) -> NDArray[np.float64]:
     """(k, 4, 4) rotations (k, 3, 3) about a point [m]."""
-    motions = np.tile(np.eye(4), (len(turns), 1, 1))
-    motions[:, :3, :3] = turns
-    motions[:, :3, 3] = middle - turns @ middle
-    return motions
+    return pose_of(turns, middle - turns @ middle)
 
 
 def _hull(foot: NDArray[np.float64], top: NDArray[np.float64], height: float) -> trimesh.Trimesh:
