@@ -1,7 +1,7 @@
 """Shared by the commands: one-line errors, kinds of arguments."""
 
 import errno
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,14 @@ def results_in(out: Path, force: bool) -> Results:
     """What the command that runs writes into a folder; noted when it ends."""
     context = click.get_current_context()
     return context.with_resource(Results(out, str(context.info_name), force))
+
+
+def with_options(options: Sequence[Callable[..., Any]], command: Callable[..., Any]
+                 ) -> Callable[..., Any]:
+    """Add options and arguments to a command, in this order."""
+    for option in reversed(options):
+        command = option(command)
+    return command
 
 
 def calibration_type(text: str) -> Path:

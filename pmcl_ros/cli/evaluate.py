@@ -27,10 +27,10 @@ from pmcl_ros.cli.cameras.calibrate import run_calibration
 from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
 from pmcl_ros.evaluation.captures import Capture, find_captures, select
-from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_jobs
 from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
 from pmcl_ros.evaluation.results import by_row, markdown, pictures
+from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.trials import Camera, Job, Trial
 from pmcl_ros.evaluation.variants import Variant, sweep
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
@@ -103,7 +103,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     if results is not None:  # first: the rest takes minutes
         results.reserve(*_RESULTS, *(_bop_name(each.name) for each in variants))
     camera = _camera(captures, chosen, calibration, white, corners, square)
-    plan = Plan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)), tuple(others))
+    plan = TrialPlan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
+                     tuple(others))
     jobs = plan.jobs()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
@@ -186,7 +187,7 @@ def _run(jobs: Sequence[Job], camera: Camera | None, processes: int, stopped: Ca
                 file.add(trial)
 
 
-def _report(plan: Plan, done: list[Trial], results: Results | None) -> None:
+def _report(plan: TrialPlan, done: list[Trial], results: Results | None) -> None:
     """Print the tables; write all files, in an order that does not depend on the processes."""
     modes = [each.name for each in plan.variants]
     done.sort(key=lambda each: (each.capture, modes.index(each.mode), each.wrong, each.seed))

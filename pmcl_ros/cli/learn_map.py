@@ -10,7 +10,7 @@ from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMap
 from pmcl_ros.learning.contour_net.calibration import Measured
 from pmcl_ros.learning.contour_net.pictures import labelled_files
-from pmcl_ros.learning.contour_net.plan import Plan
+from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 
 
 @click.command()
@@ -18,19 +18,19 @@ from pmcl_ros.learning.contour_net.plan import Plan
 @click.option('-o', '--out', type=FOLDER, required=True, help='Folder of what is made: '
               'contour_map.onnx, contour_map.yaml, reliability.png, and training.npz, from which '
               'training goes on.')
-@click.option('--steps', type=click.IntRange(1), default=Plan.steps, show_default=True)
-@click.option('--seed', type=click.IntRange(0), default=Plan.seed, show_default=True)
-@click.option('--batch', type=click.IntRange(1), default=Plan.size, show_default=True,
+@click.option('--steps', type=click.IntRange(1), default=TrainingPlan.steps, show_default=True)
+@click.option('--seed', type=click.IntRange(0), default=TrainingPlan.seed, show_default=True)
+@click.option('--batch', type=click.IntRange(1), default=TrainingPlan.size, show_default=True,
               help='Crops of a step.')
-@click.option('--crop', type=click.IntRange(32), default=Plan.crop, show_default=True,
+@click.option('--crop', type=click.IntRange(32), default=TrainingPlan.crop, show_default=True,
               help='Side of a crop [px], a multiple of 16.')
-@click.option('--every', type=click.IntRange(1), default=Plan.every, show_default=True,
+@click.option('--every', type=click.IntRange(1), default=TrainingPlan.every, show_default=True,
               help='Steps between two lines and two states on disk.')
 @click.option('--bfloat16', is_flag=True, help='Compute layers in bfloat16: faster where the '
               'processor or the GPU has it.')
 @click.option('--start', type=FILE, help='Network to begin with, a contour_map.onnx, that which '
               'the package ships say; by default with random weights.')
-@click.option('--rate', type=click.FloatRange(1e-7, 1), default=Plan.rate,
+@click.option('--rate', type=click.FloatRange(1e-7, 1), default=TrainingPlan.rate,
               show_default=True, help='Learning rate: less with --start, 0.0001 say.')
 @FORCE
 def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop: int, every: int,
@@ -52,9 +52,9 @@ def learn_map(pictures: Path, out: Path, steps: int, seed: int, batch: int, crop
     command = (f'pmcl learn-map {pictures} -o {out} --steps {steps} --seed {seed} --batch {batch} '
                f'--crop {crop}{" --bfloat16" * bfloat16}'
                f'{f" --start {start}" if start else ""}'
-               f'{f" --rate {rate}" if rate != Plan.rate else ""}')
-    plan = Plan(steps, seed, batch, crop, every, 'mixed_bfloat16' if bfloat16 else 'float32',
-                rate)
+               f'{f" --rate {rate}" if rate != TrainingPlan.rate else ""}')
+    plan = TrainingPlan(steps, seed, batch, crop, every,
+                        'mixed_bfloat16' if bfloat16 else 'float32', rate)
     learned = learn(pictures, out, plan, command, click.echo, start)
     click.echo(f'contour: {learned.contour}')
     click.echo(f'inside: {learned.inside}')

@@ -10,7 +10,15 @@ import click
 
 from pmcl_ros.camera.files import read_raw_frame
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.cli.base import FILE, OF_CAMERA, SOURCE, STDERR, WHITE, calibration_type
+from pmcl_ros.cli.base import (
+    FILE,
+    OF_CAMERA,
+    SOURCE,
+    STDERR,
+    WHITE,
+    calibration_type,
+    with_options,
+)
 from pmcl_ros.lightfield.calibration.calibration import Calibration
 from pmcl_ros.lightfield.decode import VIEWS
 from pmcl_ros.lightfield.decoders import Decoders
@@ -138,12 +146,12 @@ def view_options(command: Callable[..., None]) -> Callable[..., None]:
         given = {each.name: values.pop(each.name) for each in fields(GivenSource)
                  if each.name in values}
         command(source=GivenSource(**given), **values)
-    return _with(_OF_VIEWS, with_source)
+    return with_options(_OF_VIEWS, with_source)
 
 
 def source_options(command: Callable[..., None]) -> Callable[..., None]:
     """Those of `view_options`, of a command that takes raw pictures too."""
-    return _with(_OF_RAW, view_options(command))
+    return with_options(_OF_RAW, view_options(command))
 
 
 def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
@@ -152,13 +160,6 @@ def open_decoders(calibration: Calibration, white: Path, views: int = VIEWS,
     report = (lambda why: STDERR.print(f'white image: {why}', markup=False, soft_wrap=True)
             ) if white.is_dir() else None
     return Decoders(calibration, white, report, views, size)
-
-
-def _with(options: tuple[Callable[[Any], Any], ...], command: Callable[..., None]
-          ) -> Callable[..., None]:
-    for option in options:
-        command = option(command)
-    return command
 
 
 def _decoded(frame: RawFrame, calibration: Path, white: Path) -> Opened:

@@ -16,7 +16,7 @@ import numpy as np
 from pmcl_ros import __version__
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.evaluation.captures import Capture
-from pmcl_ros.evaluation.plan import Plan
+from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.trials import Trial
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.pipeline import volume_settings
@@ -46,7 +46,7 @@ class TrialsFile(Closing):
         self._stream.flush()
 
 
-def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
+def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
     """The poses found, as BOP's toolkit reads them: R row by row, t in mm, time in seconds.
 
     Of a BOP data set the numbers are its own, of several pictures those of the first. Else a scene
@@ -73,7 +73,7 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: Plan) -> None:
                 'time': each.seconds + each.dlv_seconds + each.decode_seconds})
 
 
-def _numbers_of(plan: Plan) -> dict[str, tuple[int, int]]:
+def _numbers_of(plan: TrialPlan) -> dict[str, tuple[int, int]]:
     """By the name of each capture the numbers of its scene and object."""
     digests = {digest: number for number, digest in enumerate(
         dict.fromkeys(each.object for each in plan.captures), 1)}
@@ -86,7 +86,7 @@ def _numbers(values: Sequence[float]) -> str:
     return ' '.join(repr(float(each)) for each in values)
 
 
-def settings(plan: Plan, files: Sequence[Path], processes: int, seconds: float
+def settings(plan: TrialPlan, files: Sequence[Path], processes: int, seconds: float
              ) -> dict[str, Any]:
     """All that is needed to make a table again, on any machine.
 

@@ -12,8 +12,8 @@ from test_records import read_bop
 
 from pmcl_ros.evaluation.bop_captures import BopChoice, bop_captures, bop_scenes
 from pmcl_ros.evaluation.captures import select
-from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.records import settings, write_bop
+from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.runtime.errors import PmclError, SettingsError
@@ -140,7 +140,7 @@ def test_an_object_in_the_scene_is_not_looked_for_as_a_wrong_one(tmp_path):
     scenes = [write_scene(tmp_path / 'set' / 'test' / name) for name in ('000001', '000002')]
     change(scenes[0], 'scene_gt.json', lambda values: [each.pop(0) for each in values.values()])
     found = tuple(bop_captures(scenes, BopChoice(views=7)))
-    jobs = Plan(found, (Variant('default'),), (0,), found).jobs()
+    jobs = TrialPlan(found, (Variant('default'),), (0,), found).jobs()
     wrong = [job for job in jobs if job.sought.object_id != job.capture.object_id]
     assert [(job.capture.name, job.sought.object_id) for job in wrong] == [
         ('000001/000000/obj_000004', 1)]
@@ -148,14 +148,14 @@ def test_an_object_in_the_scene_is_not_looked_for_as_a_wrong_one(tmp_path):
     change(scenes[0], 'scene_gt.json', lambda values: values['3'].append(
         {'obj_id': 1} | named('cam_R_m2c', 'cam_t_m2c', np.eye(4))))
     found = tuple(bop_captures(scenes, BopChoice(views=7)))
-    jobs = Plan(found, (Variant('default'),), (0,), found).jobs()
+    jobs = TrialPlan(found, (Variant('default'),), (0,), found).jobs()
     assert all(job.sought.object_id == job.capture.object_id
                for job in jobs if job.capture.source == scenes[0])
 
 
 def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
     captures = tuple(bop_captures([scene], BopChoice(views=3)))
-    plan = Plan(captures, (Variant('default'),), (0,))
+    plan = TrialPlan(captures, (Variant('default'),), (0,))
     pose = tuple(random_pose(7)[:3].ravel())
     write_bop(tmp_path / 'bop.csv', [trial(capture=captures[3].name, pose=pose)], plan)
     row, = read_bop(tmp_path / 'bop.csv')

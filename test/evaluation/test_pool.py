@@ -9,8 +9,8 @@ from pmcl_scenes import bracket
 from tiny_capture import QUICK, write_capture
 
 from pmcl_ros.evaluation.captures import find_captures
-from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.pool import run_jobs
+from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
 from pmcl_ros.runtime.errors import LocalizationError
 
@@ -36,7 +36,7 @@ def made(plan, processes):
 
 
 def test_two_processes_make_the_trials_of_one(captures):
-    plan = Plan(tuple(captures), ROW, (0,), tuple(captures[:1]))
+    plan = TrialPlan(tuple(captures), ROW, (0,), tuple(captures[:1]))
     alone, together = made(plan, 1), made(plan, 2)
     assert alone.keys() == together.keys()
     assert len(alone) == 3 + 1  # in each capture, and the glass where the thing is
@@ -54,7 +54,7 @@ def test_two_processes_make_the_trials_of_one(captures):
 
 
 def test_each_seed_looks_for_another_wrong_object(captures):
-    jobs = Plan((captures[0],), ROW, (0, 1, 2), tuple(captures)).jobs()
+    jobs = TrialPlan((captures[0],), ROW, (0, 1, 2), tuple(captures)).jobs()
     assert [(job.seed, job.sought.name) for job in jobs if job.sought.name != 'glass'] == [
         (0, 'thing'), (1, 'thing'), (2, 'thing')]  # `nothing` has the model that is there
     assert len(jobs) == 6
@@ -63,7 +63,7 @@ def test_each_seed_looks_for_another_wrong_object(captures):
 def test_jobs_of_one_volume_follow_each_other(captures):
     rows = (Variant.parse('moves=2'), Variant.parse('labels=9'), Variant.parse('moves=3'),
             Variant.named('faithful'))
-    jobs = Plan(tuple(captures[:1]), rows, (0, 1), tuple(captures)).jobs()
+    jobs = TrialPlan(tuple(captures[:1]), rows, (0, 1), tuple(captures)).jobs()
     assert len(jobs) == 4 * 2 * 2
     keys = [(job.sought.name, {'moves=2': 'plain', 'moves=3': 'plain'}.get(
         job.variant.name, job.variant.name)) for job in jobs]
@@ -72,6 +72,6 @@ def test_jobs_of_one_volume_follow_each_other(captures):
 
 def test_what_fails_in_another_process_is_told_here(captures):
     far = replace(captures[0].truth, roi_center=(9.0, 9.0, 0.4))
-    plan = Plan((replace(captures[0], truth=far),), ROW, (0, 1))
+    plan = TrialPlan((replace(captures[0], truth=far),), ROW, (0, 1))
     with pytest.raises(LocalizationError, match='outside the image'):
         list(run_jobs(plan.jobs(), None, 2))

@@ -11,8 +11,8 @@ from test_recall import trial
 from tiny_capture import write_capture
 
 from pmcl_ros.evaluation.captures import find_captures
-from pmcl_ros.evaluation.plan import Plan
 from pmcl_ros.evaluation.records import TrialsFile, settings, write_bop
+from pmcl_ros.evaluation.trial_plan import TrialPlan
 from pmcl_ros.evaluation.variants import Variant
 
 
@@ -20,8 +20,8 @@ from pmcl_ros.evaluation.variants import Variant
 def plan(tmp_path):
     for name, mesh in (('a', None), ('b', bracket()), ('c', None)):
         write_capture(tmp_path / name, mesh=mesh)
-    return Plan(tuple(find_captures(tmp_path)), (Variant('default'), Variant.parse('moves=2')),
-                (0, 1))
+    return TrialPlan(tuple(find_captures(tmp_path)),
+                     (Variant('default'), Variant.parse('moves=2')), (0, 1))
 
 
 def random_pose(seed):

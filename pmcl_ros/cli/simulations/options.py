@@ -5,7 +5,7 @@ import json
 import pickle
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from pmcl_ros import __version__
-from pmcl_ros.cli.base import OBJECT
+from pmcl_ros.cli.base import OBJECT, with_options
 from pmcl_ros.evaluation.feasibility.findings import Aim
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.text_file import read_json
@@ -79,19 +79,12 @@ _AIM_OPTIONS = (
 
 def simulation_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options; `Simulated.from_options` takes their values."""
-    return _with(_OPTIONS, command)
+    return with_options(_OPTIONS, command)
 
 
 def aim_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of the errors that are good enough, of an `Aim`."""
-    return _with(_AIM_OPTIONS, command)
-
-
-def _with(options: Sequence[Callable[..., Any]], command: Callable[..., Any]
-          ) -> Callable[..., Any]:
-    for option in reversed(options):
-        command = option(command)
-    return command
+    return with_options(_AIM_OPTIONS, command)
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from pmcl_ros.learning.contour_net.calibration import Measured, charts
 from pmcl_ros.learning.contour_net.network import POSITIVE_WEIGHT, build
 from pmcl_ros.learning.contour_net.onnx_file import write
 from pmcl_ros.learning.contour_net.pictures import Files
-from pmcl_ros.learning.contour_net.plan import Plan
 from pmcl_ros.learning.contour_net.training import train
+from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 
 _LIBRARIES = (tf, keras, onnx, np, cv2)
 
 
-def learn(pictures: Path, out: Path, plan: Plan, command: str,
+def learn(pictures: Path, out: Path, plan: TrainingPlan, command: str,
           report: Callable[[str], object], start: Path | None = None) -> LearnedMap:
     """Write contour_map.onnx, contour_map.yaml and reliability.png into a folder.
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pmcl_ros.learning.contour_net.network import build, losses, normalise, total
 from pmcl_ros.learning.contour_net.onnx_file import read
 from pmcl_ros.learning.contour_net.pictures import Batch, Files, batches, held_out
-from pmcl_ros.learning.contour_net.plan import Plan
+from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, SettingsError
 from pmcl_ros.runtime.npz_file import read_arrays
@@ -75,7 +75,7 @@ class State:
 class Trainer:
     """A network, its optimizer and one compiled step."""
 
-    plan: Plan
+    plan: TrainingPlan
     network: keras.Model = field(init=False)
 
     def __post_init__(self) -> None:
@@ -140,7 +140,7 @@ def _tensors(batch: Batch) -> tuple[tf.Tensor, ...]:
             tf.constant(batch.offset))
 
 
-def train(folder: Path, path: Path, plan: Plan, report: Callable[[str], object],
+def train(folder: Path, path: Path, plan: TrainingPlan, report: Callable[[str], object],
           start: Path | None = None) -> State:
     """Train on the labelled pictures of a folder until `plan.steps` are done.
 

@@ -10,11 +10,11 @@ from labelled_discs import write
 
 from pmcl_ros.learning.contour_net.network import build
 from pmcl_ros.learning.contour_net.onnx_file import write as write_network
-from pmcl_ros.learning.contour_net.plan import Plan
 from pmcl_ros.learning.contour_net.training import State, train
+from pmcl_ros.learning.contour_net.training_plan import TrainingPlan
 from pmcl_ros.runtime.errors import FileError, PmclError, SettingsError
 
-PLAN = Plan(steps=40, size=4, crop=64, every=20)
+PLAN = TrainingPlan(steps=40, size=4, crop=64, every=20)
 
 
 @pytest.fixture(scope='module')

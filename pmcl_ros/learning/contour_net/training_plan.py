@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrainingPlan:
     """How to train.
 
     size: crops of a batch; crop: px, a multiple of 16; every: steps between two states on disk.

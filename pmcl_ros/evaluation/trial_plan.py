@@ -8,7 +8,7 @@ from pmcl_ros.evaluation.variants import Variant
 
 
 @dataclass(frozen=True)
-class Plan:
+class TrialPlan:
     """Trials to be made.
 
     others: captures whose objects are looked for too, where they are not: with each seed another
