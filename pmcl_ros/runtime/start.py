@@ -30,9 +30,14 @@ def __getattr__(name: str) -> Callable[[], int | None]:
 
 
 def start(name: str) -> int | None:
-    """Run the `main` of an entry point; what it returns is the exit status."""
+    """Run the `main` of an entry point; what it returns is the exit status.
+
+    It is 130, as shells have it, where Ctrl-C comes before the libraries are imported.
+    """
     try:
         return import_module(MODULES[name]).main()
+    except KeyboardInterrupt:
+        return 130
     except ImportError:
         try:
             missing = lacking()

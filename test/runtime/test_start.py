@@ -121,3 +121,14 @@ def test_setup_names_each_of_them():
         (each, True) for each in requires('pmcl_ros') if 'extra' not in each)])
 def test_packages_are_compared_by_version(requirement, there):
     assert installed(requirement) is there
+
+
+def test_an_interrupt_among_the_imports_ends_without_a_trace(tmp_path):
+    for name, library in (('pmcl', 'click'), ('dlv_node', 'numpy')):
+        (tmp_path / f'{library}.py').write_text(
+            'import os, signal; os.kill(os.getpid(), signal.SIGINT)\n')
+        done = subprocess.run(
+            [sys.executable, '-c', f'import sys\nsys.path.insert(0, {str(tmp_path)!r})\n'
+             f'from pmcl_ros.runtime.start import start\nsys.exit(start({name!r}))'],
+            capture_output=True, text=True, check=False, cwd=ROOT)
+        assert (done.returncode, done.stderr) == (130, '')

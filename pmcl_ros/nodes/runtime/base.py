@@ -26,8 +26,10 @@ from rclpy.timer import Timer
 from std_srvs.srv import Trigger
 
 from pmcl_ros.nodes.runtime.health import Health
+from pmcl_ros.nodes.runtime.namesakes import PATIENCE, Namesakes
 from pmcl_ros.nodes.runtime.parameters import Parameters
 from pmcl_ros.nodes.runtime.qos_overrides import overridable, warn_of_unknown
+from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
 from pmcl_ros.nodes.transport.intra_process_bus import IntraProcessBus
 from pmcl_ros.nodes.transport.losses import SequenceGaps
 from pmcl_ros.runtime import kernels
@@ -56,12 +58,14 @@ class StageNode(LifecycleNode):
 
     name: ClassVar[str]
     settings_class: ClassVar[type[Settings]]
+    patience: ClassVar[float] = PATIENCE  # with other nodes of its name [s]
 
     def __init__(self, bus: IntraProcessBus | None = None, **options: Any) -> None:
         super().__init__(self.name, **options)
         self.bus = bus or IntraProcessBus()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
+        self._repeated = RepeatedLines()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
         self._diagnostics_lock = Lock()  # held while the publisher is used or taken away
@@ -153,14 +157,18 @@ class StageNode(LifecycleNode):
 
     @contextmanager
     def watched(self, what: str) -> Iterator[list[str]]:
-        """Log and count what goes wrong inside; the list that is yielded then holds it."""
+        """Log and count what goes wrong inside; the list that is yielded then holds it.
+
+        What goes wrong with every picture of a camera is logged once in ten seconds.
+        """
         problems: list[str] = []
         try:
             yield problems
         except Exception as error:
             if is_foreseen(error):
                 problems.append(error_line(error))
-                self.get_logger().error(f'{what}: {problems[0]}')
+                if line := self._repeated(f'{what}: {problems[0]}'):
+                    self.get_logger().error(line)
             else:
                 problems.append(f'{type(error).__name__}: {error}')
                 self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
@@ -233,9 +241,17 @@ class StageNode(LifecycleNode):
         self.active.callback(super().on_deactivate, state)
         self.health = Health(back_end=self.health.back_end)
         self.active.enter_context(self._diagnostics_publisher())
-        self.every(1.0, self.publish_diagnostics)
+        namesakes = Namesakes(self, self.patience)
+        self.every(1.0, lambda: self._report(namesakes))
         self.start()
         warn_of_unknown(self)
+
+    def _report(self, namesakes: Namesakes) -> None:
+        if (count := namesakes.count()) > 1:
+            self.health.extra['nodes of this name'] = count
+        else:
+            self.health.extra.pop('nodes of this name', None)
+        self.publish_diagnostics()
 
     def _report_compiling(self, kernel: str) -> None:
         """Log and publish, at most once a second, how many kernels are compiled."""

@@ -1,6 +1,8 @@
 """What the base class promises to a node: logged failures, and everything released in order."""
 
 import re
+import subprocess
+import sys
 import threading
 from itertools import count
 
@@ -258,3 +260,34 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
     answer = call()
     assert (answer.success, answer.message) == (False, 'not now')
     executor.shutdown()
+
+
+class ImpatientProbe(Probe):
+    """Does not wait for what a killed node has left."""
+
+    patience = 1.0
+
+
+def test_another_node_of_its_name_is_told_once_until_it_has_gone(context, user, capfd):
+    messages = []
+    user.node.create_subscription(DiagnosticArray, '/diagnostics', messages.append, 10)
+    node = ImpatientProbe(context=context)
+    other = subprocess.Popen(
+        [sys.executable, '-c', 'import rclpy, sys; rclpy.init(); node = rclpy.create_node("probe")'
+         '; sys.stdin.read(); node.destroy_node(); rclpy.shutdown()'], stdin=subprocess.PIPE)
+    executor = SingleThreadedExecutor(context=context)
+    user.others.append(executor)
+
+    def told():
+        return {each.key: each.value for each in messages[-1].status[0].values
+                } if messages else {}
+
+    executor.add_node(node)
+    assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+    user.wait(lambda: told().get('nodes of this name') == '2', 'diagnostics of both')
+    user.wait(lambda: len(messages) > 5, 'more of them')
+    other.communicate()
+    user.wait(lambda: 'nodes of this name' not in told(), 'one is left')
+    node.close()
+    assert capfd.readouterr().err.count(
+        "2 nodes are named /probe: they get each other's pictures and calls; end the others") == 1

@@ -1,0 +1,40 @@
+"""Lines that repeat are logged at once, then seldom, and counted."""
+
+import pytest
+
+from pmcl_ros.nodes.runtime.repeated_lines import RepeatedLines
+
+now = [0.0]
+
+
+@pytest.fixture
+def lines():
+    now[0] = 0.0
+    return RepeatedLines(lambda: now[0])
+
+
+def test_a_line_that_comes_thirty_times_a_second_is_logged_every_ten_and_counted(lines):
+    logged = []
+    for frame in range(30 * 25):
+        now[0] = frame / 30
+        logged.append(lines('in: the picture is empty'))
+    assert [each for each in logged if each] == [
+        'in: the picture is empty',
+        *['in: the picture is empty (299 times more since the last such line)'] * 2]
+
+
+def test_lines_of_other_texts_are_logged_at_once(lines):
+    assert [lines(each) for each in ('a', 'b', 'a', 'c', 'b')] == ['a', 'b', '', 'c', '']
+
+
+def test_what_comes_seldom_is_never_held_back(lines):
+    for _ in range(3):
+        assert lines('a') == 'a'
+        now[0] += 10
+
+
+def test_lines_that_never_repeat_do_not_fill_the_memory(lines):
+    for number in range(100_000):
+        assert lines(f'capture {number}')
+    assert lines('capture 99999') == ''
+    assert lines('capture 0') == 'capture 0'
