@@ -263,8 +263,9 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
 
 
 class ImpatientProbe(Probe):
-    """Does not wait for what a killed node has left."""
+    """Does not wait for what a killed node has left; no other test has nodes of its name."""
 
+    name = 'impatient'
     patience = 1.0
 
 
@@ -273,8 +274,9 @@ def test_another_node_of_its_name_is_told_once_until_it_has_gone(context, user, 
     user.node.create_subscription(DiagnosticArray, '/diagnostics', messages.append, 10)
     node = ImpatientProbe(context=context)
     other = subprocess.Popen(
-        [sys.executable, '-c', 'import rclpy, sys; rclpy.init(); node = rclpy.create_node("probe")'
-         '; sys.stdin.read(); node.destroy_node(); rclpy.shutdown()'], stdin=subprocess.PIPE)
+        [sys.executable, '-c', 'import rclpy, sys; rclpy.init(); '
+         'node = rclpy.create_node("impatient"); sys.stdin.read(); node.destroy_node(); '
+         'rclpy.shutdown()'], stdin=subprocess.PIPE)
     executor = SingleThreadedExecutor(context=context)
     user.others.append(executor)
 
@@ -290,4 +292,4 @@ def test_another_node_of_its_name_is_told_once_until_it_has_gone(context, user, 
     user.wait(lambda: 'nodes of this name' not in told(), 'one is left')
     node.close()
     assert capfd.readouterr().err.count(
-        "2 nodes are named /probe: they get each other's pictures and calls; end the others") == 1
+        "2 nodes are named /impatient: they get each other's pictures and calls; end") == 1
