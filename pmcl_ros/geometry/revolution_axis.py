@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+ANGLES = 0.5, 1.3, 2.1, 3.0  # rad: by which a surface of revolution is turned to be known as one
 _LOG = logging.getLogger(__name__)
 _MOST_POINTS, _OUT_OF_ROUND = 0.9, 0.02  # share of a round surface; of its radius, it may be off
 
@@ -28,7 +29,7 @@ def revolution_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | N
 
     def off(axis: NDArray[np.float64], through: NDArray[np.float64]
             ) -> Iterator[NDArray[np.float64]]:
-        for angle in (0.5, 1.3, 2.1, 3.0):
+        for angle in ANGLES:
             turned = Rotation.from_rotvec(angle * axis).apply(points - through) + through
             yield surface.query(turned)[0]
 
@@ -67,6 +68,13 @@ def _principal_axes(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray
     axes = np.linalg.eigh(moments)[1].T
     largest = np.take_along_axis(axes, abs(axes).argmax(axis=1)[:, None], axis=1)
     return middle, np.asarray(axes * np.sign(largest))
+
+
+def moved_by(mesh: trimesh.Trimesh, motions: NDArray[np.float64]) -> float:
+    """How far motions (n, 4, 4) take points of a surface off it, at most [m]."""
+    points, surface, noise = surface_of(mesh)
+    return max(float(surface.query(points @ each[:3, :3].T + each[:3, 3])[0].max())
+               for each in motions) - noise
 
 
 def surface_of(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], cKDTree, float]:

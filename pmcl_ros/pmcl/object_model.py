@@ -11,7 +11,8 @@ import trimesh
 from numpy.typing import NDArray
 from pydantic import Field
 
-from pmcl_ros.geometry.revolution_axis import revolution_axis, surface_of
+from pmcl_ros.geometry.revolution_axis import ANGLES, moved_by, revolution_axis
+from pmcl_ros.geometry.se3 import rotations_about
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.runtime.errors import FileError, ObjectModelError
@@ -151,7 +152,13 @@ class ObjectModel:
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
         reach = float(np.linalg.norm(vertices, axis=1).max())
         discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
-        _check_group(mesh, discrete, name)
+        if len(discrete) > 1:
+            _LOG.info('object %r: %d discrete symmetries, the identity among them', name,
+                      len(discrete))
+            _check_declared(mesh, discrete, 'discrete symmetries move', name)
+        if axis is not None and settings.symmetries_continuous is not None:
+            _check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
+                            'axis of symmetry moves', name)
         return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
                    settings.appearance is not None and settings.appearance.is_clear)
 
@@ -218,18 +225,13 @@ def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[
     return axis / length
 
 
-def _check_group(mesh: trimesh.Trimesh, group: NDArray[np.float64], name: str) -> None:
-    """Warn if a declared group moves the surface: that may be meant, as with a small mark."""
-    if len(group) == 1:
-        return
-    points, surface, noise = surface_of(mesh)
-    off = max(float(surface.query(points @ each[:3, :3].T + each[:3, 3])[0].max())
-              for each in group) - noise
-    extent = float(np.linalg.norm(mesh.extents))
-    _LOG.info('object %r: %d discrete symmetries, the identity among them', name, len(group))
-    if off > 0.02 * extent:
-        _LOG.warning('object %r: its declared discrete symmetries move its surface by up to '
-                     '%.1f mm; poses that far apart count as one', name, 1e3 * off)
+def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
+                    ) -> None:
+    """Warn if declared motions move the surface: that may be meant, as with a small mark."""
+    off = moved_by(mesh, motions)
+    if off > 0.02 * float(np.linalg.norm(mesh.extents)):
+        _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
+                     'apart count as one', name, what, 1e3 * off)
 
 
 def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:

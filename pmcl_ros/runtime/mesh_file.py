@@ -19,6 +19,8 @@ _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others wi
 
 def read_mesh(path: Path) -> trimesh.Trimesh:
     """The mesh of a file: finite vertices, a surface, not too many faces; else ObjectModelError.
+
+    Faces of a closed one look outwards.
     """
     kind = path.suffix.lower().removeprefix('.')
     if not os.path.isfile(path):  # which takes any name
@@ -39,6 +41,8 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
             raise ObjectModelError(f'holds {len(mesh.vertices)} vertices but no surface')
         # Corners that differ in colour or normal alone are one; those of no face are no part.
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume < 0:
+            mesh.invert()  # its faces looked inwards
     except PmclError as error:
         raise ObjectModelError(f'{path} {error}') from None
     except MemoryError:

@@ -93,12 +93,17 @@ def test_corners_with_texture_are_still_a_closed_mesh(tmp_path):
     assert model.closed
 
 
-def test_open_or_inside_out_meshes_are_not_closed(tmp_path):
+def test_open_meshes_are_not_closed_and_inside_out_ones_are_turned(tmp_path):
     ball = trimesh.creation.icosphere(2, 0.05)
     opened = trimesh.Trimesh(ball.vertices, ball.faces[:-5])
+    assert not ObjectModel.load(save(opened, tmp_path)).closed
+    faces = ObjectModel.load(save(ball, tmp_path)).faces
     ball.invert()
-    for mesh in (opened, ball):
-        assert not ObjectModel.load(save(mesh, tmp_path)).closed
+    turned = ObjectModel.load(save(ball, tmp_path))
+    assert turned.closed
+    mesh = trimesh.Trimesh(turned.vertices, turned.faces, process=False)
+    assert mesh.volume == pytest.approx(trimesh.creation.icosphere(2, 0.05).volume)
+    assert len(turned.faces) == len(faces)
 
 
 def test_a_description_scales_and_finds(tmp_path):

@@ -333,3 +333,72 @@ def test_shipped_objects_are_described():
     block = load_object(ROOT / 'config/objects/block.yaml')
     assert _total(block, 1) == pytest.approx(0.08 * 0.055 * 0.04)
     assert len(ObjectModel.load(ROOT / 'config/objects/block.yaml').symmetry.discrete) == 4
+
+
+def test_a_wall_never_moves_the_outside(describe):
+    """Of a cone, whose outline a wall beyond its axis leaves without a cavity."""
+    cone = np.array([[0, 0], [0.027, 0], [0.036, 0.08], [0, 0.08]])
+    thin = describe(_revolved(cone), {**GLASS, 'wall': 0.002}).solids[0].surface
+    assert _widest(thin, 0.079) == pytest.approx(0.03589, abs=1e-5)
+    for wall in (0.045, 0.079, 0.081, 0.1):
+        with pytest.raises(ObjectModelError, match='leaves no cavity'):
+            describe(_revolved(cone), {**GLASS, 'wall': wall})
+    vessel = describe(_revolved(cone), {**GLASS, 'wall': 0.028}).solids[0].surface
+    for height in (0.001, 0.04, 0.0788):
+        assert _widest(vessel, height) == pytest.approx(
+            np.interp(height, [0, 0.08], [0.027, 0.036]), abs=5e-5)
+
+
+def _widest(surface, height):
+    (r0, z0), (r1, z1) = surface.rings[:, 0:2].T, surface.rings[:, 2:4].T
+    at = (np.minimum(z0, z1) <= height) & (height <= np.maximum(z0, z1)) & (z0 != z1)
+    return (r0[at] + (height - z0[at]) / (z1[at] - z0[at]) * (r1[at] - r0[at])).max()
+
+
+@pytest.mark.parametrize('mesh', [_revolved(CYLINDER), _box()])
+@pytest.mark.parametrize(('more', 'line'), [
+    ({'floor': 8.0}, r'its floor is 8 m high, the object ends at 0\.08 m'),
+    ({'floor': 0.0801}, r'its floor is 0\.0801 m high, the object ends at 0\.08 m'),
+    ({'liquid': {'level': 50.0}}, r'reaches to 50 m, its cavity from 0\.0025 to 0\.08 m'),
+    ({'liquid': {'level': 0.0801}}, r'reaches to 0\.0801 m, its cavity from 0\.0025 to 0\.08 m')])
+def test_heights_that_are_not_in_the_object_are_named(describe, mesh, more, line):
+    with pytest.raises(ObjectModelError, match=line):
+        describe(mesh, GLASS | more)
+
+
+@pytest.mark.parametrize('mesh', [_revolved(CYLINDER), _box()])
+def test_an_inner_surface_that_is_the_outer_one_leaves_no_wall(describe, mesh):
+    with pytest.raises(ObjectModelError, match='the cavity leaves no wall'):
+        describe(mesh, {'material': 'glass', 'inner': 'thing.stl', **OPEN})
+
+
+def test_a_handle_stays_a_handle_whatever_axis_is_declared(describe, caplog):
+    handle = trimesh.creation.box((0.03, 0.01, 0.04)).apply_translation([0.04, 0, 0.04])
+    mug = trimesh.boolean.union([_revolved(CYLINDER), handle], engine='manifold')
+    thing = describe(mug, {'material': 'acrylic', 'solid': True},
+                     symmetries_continuous=[{'axis': [0, 0, 1]}])
+    assert _total(thing, 1) == pytest.approx(mug.volume, rel=1e-3)
+    assert 'its declared axis of symmetry moves its surface by up to' in caplog.text
+
+
+def test_faces_that_look_inwards_are_turned_and_mixed_ones_are_told(describe):
+    inverted, mixed = _box(), _box()
+    inverted.invert()
+    mixed.faces[0] = mixed.faces[0][::-1]
+    assert [_total(describe(each, GLASS), 1) for each in (inverted, _box())] == (
+        pytest.approx([_total(describe(_box(), GLASS), 1)] * 2))
+    with pytest.raises(ObjectModelError, match='has faces that look inwards beside others'):
+        describe(mixed, GLASS)
+
+
+def test_what_is_massive_must_be_closed(describe):
+    open_top = _revolved(CYLINDER)
+    open_top.update_faces(open_top.triangles_center[:, 2] < HEIGHT - 1e-6)
+    with pytest.raises(ObjectModelError, match='its mesh is not closed'):
+        describe(open_top, {'material': 'opaque'})
+
+
+def test_up_may_be_long(describe):
+    for length in (1e-3, 1.0, 1e300):
+        thing = describe(_box(), {**GLASS, 'up': [0, 0, length]})
+        assert thing.up == pytest.approx([0, 0, 1])

@@ -191,3 +191,18 @@ def test_what_holds_a_liquid_stands_upright(describe):
     scene = described_scene(np.random.default_rng(0), full, 'sink', _sensor(),
                             DescribedSettings(empty=0))
     assert scene.world_from_camera @ scene.targets[0].pose[:3, 2] == pytest.approx([0, 0, 1])
+
+
+@pytest.mark.parametrize('middle', [(23.5, 17.5), (5.0, 30.0), (47.0, 2.0)])
+def test_the_object_is_in_the_picture_wherever_the_optical_axis_is(describe, middle):
+    camera = CAMERA.model_copy(update={'cx': middle[0], 'cy': middle[1]})
+    thing, places = describe(), []
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        scene = described_scene(rng, thing, 'table', camera.sensor(rng), UPRIGHT)
+        pose = scene.targets[0].pose
+        at = pose[:3, :3] @ [0, 0, HEIGHT / 2] + pose[:3, 3]
+        places.append(scene.sensor.grid.pinhole.project(at[None])[0])
+    offsets = np.array(places) - [23.5, 17.5]
+    assert (abs(offsets) < [24, 18]).all()
+    assert abs(offsets.mean(axis=0)).max() < 6

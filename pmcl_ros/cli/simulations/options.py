@@ -37,6 +37,7 @@ from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 from pmcl_ros.simulation.simulated_captures import Simulation
 
+_REST = 'all that is simulated'  # its digest: what has no name in the note
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
 # Samples are of a raw pixel: one view's pixel gathers those of some ten.
 _ALONG: dict[str, tuple[RayRenderer, int]] = {
@@ -160,7 +161,8 @@ class Simulated:
                                 draws, samples or usual, along)
         return cls(simulation, {
             'object': thing.name, 'camera': f'{Path(camera).name}: {pictures}',
-            'distance': f'{near} to {far} m', 'surroundings': ', '.join(surroundings),
+            'distance': f'{float(near):g} to {float(far):g} m',
+            'surroundings': ', '.join(surroundings),
             'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
             'seeds': f'from {seed}'})
 
@@ -172,15 +174,17 @@ class Simulated:
         folder.mkdir(parents=True, exist_ok=True)
         note, mine = folder / 'simulation.json', {
             name: value for name, value in self.about.items() if name != 'seeds'}
-        mine['all that is simulated'] = self.digest
-        if not note.exists():
+        mine[_REST] = self.digest
+        if not note.exists() or not any(folder.glob('*/truth.json')):
             note.write_text(json.dumps(mine, indent=1) + '\n')
             return
         others = read_json(note)
         for name, value in mine.items():
             if others.get(name) != value:
-                raise SettingsError(f'{folder} has scenes of another simulation: {name} '
-                                    f'{others.get(name)}, not {value}; choose another --out')
+                differs = (f'{name} {others.get(name)}, not {value}' if name != _REST
+                           else 'object, camera or settings have changed since')
+                raise SettingsError(f'{folder} has scenes of another simulation: {differs}; '
+                                    'choose another --out')
 
     def seconds_a_scene(self, seed: int) -> float:
         """Time to render a scene, estimated from small pictures of the first one [s]."""
@@ -194,7 +198,7 @@ class Simulated:
         taken: dict[float, float] = {}
         for factor in (_PROBED[0], *_PROBED):  # the first one compiles
             small = replace(scene.sensor, grid=replace(grid, pinhole=grid.pinhole.resized(
-                grid.pinhole.width // factor, grid.pinhole.height // factor)))
+                max(grid.pinhole.width // factor, 1), max(grid.pinhole.height // factor, 1))))
             begun = time.perf_counter()
             of.renderer(scene)(small, *grid.centre, 0, of.samples, seed)
             taken[factor ** -2] = time.perf_counter() - begun

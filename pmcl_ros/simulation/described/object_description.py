@@ -7,7 +7,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.se3 import least_turn, pose_of
+from pmcl_ros.geometry.revolution_axis import ANGLES, moved_by
+from pmcl_ros.geometry.se3 import least_turn, pose_of, rotations_about
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
 from pmcl_ros.runtime.errors import ObjectModelError
@@ -25,6 +26,8 @@ _BODY, _LIQUID, _GAS = 1, 2, 3  # media of a described object; 0 is what is arou
 _RIM = 0.001  # m: by which the mouth may miss the top of a surface of revolution
 _FILLED = 0.05  # share of the outline's volume that a massive mesh may lack
 _PLANE = 1e-6  # m
+_TURNS = rotations_about(np.array([0, 0, 1.0]), np.array(ANGLES))
+_ROUND = 0.1  # share of its largest radius by which these may move a surface of revolution
 
 
 def load_object(path: Path | str) -> SceneObject:
@@ -79,6 +82,9 @@ class _Description:
             raise ObjectModelError(f"where its mouth is, is not told: write in appearance "
                                    f"'{_mouth(top)}', or 'mouth: {{open: false}}' where it is "
                                    'closed')
+        if is_hollow and look.floor is not None and not look.floor < top:
+            raise ObjectModelError(f'its floor is {look.floor:g} m high, the object ends at '
+                                   f'{top:.4g} m: give it in metres, below the mouth')
         axis = model.axis
         if axis is not None and abs(self.turn[2] @ axis) > 1 - 1e-9:
             surfaces = self._revolved(vertices, top, is_hollow)
@@ -100,9 +106,12 @@ class _Description:
                   ) -> list[Frusta | Triangles]:
         look, mouth = self.appearance, self.appearance.mouth
         outer = profiles.outline(vertices, self.model.faces)
+        mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
+        if self.model.closed and moved_by(mesh, _TURNS) > _ROUND * outer[:, 0].max():
+            return self._meshed(vertices, is_hollow)  # it has a handle, say
         if not is_hollow:
-            mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
-            if self.model.closed and mesh.volume < (1 - _FILLED) * profiles.volume(outer):
+            self._check_closed()
+            if mesh.volume < (1 - _FILLED) * profiles.volume(outer):
                 return self._meshed(vertices, is_hollow)  # its mesh has a cavity of its own
             return [Frusta.from_profile(profiles.eased(outer), 0, _BODY)]
         is_open = mouth is not None and mouth.open
@@ -123,9 +132,7 @@ class _Description:
     def _meshed(self, vertices: NDArray[np.float64], is_hollow: bool
                 ) -> list[Frusta | Triangles]:
         look = self.appearance
-        if not self.model.closed:
-            raise ObjectModelError('its mesh is not closed: fill its holes, with a lid at the '
-                                   'mouth')
+        self._check_closed()
         outer = trimesh.Trimesh(vertices, self.model.faces, process=False)
         if not is_hollow:
             return [Triangles(np.array(outer.triangles), 0, _BODY)]
@@ -133,10 +140,14 @@ class _Description:
         mouth = look.mouth.z if look.mouth is not None and is_open else None
         cavity = (offsets.lifted(self._inner(), mouth) if look.inner
                   else offsets.cavity_of(outer, look.wall or 0, mouth))
+        low, high = cavity.bounds[:, 2].tolist()
         if look.floor is not None:
-            cavity = offsets.above(cavity, look.floor)
+            if not look.floor < high:
+                raise ObjectModelError(f'its floor is {look.floor:g} m high, its cavity ends at '
+                                       f'{high:.4g} m')
+            cavity, low = offsets.above(cavity, look.floor), max(low, look.floor)
         level = look.liquid.level if look.liquid else None
-        self._check_level(level, *cavity.bounds[:, 2].tolist())
+        self._check_level(level, low, high if mouth is None else min(high, mouth))
         body = offsets.without(outer, cavity, mouth)
         if level is None:
             if is_open:
@@ -154,12 +165,16 @@ class _Description:
                 Triangles(walls, _BODY, _GAS), Triangles(sides, _BODY, _LIQUID),
                 Triangles(surface, _LIQUID, _GAS)]
 
+    def _check_closed(self) -> None:
+        if not self.model.closed:
+            raise _not_closed('its mesh', trimesh.Trimesh(self.model.vertices, self.model.faces,
+                                                          process=False))
+
     def _inner(self) -> trimesh.Trimesh:
         """The mesh of the cavity, its z up."""
         inner = read_mesh(self.path.parent / (self.appearance.inner or ''))
         if not inner.is_volume:
-            raise ObjectModelError(f'{self.appearance.inner} is not closed: fill its holes, with '
-                                   'a lid at the mouth')
+            raise _not_closed(str(self.appearance.inner), inner)
         vertices = mesh_file(self.path)[1] * np.asarray(inner.vertices) @ self.turn.T
         return trimesh.Trimesh(vertices, inner.faces, process=False)
 
@@ -177,16 +192,24 @@ def _split(mesh: trimesh.Trimesh, level: float
     return corners[at], corners[~at]
 
 
+def _not_closed(what: str, mesh: trimesh.Trimesh) -> ObjectModelError:
+    if mesh.is_watertight:
+        return ObjectModelError(f'{what} has faces that look inwards beside others that look '
+                                'outwards: recalculate its normals')
+    return ObjectModelError(f'{what} is not closed: fill its holes, with a lid at the mouth')
+
+
 def _mouth(top: float) -> str:
     """The line to write for a mouth at a height [m]."""
-    return f'mouth: {{z: {top:.4g}, open: true}}'
+    return f'mouth: {{z: {round(top, 6) + 0:.4g}, open: true}}'
 
 
 def _upright(look: Appearance, model: ObjectModel) -> NDArray[np.float64]:
     """(3, 3) turns the direction that is up to z."""
     up = np.array([0, 0, 1.0])
     if look.up is not None:
-        up = np.array(look.up) / np.linalg.norm(look.up)
+        up = np.array(look.up) / np.abs(look.up).max()  # whose squares may overflow
+        up /= np.linalg.norm(up)
     elif model.axis is not None:
         up = model.axis * np.sign(model.axis[np.abs(model.axis).argmax()])
     if up[2] > 1 - 1e-12:

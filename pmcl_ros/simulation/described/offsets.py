@@ -133,7 +133,10 @@ def without(body: trimesh.Trimesh, cavity: trimesh.Trimesh, mouth: float | None
     if not inside.volume > 0 or poking > _POKES * inside.volume:
         raise ObjectModelError(f'the cavity, {1e6 * inside.volume:.4g} ml, lies partly outside of '
                                f'the mesh: check wall and scale, or {_GIVE}')
-    return _boolean('difference', body, cavity)
+    left = _boolean('difference', body, cavity)
+    if left.is_empty or not left.volume > _POKES * inside.volume:
+        raise ObjectModelError('the cavity leaves no wall: is the inner surface the outer one?')
+    return left
 
 
 def _boolean(kind: str, one: trimesh.Trimesh, other: trimesh.Trimesh) -> trimesh.Trimesh:

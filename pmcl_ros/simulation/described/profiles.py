@@ -18,7 +18,7 @@ _MOST = 500  # heights at which an outline is taken
 _MM = 1000.0  # the kernel's coordinates are rounded to 1e-8
 _FAR = 1e5  # mm
 _FILLET = 2.0  # mm: radius in which wall and floor of a cavity meet, at most
-_ROUND = 0.45  # radius of the rim over the wall
+_ROUND, _ROUNDEST = 0.45, 1.0  # radius of the rim over the wall, and at most [mm]
 _CREST = 0.7  # of the wall: at most so far out of the crest of a rim does the wall begin
 _SEGMENTS = 48  # of a full turn of these
 _EPSILON = 1e-4  # mm: points nearer than that to a line are left out
@@ -99,6 +99,9 @@ def hollowed(outer: Profile, wall: float, is_open: bool, floor: float | None) ->
     where no cavity is left.
     """
     body = _section(outer)
+    if wall >= np.ptp(outer[:, 1]):
+        raise ObjectModelError(f'a wall of {wall:g} m leaves no cavity: the object is '
+                               f'{np.ptp(outer[:, 1]):.3g} m high')
     cavity = _section(_beyond(outer, wall) if is_open else outer).offset(
         -_MM * wall, manifold().JoinType.Miter, _MITRE)
     if floor is not None:
@@ -131,8 +134,10 @@ def _beyond(profile: Profile, wall: float) -> Profile:
     """
     z = profile[:, 1]
     top = float(z.max())
-    start = int(np.argmax(z > top - wall))
-    lower, upper = np.interp([top - 2 * wall, top - wall], z[:start + 1], profile[:start + 1, 0])
+    foot = int(np.flatnonzero(z < z.min() + _SAME)[-1])  # where the side begins
+    start = max(int(np.argmax(z > top - wall)), foot)
+    lower, upper = np.interp([top - 2 * wall, top - wall], z[foot:start + 1],
+                             profile[foot:start + 1, 0])
     on = upper + float(np.clip(upper - lower, -wall, wall))
     crest = profile[z > top - _SAME, 0].max()
     mouth = min(on, crest + _CREST * wall)
@@ -170,11 +175,13 @@ def _chosen(cavity: Any, is_open: bool, top: float, of: str) -> Any:
 
 
 def _vessel(body: Any, is_open: bool) -> Vessel:
-    """The vessel of a section, which still has a sharp rim."""
+    """The vessel of a section, which still has a sharp rim. ObjectModelError for an empty one."""
+    if body.is_empty():
+        raise ObjectModelError('the cavity leaves no wall: is the inner surface the outer one?')
     if is_open:
         top = body.bounds()[3]
         rim = (body ^ _band(top - _THIN, top)).area() / (2 * _THIN)
-        body -= (body - _opened(body, _ROUND * rim)) ^ _band(top - rim, top + 1)
+        body -= (body - _opened(body, min(_ROUND * rim, _ROUNDEST))) ^ _band(top - rim, top + 1)
     right = manifold().CrossSection([np.array([[0, -_FAR], [_FAR, -_FAR], [_FAR, _FAR],
                                                [0, _FAR]])])
     rings = (body ^ right).simplify(_EPSILON).to_polygons()

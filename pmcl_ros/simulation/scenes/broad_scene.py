@@ -148,9 +148,10 @@ def random_view(rng: np.random.Generator, of: SceneSettings, sensor: Sensor,
     from above. rolled: share of cameras that are turned any way about their axis.
     """
     pinhole = sensor.grid.pinhole
-    half = np.array([pinhole.width / pinhole.fx, pinhole.height / pinhole.fy]) / 2
-    spread = (1.0 if rng.random() < of.outside else of.aside) * half
-    aside = np.arctan(spread * rng.uniform(-1, 1, 2))
+    focal, size = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.width, pinhole.height])
+    middle = ((size - 1) / 2 - [pinhole.cx, pinhole.cy]) / focal
+    spread = (1.0 if rng.random() < of.outside else of.aside) * size / focal / 2
+    aside = np.arctan(middle + spread * rng.uniform(-1, 1, 2))
     roll = np.pi if rng.random() < rolled else 0.08
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]),
                         heights, roll)

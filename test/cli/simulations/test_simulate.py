@@ -132,7 +132,7 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert 'scenes of another simulation: distance 0.35 to 0.7 m, not 0.5 to 0.6 m' in other.output
     tumbler.write_text(tumbler.read_text().replace('0.0025', '0.003'))
     other = run(tumbler, 'feasibility', '--scenes', '1', *options)
-    assert 'scenes of another simulation: all that is simulated' in other.output
+    assert 'scenes of another simulation: object, camera or settings have' in other.output
 
 
 def test_another_process_goes_on(tumbler: Path) -> None:
@@ -169,3 +169,19 @@ def test_without_the_extra_it_says_what_to_install(tumbler: Path,
     mitsuba.cache_clear()
     assert made.exit_code == 1
     assert "pip install 'pmcl_ros[simulate]'" in made.output
+
+
+def test_a_folder_without_scenes_is_free(tumbler: Path) -> None:
+    """Whatever was tried before: the first line says what to change, and that is done."""
+    described = yaml.safe_load(tumbler.read_text())
+    del described['appearance']['floor']
+    described['appearance']['liquid'] = {'level': 0.05}
+    tumbler.write_text(yaml.safe_dump(described))
+    options = ('--renderer', 'fast', '--samples', '1', '--count', '1',
+               '-o', str(tumbler.parent / 'out'))
+    refused = run(tumbler, 'simulate', '--attitude', 'lying', *options)
+    assert 'set attitude: upright' in refused.output
+    made = run(tumbler, 'simulate', '--attitude', 'upright', '--region', '0.40:0.7', *options)
+    assert made.exit_code == 0, made.output
+    more = run(tumbler, 'simulate', '--attitude', 'upright', '--region', '0.4:0.70', *options)
+    assert more.exit_code == 0, more.output
