@@ -33,7 +33,7 @@ from pmcl_ros.runtime.outputs import refuse_existing
 
 _LARGEST = 0.14  # m: radius of any generated object
 _FALSE_ALARMS = 0.05
-_OF_VIEWS = 0.025, 0.01  # false alarms in several views, right poses of too little evidence
+_TOO_LITTLE = 0.01  # share of right poses in several views that have too little evidence
 # Of the log odds of a contour map. The network spreads a contour over three pixels, so that as
 # many neighbours share their noise. Pixels of the inside are not counted: they ranked no true
 # pose higher (docs/results/contour_map.md).
@@ -74,8 +74,8 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
                f'{" --map" * of_map} --out {out}')
     if posed:
         numbers_of_views = learned_from(
-            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, *_OF_VIEWS,
-            click.echo)
+            list(posed_searches(_views_of(captures), seed)), _LEAST_WEIGHT, _FALSE_ALARMS,
+            _TOO_LITTLE, click.echo)
         if out is not None:
             numbers_of_views.save(out, f'pmcl learn {folder} --seed {seed} --posed --out {out}')
         return
