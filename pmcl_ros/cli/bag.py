@@ -33,6 +33,7 @@ def bag_record(source: GivenSource, folder: Path) -> None:
     localize` takes): what subaperture_node would. From posed views: what sweep_driver would.
     """
     if not is_light_field(source.source):
+        source.check_of_raw()
         record_capture(source.source, folder)
         return
     made = source.open().read()

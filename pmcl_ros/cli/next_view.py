@@ -16,6 +16,7 @@ from pmcl_ros.pipeline import Pipeline
 from pmcl_ros.pmcl.multi_view.next_view import CANDIDATES, CAP, cap, next_views
 from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @click.command('next-view')
@@ -44,6 +45,7 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '
                                'them, as views.yaml gives them (docs/howto/posed_views.md)')
+    plan = None if candidates is None else ViewPlan.load(candidates)
     settings = PmclSettings.make({'object': str(object_path), 'seed': seed} | region.settings(),
                                  '--roi, --depths, --table, --tilt, --up, --seed')
     model = ObjectModel.load(object_path)
@@ -55,11 +57,15 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
     click.echo(run.estimate.describe(), err=True)
     if run.estimate.lost:
         raise SystemExit(3)
-    if candidates is None:
+    reference = run.source.views[0].header.frame_id
+    if plan is None:
         cameras = cap(run.estimate.pose, [each.camera_to_reference for each in run.source.views],
                       degrees, count)
+    elif plan.frame and plan.frame != reference:
+        raise SettingsError(f'{candidates} is in frame {plan.frame!r}, the views are in '
+                            f'{reference!r}: change one')
     else:
-        cameras = ViewPlan.load(candidates).cameras
+        cameras = plan.cameras
     showing = run.evidence.without(run.estimate.hidden)
     found = next_views(showing, model, settings, run.estimate.pose, cameras,
                        run.source.views[0].pinhole)

@@ -34,7 +34,7 @@ from pmcl_ros.lightfield.readers.read import (
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import is_bag
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.runtime.settings import read_yaml
 
@@ -101,7 +101,7 @@ class GivenSource:
                                    '--collect are for bags')
         if is_light_field(self.source):
             if self.source.is_dir():
-                check_folder(self.source)
+                self._check_folder()
             return Opened(partial(read_source, self.source, self.every, self.shrink,
                                   Metric(self.scale, self.distance)),
                           has_posed_views(self.source))
@@ -116,9 +116,7 @@ class GivenSource:
         if self.calibration is None or self.white is None:
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
                                    f'--white. {OF_CAMERA}')
-        if (self.every, self.shrink) != (1, 1):
-            raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
-                                   'light fields')
+        self.check_of_raw()
         return _decoded(read_raw_frame(self.source), self.calibration, self.white)
 
     def _open_bag(self) -> Opened:
@@ -130,6 +128,26 @@ class GivenSource:
             return _decoded(capture, self.calibration or _configured('calibration'),
                             self.white or _configured('white'))
         return Opened(lambda: capture, isinstance(capture, PosedViews))
+
+    def _check_folder(self) -> None:
+        try:
+            check_folder(self.source)
+        except LightFieldError:
+            if any(self.source.glob('*.mcap')):
+                self._open_bag()  # it is none either: what it lacks is said
+            raise
+
+    def check_of_raw(self) -> None:
+        """Raise UsageError for options that are not for a raw picture."""
+        if (self.every, self.shrink) != (1, 1):
+            raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
+                                   'light fields')
+        if self.scale is not None or self.distance is not None:
+            raise click.UsageError(f'{self.source} is a raw picture: --scale and --distance are '
+                                   'for COLMAP models')
+        if self._bag_views() is not None:
+            raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
+                                   '--collect are for bags')
 
     def _bag_views(self) -> BagViews | None:
         """How images with poses of a bag are read, where that is said."""

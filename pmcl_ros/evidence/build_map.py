@@ -19,6 +19,7 @@ from pmcl_ros.lightfield.posed_view import PosedView, exposed
 _LOG = logging.getLogger(__name__)
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
+OF_ONE_COLOUR = 'a picture is of one colour: is the lens covered, or is it dark?'
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
 _LEAST = 64  # px: no map is made smaller
 
@@ -46,7 +47,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         left, top, width, height = settings.crop
         if source.is_of_one_colour(left, top, width or pinhole.width - left,
                                    height or pinhole.height - top):
-            _LOG.warning('a picture is of one colour: is the lens covered, or is it dark?')
+            _LOG.warning(OF_ONE_COLOUR)
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
     net = net or contour_net()

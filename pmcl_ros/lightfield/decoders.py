@@ -4,12 +4,15 @@ import logging
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.raw_frame import RawFrame
-from pmcl_ros.camera.white_images import WhiteImages
+from pmcl_ros.camera.white_images import WhiteChoice, WhiteImages
 from pmcl_ros.lightfield.calibration.calibration import RAW_PITCH, Calibration
 from pmcl_ros.lightfield.decode import VIEWS, Decoder
 from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.white_image import is_white_image, unevenness
 from pmcl_ros.runtime.errors import LightFieldError
 
 _LOG = logging.getLogger(__name__)
@@ -57,6 +60,7 @@ class Decoders:
                 self._decoder = Decoder(self._calibration, choice.frame, self._views, self._size)
                 self._path = choice.path
                 _LOG.info('white image: %s', choice.why)
+                _check_white(choice)
                 if self._chosen is not None:
                     self._chosen(choice.why)
             self._settings = settings
@@ -75,6 +79,14 @@ class Decoders:
                 _LOG.warning('the picture was taken at %s step %g, the calibration is for %g: '
                              'poses will be off; calibrate at the %s of the pictures', name,
                              found, expected, name)
+
+
+def _check_white(choice: WhiteChoice) -> None:
+    """Warn where a picture is taken for a white image, as far as its light tells."""
+    uneven = unevenness(choice.frame)
+    if np.isfinite(uneven) and not is_white_image(choice.frame):
+        _LOG.warning('%s seems to be no white image: its light is uneven by %.0f %%, that of one '
+                     'by 1 %%; views and poses may be wrong', choice.path, 100 * uneven)
 
 
 def uncalibrated_decoder(frame: RawFrame, white: RawFrame | None = None, views: int = VIEWS,

@@ -221,7 +221,9 @@ class _MessagesUnpacked:
 def _opened(bag: Path) -> Iterator[McapReader | SqliteReader | _MessagesUnpacked]:
     """The files of a bag one after the other, open. bag: its folder, or a file of it alone."""
     if bag.is_dir() and not (bag / 'metadata.yaml').exists():
-        raise BagError('there is no metadata.yaml in it; ros2 bag and pmcl bag record make bags')
+        raise BagError('there is no metadata.yaml in it' + (
+            ': its recording was killed; `mcap recover` saves the messages of the .mcap'
+            if any(bag.glob('*.mcap')) else '; ros2 bag and pmcl bag record make bags'))
     of = BagFiles.read(bag) if bag.is_dir() else None
     for path in [bag] if of is None else of.paths(bag):
         with ExitStack() as stack:

@@ -26,6 +26,8 @@ from pmcl_ros.messages.types import (
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.runtime.errors import MessageError
 
+_ROUNDED = 1e-9  # of the largest covariance: by which a variance of 0 may seem negative
+
 
 class PoseMessages(NamedTuple):
     """`pose`, `pose_with_covariance` and `particles`."""
@@ -72,6 +74,9 @@ def pose_with_covariance_from(message: PoseWithCovarianceStamped,
     covariance = np.reshape(message.pose.covariance, (6, 6))
     if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T):
         raise MessageError('pose_with_covariance: the covariance is not finite and symmetric')
+    if (least := np.linalg.eigvalsh(covariance)[0]) < -_ROUNDED * np.abs(covariance).max():
+        raise MessageError('pose_with_covariance: the covariance has a variance of '
+                           f'{least:.3g} along one direction: none is negative')
     pose = poses_from([message.pose.pose], 'pose_with_covariance')[0]
     return header_from(message.header), pose, covariance
 

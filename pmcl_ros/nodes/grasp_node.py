@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import deque
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -55,7 +56,8 @@ class GraspNode(StageNode):
     def start(self) -> None:
         """Listen."""
         self._done: int | None = None  # the last stamp of which a covariance has come
-        self._held: tuple[float, Header, NDArray[np.float64]] | None = None
+        # Poses that wait for their covariance, and when they came.
+        self._held: deque[tuple[float, Header, NDArray[np.float64]]] = deque()
         self._last_lost = ''
         self.active.callback(self._take_markers_away)
         self._arm.start()
@@ -72,17 +74,24 @@ class GraspNode(StageNode):
     def _on_both(self, message: PoseWithCovarianceStamped) -> None:
         header, pose, covariance = pose_with_covariance_from(message)
         self._done = header.stamp_ns
+        self._held = deque(each for each in self._held if each[1].stamp_ns > self._done)
         self._take(header, pose, covariance)
 
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
         if header.stamp_ns != self._done:  # else its covariance came first
-            self._held = time.monotonic(), header, pose
+            self._held.append((time.monotonic(), header, pose))
 
     def _wait_no_longer(self) -> None:
-        if self._held is None or time.monotonic() - self._held[0] < _PATIENCE:
+        due = []
+        while self._held and time.monotonic() - self._held[0][0] >= _PATIENCE:
+            due.append(self._held.popleft())
+        if not due:
             return
-        _, header, pose = self._held
+        *earlier, (_, header, pose) = due
+        if earlier:
+            self.dropped(f'{len(earlier)} poses: a newer one came before grasps were made of them',
+                         len(earlier))
         shift, turn = self._settings.assumed_sigma
         self.get_logger().warning(
             f'poses come without pose_with_covariance: {shift} m and {turn} rad are assumed '
@@ -102,7 +111,7 @@ class GraspNode(StageNode):
 
     def _take(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> None:
-        began, self._held = time.monotonic(), None
+        began = time.monotonic()
         self.health.frames_in += 1
         base = Header(header.stamp_ns, self._settings.base_frame)
         try:

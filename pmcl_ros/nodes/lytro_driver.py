@@ -186,15 +186,21 @@ class LytroDriver(StageNode):
         except LinkError:
             raise
         except PmclError as error:  # its own fault, or another client's that uses the camera too
-            what = 'given up' if self._queue.failed(picture) else 'will be tried again'
-            raise CameraError(f'picture {picture.id}: {error}; it is {what}') from error
+            what = 'is given up' if self._queue.failed(picture) else 'will be tried again'
+            raise CameraError(f'picture {picture.id}: {error}; it {what}') from error
         self._details['last download [s]'] = f'{seconds:.2f}'
         self._details['last download [MB/s]'] = f'{len(raw) / seconds / 1e6:.1f}'
         self._await_listener()
+        patience = Duration(seconds=_ARRIVAL)
         with self._publishing:
             if not self._streaming:
                 return _ENDED
             self._metadata.publish(String(data=metadata.text))
+        # Before the picture: topics are in no order, and a lost message comes again after 3 s.
+        received = self._metadata.wait_for_all_acked(patience)
+        with self._publishing:
+            if not self._streaming:
+                return _ENDED
             heard = self._image.wanted()
             self._image.publish(frame)
             self._queue.done(picture)
@@ -202,8 +208,7 @@ class LytroDriver(StageNode):
             self.done(time.monotonic() - began, f'published {picture.id} as capture '
                       f'{picture.shutter_ns}')
         # The next may follow at once, and the histories of the topics have room for one.
-        patience = Duration(seconds=_ARRIVAL)
-        received = self._metadata.wait_for_all_acked(patience) and self._image.arrived(patience)
+        received = self._image.arrived(patience) and received
         if not (heard and received):
             # In the first case another may have got it; one that was killed is a while in getting.
             why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard

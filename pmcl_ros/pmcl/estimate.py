@@ -115,7 +115,7 @@ class PoseEstimate:
         if not self.lost:
             return ''
         if self.support == -math.inf:
-            return '; nothing of it is in view'
+            return '; nothing in view looks like it'
         if self.evidence < self.least_evidence:
             return (f'; lost as its contour has {self.evidence:.2f} nat/px of evidence, '
                     f'{self.least_evidence:.2f} are needed')

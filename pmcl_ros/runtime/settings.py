@@ -81,6 +81,9 @@ def _line(error: ErrorDetails, model: type[BaseModel] | None) -> str:
         alike = get_close_matches(str(error['loc'][-1])[:80],
                                   owner.model_fields if owner else (), 1)
         message = 'there is no such key' + ''.join(f'; did you mean {each}?' for each in alike)
+    if error['type'] == 'missing' and isinstance(error['loc'][-1], int):
+        return (f'{".".join(map(str, error["loc"][:-1]))}: number {error["loc"][-1] + 1} is '
+                f'missing (got {_SHORT.repr(error["input"])})')
     line = ': '.join(['.'.join(str(part)[:80] for part in error['loc']), message])
     if error['type'] in ('missing', 'extra_forbidden') or (
             error['type'] == 'value_error' and isinstance(error['input'], dict)):

@@ -12,12 +12,15 @@ HOW_TO_CAMERA = 'pmcl calibrate makes the calibration: docs/howto/camera.md'
 
 @pytest.fixture
 def names(tmp_path):
-    """An empty folder, a bag of raw pictures, one such, an object, a place for outputs."""
+    """An empty folder, a bag of raw pictures, one that was killed, such a picture, an object."""
     (tmp_path / 'empty').mkdir()
+    killed = tmp_path / 'killed'
+    killed.mkdir()
+    (killed / 'killed_0.mcap').write_bytes(b'\x89MCAP0\r\n')
     trimesh.creation.box((0.03, 0.05, 0.11)).export(tmp_path / 'box.stl')
     return {'empty': tmp_path / 'empty', 'bag': ROOT / 'bags' / 'wine_glass',
             'raw': ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz',
-            'object': tmp_path / 'box.stl', 'out': tmp_path / 'out'}
+            'killed': killed, 'object': tmp_path / 'box.stl', 'out': tmp_path / 'out'}
 
 
 @pytest.mark.parametrize(('call', 'status', 'how'), [
@@ -34,6 +37,11 @@ def names(tmp_path):
     ('handeye --corners 10x7 --square 0.02', 2, 'docs/howto/hand_eye.md'),
     ('camera serve --pictures {empty}', 1, 'pmcl bag extract'),
     ('bag extract {empty} {out}', 1, 'pmcl bag record'),
+    ('localize {killed} --object {object} --depths 0.3 0.9', 1, '`mcap recover` saves'),
+    ('bag extract {killed} {out}', 1, '`mcap recover` saves'),
+    ('bag record {raw} {out} --every 2', 2, 'are for light fields'),
+    ('bag record {raw} {out} --scale 2', 2, 'are for COLMAP models'),
+    ('bag record {raw} {out} --image-topic /a', 2, 'are for bags'),
     ('bag record {empty} {out}', 1, 'docs/howto/light_fields.md'),
     ('evaluate {empty}', 1, 'pmcl scenes render'),
     ('learn {empty}', 1, 'pmcl scenes render'),

@@ -58,6 +58,15 @@ def test_the_decoder_is_made_again_only_for_another_white_image(camera, folder):
     assert decoders.decoder_for(camera(90).metadata) is not first
 
 
+def test_a_picture_as_white_image_is_told(camera_text, tmp_path, caplog):
+    camera = SyntheticCamera(camera_text(SIDE, SIDE))
+    for name, frame in (('white', camera.white()), ('picture', camera.picture(waves))):
+        write_raw_frame(tmp_path / f'{name}.RAW', frame)
+        caplog.clear()
+        Decoders(camera.calibration, tmp_path / f'{name}.RAW')
+        assert ('seems to be no white image' in caplog.text) == (name == 'picture')
+
+
 def test_one_file_is_checked_at_once(camera, folder):
     path = folder / 'MOD_0001.RAW'
     with pytest.raises(LightFieldError, match=r'calibration is for views of 80x80'):

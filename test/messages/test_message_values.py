@@ -550,6 +550,16 @@ def test_broken_poses_are_refused(estimate):
     messages.with_covariance.pose.covariance[1] = 1e9
     with pytest.raises(MessageError, match='symmetric'):
         pose_with_covariance_from(messages.with_covariance)
+    messages.with_covariance.pose.covariance[:] = array('d', [-1.0] * 36)
+    with pytest.raises(MessageError, match='a variance of -6 along one direction'):
+        pose_with_covariance_from(messages.with_covariance)
+
+
+def test_a_covariance_of_less_than_full_rank_is_taken(estimate):
+    message = estimate_to_messages(estimate).with_covariance
+    row = np.array([1e-3, -2e-3, 3e-3, 0.01, 0, 0])
+    message.pose.covariance[:] = array('d', np.outer(row, row).ravel())
+    np.testing.assert_array_equal(pose_with_covariance_from(message)[2], np.outer(row, row))
 
 
 def test_empty_messages_are_refused():

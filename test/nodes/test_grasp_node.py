@@ -172,6 +172,32 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     warned(user, process, 'poses come without pose_with_covariance: 0.005 m and 0.05 rad')
 
 
+def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
+    """Faster than a covariance is waited for; what is passed over is counted."""
+    process, planner = node()
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    planner.arm.publish(stamped(ARM))
+    user.delivered(planner.arm)
+    sent = 0
+    while len(planner.heard['grasps']) < 3:
+        sent += 1
+        planner.pose.publish(stamped(inverse(CAMERA) @ GLASS, STAMP + sent,
+                                     'lytro_optical_frame'))
+        due = time.monotonic() + 0.1
+        while time.monotonic() < due:
+            user.spin()
+        assert sent < 1000
+    warned(user, process, 'poses come without pose_with_covariance')
+
+    def counted():
+        last = [each.status[0] for each in states if each.status[0].name == 'grasp_node'][-1:]
+        values = {each.key: each.value for one in last for each in one.values}
+        return bool(values) and (
+            int(values['frames in']) + int(values['dropped']) == sent)
+
+    user.wait(counted, 'every pose to be counted')
+
+
 def test_what_cannot_be_placed_is_refused(node, user):
     process, planner = node()
     seen = inverse(CAMERA) @ GLASS

@@ -41,7 +41,8 @@ def test_the_dictionary_is_what_the_command_line_promises():
      '; lost as the weakest part of its contour has 0.20 nat/px of evidence, 0.36 are needed'),
     ({'lost': True, 'evidence': 0.9, 'least_evidence': 1.03}, 'lost; best hypothesis',
      '; lost as its contour has 0.90 nat/px of evidence, 1.03 are needed'),
-    ({'lost': True, 'support': -np.inf}, 'lost; best hypothesis', '; nothing of it is in view'),
+    ({'lost': True, 'support': -np.inf}, 'lost; best hypothesis',
+     '; nothing in view looks like it'),
 ])
 def test_a_line_for_people(numbers, word, why):
     line = replace(make(), **numbers).describe()

@@ -73,7 +73,7 @@ def test_settings_are_frozen():
     ({'inner': {'size': 1, 'count': 1}}, ['inner.count: there is no such key']),
     ({'nonsense': 4}, ['nonsense: there is no such key']),
     ({'limit': float('inf')}, ['limit: Input should be a finite number (got inf)']),
-    ({'point': [1.0]}, ['point.1: Field required']),
+    ({'point': [1.0]}, ['point: number 2 is missing (got [1.0])']),
     ({'inner': {'size': -1}}, ['inner.size: Input should be greater than 0 (got -1)']),
     ({'inner': {}}, ['inner.size: Field required']),
     ({'mode': 'b', 'count': 10},

@@ -167,7 +167,9 @@ class StageNode(LifecycleNode):
         except Exception as error:
             if is_foreseen(error):
                 problems.append(error_line(error))
-                if line := self._repeated(f'{what}: {problems[0]}'):
+                told = problems[0] if problems[0].startswith(f'{what}: ') else (
+                    f'{what}: {problems[0]}')
+                if line := self._repeated(told):
                     self.get_logger().error(line)
             else:
                 problems.append(f'{type(error).__name__}: {error}')

@@ -71,7 +71,7 @@ def test_what_is_set_is_read(make):
     ({'path': 'x', 'count': 11}, "parameter 'count'.*out of range"),
     ({'path': 'x', 'length': 1}, "parameter 'length'.*write 1.0, not 1"),
     ({'path': 'x', 'point': [1, 2, 3]}, "parameter 'point'.*write 1.0, not 1"),
-    ({'path': 'x', 'point': [1.0, 2.0]}, 'point.2: Field required'),
+    ({'path': 'x', 'point': [1.0, 2.0]}, r'point: number 3 is missing \(got \(1.0, 2.0\)\)'),
     ({'path': 'x', 'flag': 'yes'}, "parameter 'flag'.*expecting type 'BOOL'"),
 ])
 def test_what_cannot_be_is_told_when_read(make, values, reason):

@@ -101,6 +101,10 @@ def test_the_command_prints_what_was_found(tmp_path):
     assert now == f'now: {1e3 * told["sigma_now"]:.2f} mm'
     place = ', '.join(f'{each:.3f}' for each in np.reshape(first, (4, 4))[:3, 3])
     assert f' mm with a view from ({place}) m, looking along (' in only
+    (tmp_path / 'map.yaml').write_text(yaml.safe_dump({'frame': 'map', 'poses': [first]}))
+    result = runner.invoke(main, [*command, '--candidates', str(tmp_path / 'map.yaml')])
+    assert result.exit_code == 1
+    assert "map.yaml is in frame 'map', the views are in 'room': change one" in result.output
     # The report says the same.
     page = runner.invoke(main, ['report', str(folder), '-o', str(tmp_path / 'page.html')])
     assert page.exit_code == 0, page.output
