@@ -70,11 +70,12 @@ def _principal_axes(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], NDArray
     return middle, np.asarray(axes * np.sign(largest))
 
 
-def moved_by(mesh: trimesh.Trimesh, motions: NDArray[np.float64]) -> float:
-    """How far motions (n, 4, 4) take points of a surface off it, at most [m]."""
+def moved_by(mesh: trimesh.Trimesh, motions: NDArray[np.float64]) -> tuple[float, float]:
+    """How far motions (n, 4, 4) take points of a surface off it, and how exactly this tells [m].
+    """
     points, surface, noise = surface_of(mesh)
     return max(float(surface.query(points @ each[:3, :3].T + each[:3, 3])[0].max())
-               for each in motions) - noise
+               for each in motions) - noise, noise
 
 
 def surface_of(mesh: trimesh.Trimesh) -> tuple[NDArray[np.float64], cKDTree, float]:

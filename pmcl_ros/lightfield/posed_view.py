@@ -119,7 +119,8 @@ def check_pose(pose: NDArray[np.float64], name: str) -> None:
             f'{name} {pose.tolist()} is no pose: expected a (4, 4) matrix with numbers up to '
             f'{_FAR:g} and the last row 0, 0, 0, 1' + (
                 '; it is written column by column' if pose.shape == (4, 4)
-                and (pose[:, 3] == [0, 0, 0, 1]).all() else ''))
+                and (pose[3] != [0, 0, 0, 1]).any() and (pose[:, 3] == [0, 0, 0, 1]).all()
+                else ''))
     turn = pose[:3, :3]
     off = float(abs(turn @ turn.T - np.eye(3)).max())
     if off > _RIGID or np.linalg.det(turn) < 0:

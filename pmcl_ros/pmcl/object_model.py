@@ -228,7 +228,7 @@ def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[
 def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
                     ) -> None:
     """Warn if declared motions move the surface: that may be meant, as with a small mark."""
-    off = moved_by(mesh, motions)
+    off, _ = moved_by(mesh, motions)
     if off > 0.02 * float(np.linalg.norm(mesh.extents)):
         _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
                      'apart count as one', name, what, 1e3 * off)

@@ -60,7 +60,7 @@ def feasibility(count: int, millimetres: float, degrees: float, share: float, ou
     model, sets = ObjectModel.load(thing), view_sets(of.plan)
     searches = _SEARCH * len(sets)
     scenes = out / 'scenes'
-    simulated.claim(scenes)
+    simulated.claim(scenes, seed)
     drawn = simulated.seconds_a_scene(seed)
     left = sum(not is_there(place_of(seed + number, scenes)) for number in range(count))
     click.echo(f'{left} of {count} scenes to make: about {minutes(left * (drawn + searches))}, '

@@ -166,16 +166,18 @@ class Simulated:
             'attitude': attitude, 'renderer': f'{renderer}, {simulation.samples} samples a pixel',
             'seeds': f'from {seed}'})
 
-    def claim(self, folder: Path) -> None:
+    def claim(self, folder: Path, seed: int) -> None:
         """Make a folder for scenes, and note what they are of.
 
-        Raises SettingsError where it holds scenes of something else.
+        The first is drawn before: what cannot be drawn claims no folder. Raises SettingsError
+        where it holds scenes of something else, and as `Simulation.draw`.
         """
+        self._first_scene(seed)
         folder.mkdir(parents=True, exist_ok=True)
         note, mine = folder / 'simulation.json', {
             name: value for name, value in self.about.items() if name != 'seeds'}
         mine[_REST] = self.digest
-        if not note.exists() or not any(folder.glob('*/truth.json')):
+        if not note.exists():
             note.write_text(json.dumps(mine, indent=1) + '\n')
             return
         others = read_json(note)
@@ -186,10 +188,13 @@ class Simulated:
                 raise SettingsError(f'{folder} has scenes of another simulation: {differs}; '
                                     'choose another --out')
 
+    def _first_scene(self, seed: int) -> Scene:
+        of, rng = self.simulation, np.random.default_rng(seed)
+        return of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
+
     def seconds_a_scene(self, seed: int) -> float:
         """Time to render a scene, estimated from small pictures of the first one [s]."""
-        of, rng = self.simulation, np.random.default_rng(seed)
-        scene = of.draw(seed, rng, None if of.camera is None else of.camera.sensor(rng))
+        of, scene = self.simulation, self._first_scene(seed)
         grid = scene.sensor.grid
         if of.camera is None:
             pictures = int((grid.weights > 0).sum())

@@ -38,7 +38,7 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
     """
     simulated = Simulated.from_options(seed=seed, **options)
     simulation = simulated.simulation
-    simulated.claim(out)
+    simulated.claim(out, seed)
     if isinstance(simulation.camera, LytroCamera):
         write_calibration_pictures(out, simulation.camera, force)
     with Progress(*Progress.get_default_columns()[:-1], MofNCompleteColumn(),

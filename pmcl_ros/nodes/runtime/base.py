@@ -173,7 +173,8 @@ class StageNode(LifecycleNode):
                     self.get_logger().error(line)
             else:
                 problems.append(f'{type(error).__name__}: {error}')
-                self.get_logger().error(f'{what}: unexpected error\n{traceback.format_exc()}')
+                if line := self._repeated(f'{what}: unexpected error\n{traceback.format_exc()}'):
+                    self.get_logger().error(line)
         if problems:
             self.health.failed(f'{what}: {problems[0]}')
             self.publish_diagnostics()
@@ -242,6 +243,7 @@ class StageNode(LifecycleNode):
         super().on_activate(state)
         self.active.callback(super().on_deactivate, state)
         self.health = Health(back_end=self.health.back_end)
+        self._repeated = RepeatedLines()
         self.active.enter_context(self._diagnostics_publisher())
         namesakes = Namesakes(self, self.patience)
         self.every(1.0, lambda: self._report(namesakes))

@@ -1,9 +1,11 @@
 """A line that is logged again and again: the first at once, then one in ten seconds."""
 
+import re
 import time
 from collections.abc import Callable
 from threading import Lock
 
+_STAMP = re.compile(r'\d{13,}')  # ns
 _PERIOD = 10.0  # s: between two lines of one text
 _MOST = 100  # texts that are remembered
 
@@ -17,17 +19,21 @@ class RepeatedLines:
         self._silent: dict[str, int] = {}  # how often it came since
 
     def __call__(self, line: str) -> str:
-        """The line, if it is to be logged now, and how often it came since the last time."""
+        """The line, if it is to be logged now, and how often it came since the last time.
+
+        Lines that differ in stamps alone are one.
+        """
+        text = _STAMP.sub('', line)
         with self._lock:
             now = self._clock()
-            if now < self._logged.get(line, -_PERIOD) + _PERIOD:
-                self._silent[line] = self._silent.get(line, 0) + 1
+            if now < self._logged.get(text, -_PERIOD) + _PERIOD:
+                self._silent[text] = self._silent.get(text, 0) + 1
                 return ''
-            self._logged.pop(line, None)
-            self._logged[line] = now
+            self._logged.pop(text, None)
+            self._logged[text] = now
             if len(self._logged) > _MOST:
                 oldest = next(iter(self._logged))
                 del self._logged[oldest]
                 self._silent.pop(oldest, None)
-            count = self._silent.pop(line, 0)
+            count = self._silent.pop(text, 0)
         return f'{line} ({count} times more since the last such line)' if count else line

@@ -107,8 +107,13 @@ class _Description:
         look, mouth = self.appearance, self.appearance.mouth
         outer = profiles.outline(vertices, self.model.faces)
         mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
-        if self.model.closed and moved_by(mesh, _TURNS) > _ROUND * outer[:, 0].max():
-            return self._meshed(vertices, is_hollow)  # it has a handle, say
+        off, noise = moved_by(mesh, _TURNS)
+        if self.model.closed and off > max(_ROUND * outer[:, 0].max(), noise):
+            try:
+                return self._meshed(vertices, is_hollow)  # it has a handle, say
+            except ObjectModelError as error:
+                raise ObjectModelError(f'turned about its axis it is {1e3 * off:.1f} mm off '
+                                       f'itself, so its mesh is taken as it is: {error}') from None
         if not is_hollow:
             self._check_closed()
             if mesh.volume < (1 - _FILLED) * profiles.volume(outer):

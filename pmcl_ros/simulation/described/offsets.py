@@ -18,6 +18,7 @@ _MOST = 5000  # faces of a mesh that is eroded: that takes half a minute
 _MEAN = 1.008  # of a polyhedron's radius: it stands for a ball whose radius is within 0.8 %
 _FAR = 10.0  # m
 _POKES = 1e-3  # of the cavity's volume: outside of the body
+_NOTHING = 1e-6  # of it: in what is left of the body
 _GIVE = 'give its inner surface instead: inner: inner.stl'
 
 
@@ -134,7 +135,7 @@ def without(body: trimesh.Trimesh, cavity: trimesh.Trimesh, mouth: float | None
         raise ObjectModelError(f'the cavity, {1e6 * inside.volume:.4g} ml, lies partly outside of '
                                f'the mesh: check wall and scale, or {_GIVE}')
     left = _boolean('difference', body, cavity)
-    if left.is_empty or not left.volume > _POKES * inside.volume:
+    if left.is_empty or not left.volume > _NOTHING * inside.volume:
         raise ObjectModelError('the cavity leaves no wall: is the inner surface the outer one?')
     return left
 

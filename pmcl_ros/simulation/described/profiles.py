@@ -187,8 +187,7 @@ def _vessel(body: Any, is_open: bool) -> Vessel:
     rings = (body ^ right).simplify(_EPSILON).to_polygons()
     chains = _chains(np.asarray(max(rings, key=np.ptp), float))
     if len(chains) != (1 if is_open else 2):
-        raise ObjectModelError('wall, floor and mouth make no vessel: its cavity must be one, and '
-                               'a massive floor below it')
+        raise _no_vessel()
     if is_open:
         crest = int(chains[0][:, 1].argmax())
         outer, inner = chains[0][:crest + 1], chains[0][crest:]
@@ -197,12 +196,19 @@ def _vessel(body: Any, is_open: bool) -> Vessel:
     return Vessel('described', outer / _MM, inner / _MM)
 
 
+def _no_vessel() -> ObjectModelError:
+    return ObjectModelError('wall, floor and mouth make no vessel: its cavity must be one, and a '
+                            'massive floor below it')
+
+
 def _chains(ring: NDArray[np.float64]) -> list[Profile]:
     """The pieces of a closed polygon (n, 2) between its edges on the axis, each eased."""
     ring[ring[:, 0] < _AXIS, 0] = 0
     on_axis = (ring[:, 0] == 0) & (np.roll(ring[:, 0], -1) == 0)  # the edge that begins there
     first = int(on_axis.argmax()) + 1
     ring, on_axis = np.roll(ring, -first, axis=0), np.roll(on_axis, -first)
+    if not on_axis.any():
+        raise _no_vessel()
     starts = np.concatenate([[0], np.flatnonzero(on_axis)[:-1] + 1])
     ends = np.flatnonzero(on_axis) + 1
     return [eased(ring[start:end]) for start, end in zip(starts, ends, strict=True)]

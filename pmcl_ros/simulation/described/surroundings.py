@@ -69,7 +69,8 @@ def described_scene(rng: np.random.Generator, thing: SceneObject, surroundings: 
     empty = bool(rng.random() < of.empty)
     worlds, circles = beside_each_other(rng, (thing,))
     low, high = _bounds(thing, worlds[0])
-    camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0)
+    camera = random_view(rng, of, sensor, (low + high) / 2, _HEIGHTS[surroundings], 0.0,
+                         centred=True)
     pose = camera @ worlds[0]
     place = Place(thing, worlds[0], float(high[2]), camera, circles, Palette(rng), of.near, empty)
     around = _MAKERS[surroundings](rng, place, of)

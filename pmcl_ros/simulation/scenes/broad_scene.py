@@ -141,16 +141,17 @@ def beside_each_other(rng: np.random.Generator, objects: tuple[SceneObject, ...]
 
 def random_view(rng: np.random.Generator, of: SceneSettings, sensor: Sensor,
                 aim: NDArray[np.float64], heights: tuple[float, float] = (0.08, 1.5),
-                rolled: float = _ROLLED) -> Pose:
+                rolled: float = _ROLLED, centred: bool = False) -> Pose:
     """A camera (4, 4), world to camera, that has a point (3,) of the world [m] mostly in view.
 
     heights: limits of the angle at which it looks down [rad]; default: from nearly level to right
-    from above. rolled: share of cameras that are turned any way about their axis.
+    from above. rolled: share of cameras that are turned any way about their axis. centred: the
+    point is about the middle of the picture, not about the optical axis.
     """
     pinhole = sensor.grid.pinhole
     focal, size = np.array([pinhole.fx, pinhole.fy]), np.array([pinhole.width, pinhole.height])
-    middle = ((size - 1) / 2 - [pinhole.cx, pinhole.cy]) / focal
-    spread = (1.0 if rng.random() < of.outside else of.aside) * size / focal / 2
+    middle = ((size - 1) / 2 - [pinhole.cx, pinhole.cy]) / focal if centred else 0.0
+    spread = (1.0 if rng.random() < of.outside else of.aside) * (size / focal / 2)
     aside = np.arctan(middle + spread * rng.uniform(-1, 1, 2))
     roll = np.pi if rng.random() < rolled else 0.08
     return camera_above(rng, aim, rng.uniform(of.near, of.far), (aside[0], aside[1]),

@@ -171,8 +171,8 @@ def test_without_the_extra_it_says_what_to_install(tumbler: Path,
     assert "pip install 'pmcl_ros[simulate]'" in made.output
 
 
-def test_a_folder_without_scenes_is_free(tumbler: Path) -> None:
-    """Whatever was tried before: the first line says what to change, and that is done."""
+def test_what_cannot_be_drawn_takes_no_folder(tumbler: Path) -> None:
+    """The first line says what to change, and that is done."""
     described = yaml.safe_load(tumbler.read_text())
     del described['appearance']['floor']
     described['appearance']['liquid'] = {'level': 0.05}

@@ -27,6 +27,16 @@ def test_lines_of_other_texts_are_logged_at_once(lines):
     assert [lines(each) for each in ('a', 'b', 'a', 'c', 'b')] == ['a', 'b', '', 'c', '']
 
 
+def test_stamps_do_not_make_another_line(lines):
+    text = 'a capture at {} cannot follow one at {}'
+    assert lines(text.format(1795861061381889582, 1795861061381889583))
+    now[0] = 9.0
+    assert lines(text.format(1795861062381889582, 1795861062381889583)) == ''
+    now[0] = 10.0
+    last = text.format(1795861063381889582, 1795861063381889583)
+    assert lines(last) == f'{last} (1 times more since the last such line)'
+
+
 def test_what_comes_seldom_is_never_held_back(lines):
     for _ in range(3):
         assert lines('a') == 'a'
