@@ -219,16 +219,21 @@ def test_a_large_object_is_searched_with_larger_pixels_and_found_with_all(contex
 def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     truth, cameras = truth_of(CUP), around([-25, 0, 25])
     evidence = maps_seen(context, CUP, truth, cameras, CAMERA)
-    off = 0.6 * np.array([[0.003, -0.002, 0, 0.002, 0.003, 0.001]])
-    told = cameras[1] @ retract(np.eye(4)[None], off)[0]
-    wrong = (evidence.views[0], replace(evidence.views[1], camera_to_reference=told),
-             evidence.views[2])
+    off = np.array([[0.003, -0.002, 0, 0.002, 0.003, 0.001]])
+
+    def views_with(part):
+        told = cameras[1] @ retract(np.eye(4)[None], part * off)[0]
+        return (evidence.views[0], replace(evidence.views[1], camera_to_reference=told),
+                evidence.views[2])
+
+    wrong = views_with(0.6)
     untold = found(CUP, replace(evidence, views=wrong), least_support=-5.0)
     assert 'views disagree: view 1 by' in caplog.text
     assert untold.hidden == ()
-    without = found(CUP, replace(evidence, views=wrong))  # else lost
-    assert without.hidden == (1,)
-    assert error(CUP, without.pose, truth)[0] < 0.5
+    for part, hidden in ((0.6, ()), (1.3, (1,))):  # else lost
+        without = found(CUP, replace(evidence, views=views_with(part)))
+        assert without.hidden == hidden
+        assert error(CUP, without.pose, truth)[0] < 0.5
     caplog.clear()
     allowed = found(CUP, replace(evidence, views=tuple(
         replace(each, sigma=(0.003, 0.003)) for each in wrong)), least_support=-2.0)
