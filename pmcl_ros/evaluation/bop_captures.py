@@ -140,7 +140,7 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
                 continue
             pose = bop.rigid(entry.get('cam_R_m2c'), entry.get('cam_t_m2c'),
                              f'{where}: cam_R_m2c and cam_t_m2c')
-            to_world = cameras[first] if posed else None
+            to_world = cameras[first] if posed and len(group) > 1 else None
             pose = pose if to_world is None else to_world @ pose
             name = f'{scene.name}/{first:06d}/obj_{number:06d}' + (f'_{copy}' if copy else '')
             center, size = _region(pose, (first, number, copy))

@@ -51,7 +51,8 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
 
     Of a BOP data set the numbers are its own, of several pictures those of the first. Else a scene
     is a capture and an image one of its trials (its seed), both counted from 0, an object a mesh,
-    counted from 1; `settings` lists them. Lost poses and searches for an object of another capture
+    counted from 1; `settings` lists them. A data set's picture has the pose of the first seed: its
+    toolkit would take the best of all. Lost poses and searches for an object of another capture
     are left out.
     """
     captures = {each.name: each for each in plan.captures}
@@ -65,6 +66,8 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
             rows = np.reshape(each.pose, (3, 4))
             scene, object_id = numbers[each.capture]
             of = captures[each.capture].bop_numbers
+            if of is not None and each.seed != plan.seeds[0]:
+                continue
             writer.writerow({
                 'scene_id': scene, 'im_id': each.seed if of is None else of[1],
                 'obj_id': object_id, 'score': each.score,

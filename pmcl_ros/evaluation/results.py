@@ -92,18 +92,20 @@ def recall_table(trials: Trials) -> str:
 
     def cells(rows: Trials) -> list[str]:
         there = present(rows)
+        bound = [each for each in there if np.isfinite(each.bound_mm)]
         mssd, mspd = average_recall(rows)
         return [
             str(len(there)), *(percent(within(rows, *bound)) for bound in BOUNDS),
-            f'{median(there, "translation_mm"):.1f} mm', f'{median(there, "told_mm"):.1f} mm',
-            *([f'{median(there, "bound_mm"):.1f} mm'] if bounded else []),
-            f'{median(there, "axis_deg"):.1f}°',
+            number(median(there, 'translation_mm'), ' mm'),
+            number(median(there, 'told_mm'), ' mm'),
+            *([number(median(bound, 'bound_mm'), ' mm')] if bounded else []),
+            number(median(there, 'axis_deg'), '°'),
             percent(share([e.flipped for e in there])), percent(add_s_recall(rows)),
             percent(mssd), percent(mspd), percent(coverage(rows, 0.9)),
             percent(coverage(rows, 0.5)), percent(share([e.lost for e in there])),
             percent(share([e.lost for e in rows if e.empty])),
             percent(share([e.lost for e in rows if e.wrong])),
-            f'{median(there, "evaluations"):.0f}', f'{median(there, "seconds"):.2f} s']
+            number(median(there, 'evaluations'), '', 0), number(median(there, 'seconds'), ' s', 2)]
 
     return _row_table(trials, [
         'trials', *(f'{mm / 10:g} cm, {degrees:g}°' for mm, degrees in BOUNDS), 'median error',
@@ -143,11 +145,13 @@ def misses_table(trials: Trials) -> str:
     """
     def cells(rows: Trials) -> list[str]:
         more = values(rows, 'evidence_truth') - values(rows, 'evidence_found')  # at the truth
+        known = np.isfinite(more)  # not in the mode faithful
         missed = np.array([not each.near for each in rows])
         claimed = np.array([not each.lost for each in rows])
-        return [str(len(rows)), str(missed.sum()), str((missed & (more > 0)).sum()),
-                str((missed & (more <= 0)).sum()), str((missed & claimed).sum()),
-                percent(share(more >= -_CLEARLY)), percent(share(more > _CLEARLY))]
+        why = [str((missed & (more > 0)).sum()), str((missed & (more <= 0)).sum())]
+        return [str(len(rows)), str(missed.sum()), *(why if known.any() else ('', '')),
+                str((missed & claimed).sum()), percent(share(more[known] >= -_CLEARLY)),
+                percent(share(more[known] > _CLEARLY))]
 
     return _row_table(trials, [
         'trials', 'misses', 'search', 'evidence', 'claimed',
@@ -164,6 +168,11 @@ def table(heads: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
     """A Markdown table."""
     return '\n'.join([f'| {" | ".join(heads)} |', '|' + '---|' * len(heads),
                       *(f'| {" | ".join(each)} |' for each in lines)])
+
+
+def number(value: float, unit: str, digits: int = 1) -> str:
+    """A measured value as text; empty for NaN."""
+    return '' if np.isnan(value) else f'{value:.{digits}f}{unit}'
 
 
 def percent(part: float) -> str:

@@ -52,12 +52,12 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
     there = {each.name for each in topics(bag) if each.messages}
     try:
         if there.issuperset(_RAW):
-            text, image = _first(bag, _RAW)
+            text, image = _first_raw(bag)
             return raw_frame_from(image, metadata_from(text))
         if there.issuperset(_VIEWS):
-            return light_field_from(*_first(bag, _VIEWS))
+            return light_field_from(*_of_one_stamp(bag, _VIEWS, last=False))
         if there.issuperset(_POSED):
-            return posed_views_from(*_last_of_one_stamp(bag, _POSED))
+            return posed_views_from(*_of_one_stamp(bag, _POSED, last=True))
     except MessageError as error:
         raise BagError(f'{bag}: {error}') from None
     if has_images_with_poses(bag):
@@ -67,25 +67,31 @@ def read_bag(bag: Path | str, wanted: BagViews | None = None
                    'poses of their camera (PoseStamped or /tf)')
 
 
-def _first(bag: Path | str, names: dict[str, str]) -> list[Any]:
-    """The first message of each topic; names: with their types."""
+def _first_raw(bag: Path | str) -> list[Any]:
+    """The first picture, and the last metadata before it, else the first after it."""
+    text, image = _RAW
     found: dict[str, Any] = {}
-    for each in read(bag, names):
-        if each.topic not in found:
-            found[each.topic] = message_of(each, names[each.topic])
-        if len(found) == len(names):
+    for each in read(bag, _RAW):
+        if each.topic == text or image not in found:
+            found[each.topic] = message_of(each, _RAW[each.topic])
+        if len(found) == len(_RAW):
             break
-    return _all_of(found, names)
+    return _all_of(found, _RAW)
 
 
-def _last_of_one_stamp(bag: Path | str, names: dict[str, str]) -> list[Any]:
-    """The last message of each topic, of a capture that has all; else those of the last ones."""
+def _of_one_stamp(bag: Path | str, names: dict[str, str], last: bool) -> list[Any]:
+    """The messages of the first or last capture that has all; else the last of each topic.
+
+    names: of the topics, with their types.
+    """
     now: dict[str, Any] = {}
     complete: dict[str, Any] = {}
     for each in read(bag, names):
         now[each.topic] = message_of(each, names[each.topic])
         if len({header_from(now[name].header) for name in now}) == 1 and len(now) == len(names):
             complete = dict(now)
+            if not last:
+                break
     return _all_of(complete or now, names)
 
 

@@ -138,6 +138,7 @@ class _Maps:
     def __init__(self, node: StageNode, patience: float) -> None:
         self._patience = patience
         self._kept: dict[int, ContourMap] = {}  # by stamp
+        self._edges_ns = 0  # stamp of the last edges
         self._came, self._ended = threading.Condition(), False
         # One that is lost is no capture lost: its edges are searched all the same.
         self._subscription = subscribe_value(
@@ -148,6 +149,11 @@ class _Maps:
         """The edges, with the map of their capture if anybody publishes maps."""
         if not self._subscription.get_publisher_count():
             return edges
+        with self._came:
+            if edges.header.stamp_ns < self._edges_ns:  # a bag is played again
+                self._kept = {stamp: each for stamp, each in self._kept.items()
+                              if stamp <= edges.header.stamp_ns}
+            self._edges_ns = edges.header.stamp_ns
         return replace(edges, other=partial(self._of, edges.header.stamp_ns))
 
     def _on_map(self, odds: ContourMap) -> None:

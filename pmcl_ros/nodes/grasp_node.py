@@ -102,10 +102,15 @@ class GraspNode(StageNode):
         for status in message.status:
             if (status.name == self._localizer
                     and status.level == DiagnosticStatus.WARN
-                    and status.message.startswith('lost') and status.message != self._last_lost):
+                    and self._is_lost(status) and status.message != self._last_lost):
                 self._last_lost = status.message
                 self._none(Header(header_from(message.header).stamp_ns,
                                   self._settings.base_frame), status.message)
+
+    def _is_lost(self, status: DiagnosticStatus) -> bool:
+        """Whether the object is, alone or among several, of which each has a value of its name."""
+        return status.message.startswith('lost') or any(
+            each.key == self._model.name and each.value == 'lost' for each in status.values)
 
     # out
 

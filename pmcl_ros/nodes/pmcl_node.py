@@ -154,6 +154,9 @@ class PmclNode(StageNode):
             self._growing.reset()
         for each in self._continuities:
             each.reset()
+        for frame in self._several.frames if self._several else [self.object_frame]:
+            if frame is not None:
+                frame.forget()
         self._overlays.forget()
         self._of_views.forget()
         self._random = np.random.default_rng(self._settings.seed)

@@ -66,10 +66,14 @@ class ObjectFrame:
     def broadcast(self, estimate: PoseEstimate) -> None:
         """Send the object's pose at the capture's time; of a lost object none, later neither."""
         if estimate.lost:
-            self._last = None
+            self.forget()
             return
         self._last = self._class(transforms=[estimate_to_transform(estimate, self._name)])
         self._publisher.publish(self._last)
+
+    def forget(self) -> None:
+        """Repeat it no more."""
+        self._last = None
 
     def _repeat(self) -> None:
         if self._last is not None:
@@ -153,8 +157,8 @@ class SeveralObjects:
     """The objects of a joint search: their models, and the topics of each.
 
     For `set_up` of a node. paths: of each object's mesh or YAML; equal paths are copies of one
-    object. broadcast_tf: whether the frame of each is broadcast. Raises what loading them raises,
-    and LocalizationError where two would have one name.
+    object. broadcast_tf: whether the frame of each is broadcast (`frames`). Raises what loading
+    them raises, and LocalizationError where two would have one name.
     """
 
     def __init__(self, node: StageNode, settings: PmclSettings, paths: Sequence[Path],
@@ -169,7 +173,7 @@ class SeveralObjects:
                         node.publisher(PoseWithCovarianceStamped,
                                        f'objects/{name}/pose_with_covariance', SMALL))
                        for name in self.names]
-        self._frames = [ObjectFrame(node, name) for name in self.names if broadcast_tf]
+        self.frames = [ObjectFrame(node, name) for name in self.names if broadcast_tf]
         self._meshes: list[Marker] = []  # made for the first subscriber
         self._box = region_to_marker(Box(settings.roi_center, settings.roi_size))
 
@@ -187,8 +191,8 @@ class SeveralObjects:
                         'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
         for k, (name, each) in enumerate(zip(self.names, scene.estimates, strict=True)):
             health.extra[name] = 'lost' if each.lost else f'score {each.score:.0f}'
-            if self._frames:
-                self._frames[k].broadcast(each)
+            if self.frames:
+                self.frames[k].broadcast(each)
             if each.lost:
                 continue
             for publisher, message in zip(self._poses[k], estimate_to_messages(each),

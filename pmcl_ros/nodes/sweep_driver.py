@@ -96,7 +96,7 @@ class SweepDriver(StageNode):
         """Listen."""
         self._lens, self._no_lens = None, 'no camera_info has come'
         self._waiting: deque[_Waiting] = deque()
-        self._collecting, self._number = False, 0
+        self._collecting, self._ending, self._number = False, False, 0
         self._wanted = 0  # pictures that ~/take asked for
         self._deferred = DeferredPublisher(self, self._outputs, 'no subscriber of views or center')
         self._posed = DeferredPublisher(self, self._posed_outputs, 'no subscriber of posed_views')
@@ -142,6 +142,7 @@ class SweepDriver(StageNode):
         self._waiting.clear()
         self._collecting, self._auto, self._frame_id = True, self._settings.auto_finish, None
         self._number = self._wanted = 0
+        self.health.extra.pop('left out last', None)
         self._report_progress()
         return 'collecting' + (f'; {forgotten} frames of an unfinished sweep are forgotten'
                                if forgotten else '')
@@ -214,6 +215,8 @@ class SweepDriver(StageNode):
 
     def _on_taken(self) -> None:
         self._report_progress()
+        if self._ending:
+            return
         if self._auto and self._collection.complete:
             self._auto = False  # what fails now is the user's to finish, or to start again
             self._finish()
@@ -227,7 +230,7 @@ class SweepDriver(StageNode):
     def _on_left_out(self) -> None:
         """Say why; what ~/take asked for is still to come, unless it is there, or enough are."""
         left_out = self._collection.left_out[-1]
-        self.health.extra |= {'frames left out': len(self._collection.left_out),
+        self.health.extra |= {'frames left out': self._collection.left_out_count,
                               'left out last': str(left_out)}
         if self._settings.collect != 'service':
             return
@@ -248,16 +251,17 @@ class SweepDriver(StageNode):
         """Publish what there is; after a sweep has ended, the same again."""
         if not self._collecting and not self._collection.frames:
             raise LightFieldError('no sweep is going on: call ~/start')
-        auto, self._auto = self._auto, False
-        self._take_waiting()
+        self._ending = True  # what is taken now is published at the end, once
+        with self.watched('image'):
+            self._take_waiting()
+        self._ending = False
         while self._waiting:
             self._give_up(self._waiting.popleft(), 'its pose had not come when the sweep ended')
         try:
             text = self._publish()
         except LightFieldError as error:  # the frames are kept: more may mend it
-            self._auto = auto
             raise LightFieldError(f'nothing to publish of this sweep yet: {error}') from None
-        self._collecting = False
+        self._collecting = self._auto = False
         self._report_progress()
         self.health.extra['last sweep'] = text
         self.publish_diagnostics()
@@ -279,11 +283,11 @@ class SweepDriver(StageNode):
 
     def _report_progress(self) -> None:
         """Progress, for /diagnostics."""
-        self.health.extra = {
+        self.health.extra |= {
             'sweep': 'collecting' if self._collecting else 'none',
             'views': f'{self._collection.filled} of {self._collection.cells}',
             'frames kept': len(self._collection.frames),
-            'frames left out': len(self._collection.left_out)}
+            'frames left out': self._collection.left_out_count}
         if self._planned is not None and isinstance(self._collection, ViewCollection):
             self.health.extra['planned poses without a view'] = ', '.join(
                 map(str, self._collection.missing)) or 'none'

@@ -124,6 +124,10 @@ def test_what_is_hardly_visible_and_what_is_no_target_is_left_out(scene, tmp_pat
                                    {'scene_id': 11, 'im_id': 2, 'obj_id': 4, 'inst_count': 1}]))
     chosen = bop_captures([scene], BopChoice(views=1, targets=targets))
     assert [each.bop_numbers for each in chosen] == [(12, 3, 4)]
+    # A picture that is left alone has the truth of its camera, whatever else the scene has.
+    lone, = bop_captures([scene], BopChoice(views=5, targets=targets))
+    assert isinstance(lone.read(None), PosedView)
+    np.testing.assert_allclose(lone.truth.pose, np.linalg.inv(CAMERAS[3]) @ OBJECTS[4], atol=1e-12)
 
 
 def test_copies_of_an_object_are_captures_of_their_own(scene):
@@ -157,7 +161,8 @@ def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
     captures = tuple(bop_captures([scene], BopChoice(views=3)))
     plan = TrialPlan(captures, (Variant('default'),), (0,))
     pose = tuple(random_pose(7)[:3].ravel())
-    write_bop(tmp_path / 'bop.csv', [trial(capture=captures[3].name, pose=pose)], plan)
+    more = trial(capture=captures[3].name, pose=pose, seed=1)  # a toolkit would take the best
+    write_bop(tmp_path / 'bop.csv', [trial(capture=captures[3].name, pose=pose), more], plan)
     row, = read_bop(tmp_path / 'bop.csv')
     assert (row['scene_id'], row['im_id'], row['obj_id']) == (12, 1, 4)
     used = settings(plan, [], 1, 1.0)['captures'][3]

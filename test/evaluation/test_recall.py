@@ -1,6 +1,6 @@
 """What trials say together, against counts by hand and distributions that are known."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -124,6 +124,11 @@ def test_a_miss_is_of_the_search_where_the_truth_has_more_evidence():
               trial(50, evidence_found=100.0, evidence_truth=20.0, lost=True)]
     assert '| default | 4 | 3 | 2 | 1 | 1 | 75 % | 25 % |' in misses_table(trials)
     assert misses_table(trials) in markdown(trials)
+    # Of a mode without evidence, nothing is said of it.
+    without = [replace(each, mode='faithful', evidence_truth=np.nan) for each in trials]
+    assert '| faithful | 4 | 3 |  |  | 1 |  |  |' in misses_table([*trials, *without])
+    empty = [replace(each, empty=True, mode='faithful') for each in trials]
+    assert 'nan' not in markdown([*trials, *empty])
     unknown = [trial(evidence_found=np.nan, evidence_truth=np.nan)]
     assert 'Misses' not in markdown(unknown)
 

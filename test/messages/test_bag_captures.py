@@ -52,6 +52,31 @@ def test_a_raw_picture_is_read_as_it_was(tmp_path, raw_frame):
     np.testing.assert_array_equal(found.counts, raw_frame.counts)
 
 
+def test_a_raw_picture_has_the_last_metadata_before_it(tmp_path, raw_frame, camera_text):
+    """Those that are latched are of a picture before the recording."""
+    text = camera_text(60, 40)
+    other = replace(raw_frame, metadata=CameraMetadata.parse(text.replace('{', '{"x": 1, ', 1)))
+    assert other.metadata != raw_frame.metadata
+    metadata, image = capture_messages(raw_frame)
+    latched, _ = capture_messages(other)
+    for number, messages in enumerate(([latched, metadata, image], [image, metadata, latched])):
+        bag = tmp_path / f'bag{number}'
+        record(bag, [each._replace(time_ns=each.time_ns + k) for k, each in enumerate(messages)])
+        assert read_bag(bag).metadata == raw_frame.metadata
+
+
+def test_views_of_the_first_complete_capture_are_read(tmp_path, light_field):
+    header = Header(HEADER.stamp_ns + 10 ** 9, HEADER.frame_id)
+    first, second = light_field_messages(light_field), light_field_messages(
+        replace(light_field, header=header))
+    for left_out in range(len(first)):
+        bag = tmp_path / f'bag{left_out}'
+        record(bag, [*first[:left_out], *first[left_out + 1:], *second])
+        found = read_bag(bag)
+        needed = first[left_out].topic in ('/views', '/views/camera_info', '/views/pupil')
+        assert found.header == (header if needed else HEADER)
+
+
 def test_views_are_read_as_they_were_but_for_rounding(tmp_path, light_field):
     record(tmp_path / 'bag', light_field_messages(light_field))
     found = read_bag(tmp_path / 'bag')

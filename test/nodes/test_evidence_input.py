@@ -130,6 +130,21 @@ def test_no_search_waits_for_a_map_that_cannot_come(searcher, user, maps, small_
     assert next_one.other().header == Header(9)
 
 
+def test_a_bag_that_is_played_again_has_its_maps_waited_for(searcher, user, maps, small_edges,
+                                                            small_map):
+    given(searcher, user, 'dlv/edges', small_edges, 5, 9)
+    given(searcher, user, 'dlv/contour_map', small_map, 5, 9)
+    given(searcher, user, 'dlv/edges', small_edges, 4)
+    again = searcher.evidence[-1]
+    with ThreadPoolExecutor(1) as pool:
+        waiting = pool.submit(again.other)
+        settle(user)
+        assert not waiting.done()
+        searcher.hand_over('dlv/contour_map', small_map, 4)
+        user.wait(waiting.done, 'the map')
+    assert waiting.result().header == Header(4)
+
+
 @pytest.mark.parametrize(('changes', 'both'), [
     ({}, True), ({'tracking': 'constant_pose'}, False), ({'evidence': 'edges'}, False),
     ({'mode': 'faithful'}, False)])

@@ -105,6 +105,12 @@ def test_listeners_that_come_later_get_the_last_transform(make, user, tf_message
         user.node.create_subscription(tf_message, '/tf', after.append, qos)
         user.wait(lambda after=after: expected[1] in after, 'the last transform')
         assert _distinct(after) == expected[1:]
+    node.object_frame.forget()  # as at ~/reset
+    after = []
+    user.node.create_subscription(tf_message, '/tf', after.append, LATCHED)
+    node.object_frame.broadcast(estimate)
+    user.wait(lambda: after, 'a transform')
+    assert _distinct(after)[-1] == expected[0]
     user.others.clear()
     executor.shutdown()
 

@@ -209,10 +209,12 @@ def summary(trials: Sequence[ProfileTrial]) -> str:
     told = [each for each in trials if each.largest is not None]
     lines = [f'profiles: {len(told)} of {len(trials)}; largest deviation, median of all '
              f'{half:.2f} mm, quartiles {quarter:.2f} and {most:.2f} mm; at most 1 mm in '
-             f'{share_with_interval(largest <= 1)}',
-             f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
-             f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
-             f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)']
+             f'{share_with_interval(largest <= 1)}']
+    if told:
+        lines.append(
+            f'mean deviation {_median(told, lambda each: each.mean):.2f} mm, told '
+            f'{_median(told, lambda each: each.told):.2f} mm; within twice the told in '
+            f'{100 * _median(told, lambda each: each.within):.0f} % of a profile (medians)')
     for name, by in (('by the profile', [each.by_profile for each in trials]),
                      ('by the CAD', [each.by_cad for each in trials])):
         if not any(by):

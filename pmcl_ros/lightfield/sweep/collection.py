@@ -1,5 +1,7 @@
 """Collects the frames of a running sweep: the good ones, one for each place."""
 
+from collections import deque
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,15 +13,29 @@ from pmcl_ros.runtime.errors import LightFieldError
 
 _APART = 0.25  # view steps: of two frames that are nearer only the sharper one is kept
 MOST_BYTES = 2 ** 30  # of the images of all frames
+_REMEMBERED = 1000  # frames that were left out: a camera at rest gives them day and night
 
 
-class Collection:
+class Frames:
+    """Frames that are kept, and the last of those left out; left_out_count: how many are."""
+
+    def __init__(self) -> None:
+        self.frames: list[SweepFrame] = []
+        self.left_out: deque[LeftOut] = deque(maxlen=_REMEMBERED)
+        self.left_out_count = 0
+
+    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
+        """Record a dropped frame."""
+        self.left_out.append(LeftOut(name, reason, spare))
+        self.left_out_count += 1
+
+
+class Collection(Frames):
     """Frames as they come. middle: (4, 4) of the planned grid, or None: see `assemble`."""
 
     def __init__(self, settings: SweepSettings, middle: NDArray[np.float64] | None = None) -> None:
+        super().__init__()
         self._settings, self._middle = settings, middle
-        self.frames: list[SweepFrame] = []
-        self.left_out: list[LeftOut] = []
 
     def add(self, frame: SweepFrame) -> bool:
         """Add a frame; returns whether it is kept. Dropped frames go to `left_out`.
@@ -48,10 +64,6 @@ class Collection:
                 'are there; finish the sweep, move over a smaller area, or set a larger baseline')
         self.frames.append(frame)
         return True
-
-    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
-        """Record a dropped frame."""
-        self.left_out.append(LeftOut(name, reason, spare))
 
     @property
     def cells(self) -> int:

@@ -1,6 +1,5 @@
 """Collects posed views of a moving camera: of each place where it came to rest, or of a plan."""
 
-from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,14 +10,13 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, encoded
 from pmcl_ros.lightfield.readers.pictures import Reduction
 from pmcl_ros.lightfield.sweep.assemble import summary
-from pmcl_ros.lightfield.sweep.collection import MOST_BYTES
+from pmcl_ros.lightfield.sweep.collection import MOST_BYTES, Frames
 from pmcl_ros.lightfield.sweep.frame import LeftOut, SweepFrame
 from pmcl_ros.lightfield.sweep.selection import distance, distances, moves
 from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
-_REMEMBERED = 1000  # frames that were left out: a camera at rest gives them day and night
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class CollectedViews:
         return f'{text}; left out: {summary(self.left_out)}' if self.left_out else text
 
 
-class ViewCollection:
+class ViewCollection(Frames):
     """Frames of any directions as they come, as views without distortion.
 
     All have the pinhole of the first frame; those of other cameras are resampled to it.
@@ -45,12 +43,11 @@ class ViewCollection:
 
     def __init__(self, settings: ViewSettings, frame: str,
                  planned: NDArray[np.float64] | None = None) -> None:
+        super().__init__()
         self._settings, self._frame, self._planned = settings, frame, planned
         self._spots: list[int] = []  # the planned pose of each view
         if planned is not None:
             _check_plan(planned, settings)
-        self.frames: list[SweepFrame] = []
-        self.left_out: deque[LeftOut] = deque(maxlen=_REMEMBERED)
         self._views: list[PosedView] = []
         self._pinhole: Pinhole | None = None
 
@@ -150,10 +147,6 @@ class ViewCollection:
         self.leave_out(self.frames[oldest].name, 'it is the oldest of an object that drifts')
         for each in (self.frames, self._views, self._spots):
             del each[oldest]
-
-    def leave_out(self, name: str, reason: str, spare: bool = False) -> None:
-        """Record a dropped frame."""
-        self.left_out.append(LeftOut(name, reason, spare))
 
     def assemble(self, _: str = '') -> CollectedViews:
         """The views so far, which stay. Raises LightFieldError where there are none."""

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from threading import Lock
 
-_STAMP = re.compile(r'\d{13,}')  # ns
+_STAMP = re.compile(r'\d{13,}|(?<=\bframe )\d+')  # ns; or a running number
 _PERIOD = 10.0  # s: between two lines of one text
 _MOST = 100  # texts that are remembered
 
@@ -21,7 +21,7 @@ class RepeatedLines:
     def __call__(self, line: str) -> str:
         """The line, if it is to be logged now, and how often it came since the last time.
 
-        Lines that differ in stamps alone are one.
+        Lines that differ in stamps, or numbers of frames, alone are one.
         """
         text = _STAMP.sub('', line)
         with self._lock:

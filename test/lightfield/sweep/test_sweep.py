@@ -196,6 +196,10 @@ def test_of_frames_of_one_place_the_sharpest_is_kept(poses):
     assert [(each.name, each.spare) for each in collection.left_out] == [
         ('fast', False), ('soft', True), ('soft', True)]
     assert (collection.filled, collection.cells) == (2, 25)
+    for _ in range(5000):  # a camera at rest, of a sweep that nobody ends
+        collection.add(fast)
+    assert collection.left_out_count == 5003
+    assert len(collection.left_out) == 1000
 
 
 @hypothesis_settings(deadline=None, max_examples=40)
