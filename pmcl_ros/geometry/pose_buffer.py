@@ -10,6 +10,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.geometry.se3 import interpolate
 from pmcl_ros.runtime.errors import PoseUnavailableError
 
+_BACK = 5_000_000_000  # ns: no pose comes so late
+
 
 @dataclass(frozen=True)
 class MovingPose:
@@ -44,9 +46,10 @@ class PoseBuffer:
         self._poses: list[NDArray[np.float64]] = []
 
     def add(self, stamp_ns: int, pose: NDArray[np.float64]) -> None:
-        """Store a pose (4, 4); one much older than the newest (the clock was set) clears all."""
+        """Store a pose (4, 4); one older than the newest by seconds clears all: the clock was set.
+        """
         kept = self._duration_ns
-        if kept is not None and self._stamps and stamp_ns < self._stamps[-1] - kept:
+        if kept is not None and self._stamps and stamp_ns < self._stamps[-1] - min(kept, _BACK):
             self._stamps, self._poses = [], []
         index = bisect.bisect_left(self._stamps, stamp_ns)
         if index < len(self._stamps) and self._stamps[index] == stamp_ns:

@@ -71,5 +71,5 @@ def _error(pose: NDArray[np.float64], truth: NDArray[np.float64],
     else:
         first, second = pose[:3, :3] @ axis, truth[:3, :3] @ axis
         angle = float(np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second))
-    ray = truth[:3, 3] / np.linalg.norm(truth[:3, 3])
+    ray = truth[:3, 3] / max(float(np.linalg.norm(truth[:3, 3])), 1e-12)
     return PoseError(float(np.linalg.norm(shift)), angle, float(shift @ ray))

@@ -178,6 +178,11 @@ class Symmetry:
         turn = np.cross(first, last)
         sine = np.linalg.norm(turn, axis=1, keepdims=True)
         turn = turn / np.maximum(sine, 1e-12) * np.arctan2(sine, cosine[:, None])
+        reversed_ = (sine[:, 0] < 1e-12) & (cosine < 0)
+        if reversed_.any():  # half a turn about any axis across
+            across = np.cross(first, np.eye(3)[np.abs(first).argmin(axis=-1)])
+            across = np.pi * across / np.linalg.norm(across, axis=-1, keepdims=True)
+            turn[reversed_] = np.broadcast_to(across, turn.shape)[reversed_]
         return np.concatenate([poses[:, :3, 3] - mean[..., :3, 3], turn], axis=1)
 
     def tangent_basis(self, mean: NDArray[np.float64]) -> NDArray[np.float64]:

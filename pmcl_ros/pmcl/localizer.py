@@ -244,7 +244,8 @@ class Localizer(Closing):
         evidence = replace(self._evidence(edges), creases=None, detail=FINEST_DETAIL)
         camera = edges.pinhole
         whole = scene(self._model, self._region, camera,
-                      Window(0, 0, (camera.width, camera.height)), FINEST_DETAIL)
+                      Window(0, 0, (camera.width, camera.height)), FINEST_DETAIL,
+                      evidence.interface)
         depths = [self._renderer.depths(whole, each[None])[0] for each in poses]
         with evidence.score() as exact:
             points = [exact.points(each) for each in poses]

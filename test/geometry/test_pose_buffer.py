@@ -103,6 +103,17 @@ def test_the_nearest_pose_is_no_old_one_and_none_when_the_clock_is_set_back():
         buffer.nearest(5 * SECOND, 0.1)
 
 
+def test_a_clock_that_is_set_back_a_minute_begins_anew():
+    buffer = PoseBuffer()
+    for tick in range(600):
+        buffer.add(tick * SECOND // 10, transform((1, 0, 0)))
+    for tick in range(30):
+        buffer.add(tick * SECOND // 10 + 7, transform((0, 0, 0)))
+        assert buffer.nearest(tick * SECOND // 10, 0.5)[0, 3] == 0
+    with pytest.raises(PoseUnavailableError):
+        buffer.nearest(30 * SECOND, 0.5)
+
+
 def test_a_capture_without_a_stamp_is_told():
     buffer = PoseBuffer()
     buffer.add(SECOND, pose_at(0))

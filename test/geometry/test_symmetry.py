@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evaluation.surface_errors import Surface
 from pmcl_ros.geometry.pose_error import pose_error
-from pmcl_ros.geometry.se3 import rotation_angle, rotations_about
+from pmcl_ros.geometry.se3 import retract, rotation_angle, rotations_about
 from pmcl_ros.geometry.symmetry import Symmetry
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.modes import ambiguous_poses
@@ -274,6 +274,22 @@ def test_the_nearest_is_nearer_than_every_other_that_looks_alike(name, seed):
     for each in alike[::97]:
         np.testing.assert_allclose(symmetry.nearest(symmetry.equivalents(pose), each)[:3, :3],
                                    each[:3, :3], atol=1e-6)
+
+
+@pytest.mark.parametrize('axis', np.eye(3))
+def test_a_reversed_axis_is_half_a_turn_away(axis):
+    rod = Symmetry(axis)
+    poses = np.array([about([0.3, -0.2, 0.9]), about([0, 0, 0.0]), about([-2.0, 1.0, 0.4])])
+    across = Rotation.from_rotvec(np.pi * np.roll(axis, 1)).as_matrix()
+    turned = poses.copy()
+    turned[:, :3, :3] = poses[:, :3, :3] @ across
+    for mean, found in ((poses, rod.local(turned, poses)),
+                        (poses[0], rod.local(turned[:1], poses[0]))):
+        assert np.linalg.norm(found[:, 3:], axis=1) == pytest.approx(np.pi)
+        back = retract(np.array(mean).reshape(-1, 4, 4)[:len(found)], found)
+        np.testing.assert_allclose(back[:, :3, :3] @ axis, turned[:len(found), :3, :3] @ axis,
+                                   atol=1e-9)
+    assert rod.credible_level(turned[0], poses[0], np.eye(6) * 1e-4) == pytest.approx(1)
 
 
 def test_of_a_reversed_axis_any_spin_is_as_near():

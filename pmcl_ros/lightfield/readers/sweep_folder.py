@@ -1,10 +1,11 @@
 """A folder of pictures of one moved camera, with a YAML file of camera and poses."""
 
 import logging
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -46,6 +47,15 @@ class SweepFolder(SweepSettings):
 
     camera: CameraEntry = Field(description='that took all pictures')
     frames: list[FrameEntry] = Field(min_length=2, description='in any order')
+
+    @field_validator('frames')
+    @classmethod
+    def _differ(cls, frames: list[FrameEntry]) -> list[FrameEntry]:
+        twice = sorted(name for name, count in Counter(
+            each.file for each in frames).items() if count > 1)
+        if twice:
+            raise ValueError(f'{", ".join(twice)} is there more than once')
+        return frames
 
 
 def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:

@@ -93,7 +93,8 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
             f'no frame lies in the grid of {settings.rows}x{settings.columns} views, '
             f'{settings.baseline} m apart: the nearest is {nearest:.3f} m off its middle; do plan '
             'and poses belong together?')
-    reference = good[int(np.argmin(np.where(layout.inside, layout.away, np.inf)))]
+    central = int(np.argmin(np.where(layout.inside, layout.away, np.inf)))
+    reference = good[central]
     seen: dict[str, Rectification] = {}
     fitting: list[int] = []
     for number, each in enumerate(good):
@@ -107,7 +108,7 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
     kept = [good[number] for number in fitting]
     chosen, others = one_for_each_cell(
         kept, Layout(layout.cells[fitting], layout.aside[fitting], layout.away[fitting],
-                     layout.shape), kept.index(reference))
+                     layout.shape), fitting.index(central))
     left += others
     return _build(chosen, seen, reference, left, settings, frame_id)
 

@@ -17,6 +17,7 @@ from pmcl_ros.lightfield.sweep.settings import ViewSettings
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 _GROUP = 'hand-eye'
+_BACK = 1_000_000_000  # ns: no frame comes so late
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,9 @@ class ViewCollection(Frames):
         if reason:
             self.leave_out(frame.name, reason)
             return False
+        if self._rolling and self.frames and frame.stamp_ns < self._newest.stamp_ns - _BACK:
+            while self.frames:  # the clock was set, or a bag begins anew
+                self._forget_oldest()
         spot = self._spot(frame)
         if spot is None:
             return False

@@ -53,7 +53,8 @@ class Solid:
     closed by a lid. A mesh that is not closed has no interior.
 
     tree: points of the surface; normals: (n, 3) unit, outward, of their faces.
-    samples: (m, 3) points for contacts [m]; sample_normals: (m, 3) unit, outward.
+    samples: (m, 3) points for contacts [m], of the surface and the core; sample_normals: (m, 3)
+        unit, outward; 0 of the core.
     radius: of the mesh about its origin [m]. core, core_radius: the largest inscribed ball [m].
     """
 
@@ -87,7 +88,12 @@ class Solid:
         grid = np.stack(np.meshgrid(*np.linspace(low, high, _GRID).T), axis=-1).reshape(-1, 3)
         depths = made.depths(grid)[0]
         deepest = int(depths.argmax())
-        return replace(made, core=grid[deepest], core_radius=max(float(depths[deepest]), 0.0))
+        made = replace(made, core=grid[deepest], core_radius=max(float(depths[deepest]), 0.0))
+        if not made.core_radius:
+            return made
+        # Of two solids in one place no point of a surface is deep in the other.
+        return replace(made, samples=np.concatenate([samples, made.core[None]]),
+                       sample_normals=np.concatenate([sample_normals, np.zeros((1, 3))]))
 
     def depths(self, points: NDArray[np.float64]
                ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -120,7 +126,7 @@ class Solid:
         # A point that is deeper than the middle would leave on the other side.
         return Contact(float(depths[deepest]),
                        place[:3, :3] @ points[near][deepest] + place[:3, 3],
-                       way if way @ back > 0 else back)
+                       way if way @ back >= 0 else back)
 
 
 def contact(first: Solid, pose: NDArray[np.float64], second: Solid, place: NDArray[np.float64]

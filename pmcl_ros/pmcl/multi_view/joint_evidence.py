@@ -118,7 +118,9 @@ class JointEvidence:
         while len(kept) < min(count, len(self.views)):
             apart = np.linalg.norm(axes[:, None] - axes[kept], axis=2)
             apart += np.linalg.norm(places[:, None] - places[kept], axis=2)
-            kept.append(int(apart.min(axis=1).argmax()))
+            nearest = apart.min(axis=1)
+            nearest[kept] = -1  # of equal cameras each is taken once
+            kept.append(int(nearest.argmax()))
         return sorted(kept)
 
     def optimizers(self) -> list[GaussNewton]:

@@ -22,6 +22,7 @@ from pmcl_ros.evidence.learned import learned_map_evidence
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.contour_evidence import scene
@@ -40,6 +41,7 @@ from pmcl_ros.runtime.errors import LocalizationError, RenderError
 _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
                        np.array([[-1, 1]], np.float32))
 _OPPOSITE = 0.05  # length of a mean direction that means nothing
+_ALIKE = 1e-6  # independent views beyond one: fewer are views of one place
 _CLOSEST = 0.05  # m: between an object and a camera that may look at it
 CAP, CANDIDATES = 90.0, 40  # degrees and number of candidates where nobody lists them
 
@@ -82,7 +84,9 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
         mode = posterior.refine(into @ pose)
         known = _Known.from_posterior(mode.pose, posterior)
     now = known.sigma()
-    seen = [_contour(model, pinhole, into @ camera, mode.pose) for camera in candidates]
+    seen = [_contour(model, pinhole, into @ camera, mode.pose,
+                     None if settings.interface is None else settings.interface.seen_from(camera))
+            for camera in candidates]
     sigmas = np.array([np.inf if each is None else known.sigma(each) for each in seen])
     return [NextView(candidates[k], float(min(sigmas[k], now)), now)
             for k in np.argsort(sigmas, kind='stable')]
@@ -147,7 +151,8 @@ class _Known:
         independent = self.joint.independent
         done = independent - 1
         added = max(self.joint.independent_with(camera[None, :3, 3]) - independent, 0)
-        return (done * self.share + added) / max(done + added, 1e-9)
+        total = done + added
+        return (done * self.share + added) / total if total > _ALIKE else self.share
 
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
@@ -166,8 +171,11 @@ def position_sigma(covariance: NDArray[np.float64]) -> float:
 
 
 def _contour(model: ObjectModel, pinhole: Pinhole, camera: NDArray[np.float64],
-             pose: NDArray[np.float64]) -> ViewContour | None:
-    """The contour of a pose (4, 4) before a camera (4, 4); None where it is not seen."""
+             pose: NDArray[np.float64], interface: Interface | None) -> ViewContour | None:
+    """The contour of a pose (4, 4) before a camera (4, 4); None where it is not seen.
+
+    interface: of water, in the camera's frame.
+    """
     before = np.linalg.inv(camera) @ pose
     x, y, z = before[:3, 3].tolist()
     if z < model.radius + _CLOSEST:
@@ -178,7 +186,8 @@ def _contour(model: ObjectModel, pinhole: Pinhole, camera: NDArray[np.float64],
         Header(), np.zeros((pinhole.height, pinhole.width, 2, 5), np.float32), depths, pinhole,
         np.zeros((pinhole.height, pinhole.width, 2), np.float32), learned_map_evidence())
     try:
-        drawn = scene(model, region, pinhole, region.window(pinhole, model.radius))
+        drawn = scene(model, region, pinhole, region.window(pinhole, model.radius),
+                      interface=interface)
         with NumbaRenderer().contour_score(drawn, blank, _FLAT) as score:
             points: ContourPoints = score.points(before)
     except (LocalizationError, RenderError):

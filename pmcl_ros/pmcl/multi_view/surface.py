@@ -83,11 +83,12 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
                  settings: PmclSettings) -> PoseEstimate:
     """The estimate in the reference frame, with what the object's surface says of its depth.
 
-    It is as it was where that is nothing, where the object is clear, where one view alone sees it,
-    or the cameras' poses are uncertain: their pictures then do not fit each other that well.
-    Raises VolumeError.
+    It is as it was where that is nothing, where the object is clear or in water, whose surface
+    bends the sweep's rays, where one view alone sees it, or the cameras' poses are uncertain:
+    their pictures then do not fit each other that well. Raises VolumeError.
     """
-    if model.clear or not evidence.are_exact or estimate.in_view < _LEAST_IN_VIEW:
+    if (model.clear or settings.interface is not None or not evidence.are_exact
+            or estimate.in_view < _LEAST_IN_VIEW):
         return estimate
     about = settings.model_copy(update={'roi_center': tuple(estimate.pose[:3, 3].tolist()),
                                         'roi_size': (_BOX, _BOX, _BOX)})

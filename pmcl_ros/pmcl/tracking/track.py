@@ -187,5 +187,6 @@ class Track:
                 self.drop()
             return likelier, True
         if not other.incomplete and self.passes_gate(other, prediction):
+            self.confirmations = 0  # the comparison spoke against it
             return other, True
         return likelier, False

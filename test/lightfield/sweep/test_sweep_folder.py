@@ -74,11 +74,14 @@ def test_frames_that_are_left_out_are_named(folder, caplog):
     assert 'off the plane' in caplog.text
 
 
+def frames(*files, w=1):
+    return [{'file': each, 'position': [0, 0, 0], 'orientation': [0, 0, 0, w]} for each in files]
+
+
 @pytest.mark.parametrize(('change', 'reason'), [
-    ({'frames': [{'file': 'no.png', 'position': [0, 0, 0], 'orientation': [0, 0, 0, 1]}] * 2},
-     'there is no .*no.png'),
-    ({'frames': [{'file': '0.png', 'position': [0, 0, 0], 'orientation': [0, 0, 0, 3]}] * 2},
-     'has length 3'),
+    ({'frames': frames('no.png', '0.png')}, 'there is no .*no.png'),
+    ({'frames': frames('0.png', '1.png', w=3)}, 'has length 3'),
+    ({'frames': frames('0.png', '1.png', '0.png')}, '0.png is there more than once'),
     ({'camera': {'fx': 200.0, 'cx': 80.0}}, r'camera.cy: Field required'),
     ({'near': 2.0}, 'near 2.0 m must be smaller'),
 ])

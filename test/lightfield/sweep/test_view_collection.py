@@ -80,6 +80,16 @@ def test_of_what_drifts_the_newest_views_stay():
     assert [each.name for each in made.frames] == ['2', 'again', '4']
 
 
+def test_where_stamps_begin_anew_the_views_do_too():
+    made = collection(drift=0.002)
+    for number in range(3):
+        assert made.add(frame(f'{number}', 0.1 * number, at=(100 + number) * 10 ** 9))
+    for number in range(2):
+        assert made.add(frame(f'again {number}', 0.1 * number, at=number * 10 ** 9))
+    assert [each.name for each in made.frames] == ['again 0', 'again 1']
+    assert made.assemble().source.views[-1].sigma[0] == pytest.approx(0.001)
+
+
 def planned(*places, **changes):
     poses = np.tile(np.eye(4), (len(places), 1, 1))
     poses[:, 0, 3] = places

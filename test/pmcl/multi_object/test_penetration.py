@@ -72,6 +72,17 @@ def test_two_balls_are_as_deep_in_each_other_as_their_centres_say(apart):
     assert outside.depth < 0
 
 
+@pytest.mark.parametrize('turn', [[0, 0, 0], [np.pi, 0, 0]])
+@pytest.mark.parametrize('shift', [0.0, 0.0005])
+def test_two_solids_in_one_place_are_deep_in_each_other(turn, shift):
+    place = np.array([0.1, -0.2, 0.5])
+    other = pose_of(Rotation.from_euler('xyz', turn), place + np.array([shift, 0, 0]))
+    for each in (BALL, BOX):
+        found = contact(each, pose_of(Rotation.identity(), place), each, other)
+        assert found.depth > each.core_radius - 0.002
+        assert np.linalg.norm(found.normal) == pytest.approx(1, abs=1e-6)
+
+
 def test_a_ball_in_a_jar_is_in_its_cavity_if_the_mesh_has_one():
     outer, inner = [(0, -0.05), (0.05, -0.05), (0.05, 0.05)], [(0.045, 0.05), (0.045, -0.045),
                                                                (0, -0.045)]

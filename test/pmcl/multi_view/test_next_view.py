@@ -46,6 +46,15 @@ def test_the_farther_round_the_surer_and_as_sure_as_it_will_be(seen):
     assert after == pytest.approx(there.sigma, rel=0.35)
 
 
+def test_the_same_view_again_brings_little(seen):
+    _, cameras, evidence = seen
+    one = replace(evidence, views=evidence.views[:1])
+    pose = found(CUP, one).pose
+    told = next_views(one, CUP, settings(), pose, np.array(cameras[:4]), COARSE)
+    assert np.array_equal(told[-1].camera, cameras[0])
+    assert told[-1].sigma > 0.6 * told[-1].now
+
+
 def test_a_cap_is_spread_about_the_views_and_looks_at_the_object():
     pose, cameras = truth_of(CUP), around([-10, 10])
     made = cap(pose, cameras, 90, 200)

@@ -132,6 +132,13 @@ def test_of_two_incomplete_contours_the_likelier_is_accepted_where_it_is_predict
     assert track.select(followed, detected, 20.0, prediction(0.06)) == (detected, False)
 
 
+def test_a_comparison_that_speaks_against_a_pose_confirms_nothing():
+    track = track_of(12, since_search=31, confirmations=1)
+    followed, elsewhere = at(0.0), partly(0.06, mode='default')
+    assert track.select(followed, elsewhere, 50.0, prediction()) == (followed, True)
+    assert not track.passes_gate(partly(), prediction())
+
+
 def test_a_detection_must_be_likelier_than_the_prediction_by_the_penalty():
     for log_ratio, elsewhere in ((14.9, False), (15.1, True)):
         track = track_of(12, state=prediction().state, since_search=5)
