@@ -113,20 +113,20 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
         raise VolumeError('the mode faithful needs a light field, not pictures; choose the mode '
                           'default')
     source = binned_to_fit(source, settings)
-    if isinstance(source, LightField):
-        grid = source.pinhole
-        if centre_view(source).is_of_one_colour(0, 0, grid.width, grid.height):
-            _LOG.warning(OF_ONE_COLOUR)
     if isinstance(source, PosedViews):
         return ViewsEvidenceBuilder(settings, kind == 'map', size_in).build(source)
+    if isinstance(source, PosedView):
+        return (build_map(source, settings, size=size_in(source)) if kind == 'map'
+                else view_edges(source, settings))
     if kind == 'map':
-        return build_map(source, settings,
-                         size=size_in(source) if isinstance(source, PosedView) else 0.0)
-    if not isinstance(source, LightField):
-        return view_edges(source, settings)
-    edges = build_edges(source, settings)
-    return (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
-            else edges)
+        found: Evidence = build_map(source, settings)
+    else:
+        edges = build_edges(source, settings)
+        found = (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
+                 else edges)
+    if centre_view(source).is_of_one_colour(0, 0, source.pinhole.width, source.pinhole.height):
+        _LOG.warning(OF_ONE_COLOUR)
+    return found
 
 
 def size_in(model: ObjectModel, settings: PmclSettings) -> Callable[[PosedView], float]:

@@ -238,3 +238,15 @@ def test_a_region_that_is_out_of_view_is_told_before_evidence_is_made(read, told
                                  LocalizationError, match=told):
         pipeline.run(read, np.random.default_rng(1), lambda stage, _: stages.append(stage))
     assert stages == ['views']
+
+
+@pytest.mark.parametrize('kind', ['edges', 'map', 'auto'])
+def test_a_covered_lens_is_told(caplog, kind):
+    given = light_field()
+    settings = DlvSettings(near=0.3, far=0.5, labels=9, edge_labels=5, views=3)
+    columns = np.arange(CAMERA.width, dtype=np.float32)[:, None] / CAMERA.width
+    for views, dark in ((np.zeros_like(given.views), True),
+                        (np.broadcast_to(columns, given.views.shape).copy(), False)):
+        caplog.clear()
+        build_evidence(LightField(given.header, views, given.grid), settings, 'default', kind)
+        assert ('a picture is of one colour: is the lens covered' in caplog.text) == dark

@@ -88,7 +88,7 @@ def test_a_missing_field_is_named(data, path):
     ('image.width', 'wide', r"valid integer.*\(got 'wide'\)"),
     ('image.color.gamma', 0, r'greater than or equal to 0.01 \(got 0\)'),
     ('image.color.gamma', float('nan'), 'nan'),
-    ('image.color.ccmRgbToSrgbArray', [1, 2], 'Field required'),
+    ('image.color.ccmRgbToSrgbArray', [1, 2], 'number 3 is missing'),
     ('image.rawDetails.pixelFormat.black.r', 4096, r'4095 \(got 4096\)'),
     ('image.rawDetails.pixelFormat.white.b', 168, 'black levels must be below the white levels'),
 ])

@@ -126,7 +126,7 @@ def test_packages_are_compared_by_version(requirement, there):
 def test_an_interrupt_among_the_imports_ends_without_a_trace(tmp_path):
     for name, library in (('pmcl', 'click'), ('dlv_node', 'numpy')):
         (tmp_path / f'{library}.py').write_text(
-            'import os, signal; os.kill(os.getpid(), signal.SIGINT)\n')
+            'import signal, time; signal.raise_signal(signal.SIGINT); time.sleep(60)\n')
         done = subprocess.run(
             [sys.executable, '-c', f'import sys\nsys.path.insert(0, {str(tmp_path)!r})\n'
              f'from pmcl_ros.runtime.start import start\nsys.exit(start({name!r}))'],

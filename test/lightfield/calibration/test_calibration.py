@@ -76,7 +76,7 @@ def test_the_shipped_calibration():
     ({'cx': float('nan')}, 'cx: .*finite number .got nan'),
     ({'lattice': {}}, 'lattice.pitch_px: Field required; lattice.row_step_px: Field required'),
     ({'lattice': {**LATTICE, 'rotation': 90}}, 'lattice.rotation: .*less than 0.5 .got 90'),
-    ({'lattice': {**LATTICE, 'centre_px': [1]}}, r'lattice.centre_px.1: Field required'),
+    ({'lattice': {**LATTICE, 'centre_px': [1]}}, r'lattice.centre_px: number 2 is missing'),
 ])
 def test_what_is_wrong_in_a_file_is_named(tmp_path, change, reason):
     path = tmp_path / 'camera.yaml'
