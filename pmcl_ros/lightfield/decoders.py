@@ -83,8 +83,10 @@ class Decoders:
 
 def _check_white(choice: WhiteChoice) -> None:
     """Warn where a picture is taken for a white image, as far as its light tells."""
+    if is_white_image(choice.frame):
+        return
     uneven = unevenness(choice.frame)
-    if np.isfinite(uneven) and not is_white_image(choice.frame):
+    if np.isfinite(uneven):
         _LOG.warning('%s seems to be no white image: its light is uneven by %.0f %%, that of one '
                      'by 1 %%; views and poses may be wrong', choice.path, 100 * uneven)
 

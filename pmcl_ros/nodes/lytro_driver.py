@@ -208,7 +208,7 @@ class LytroDriver(StageNode):
             self.done(time.monotonic() - began, f'published {picture.id} as capture '
                       f'{picture.shutter_ns}')
         # The next may follow at once, and the histories of the topics have room for one.
-        received = self._image.arrived(patience) and received
+        received = received and self._image.arrived(patience)
         if not (heard and received):
             # In the first case another may have got it; one that was killed is a while in getting.
             why = (f'not everybody who listens to image_raw got it within {_ARRIVAL:g} s' if heard
