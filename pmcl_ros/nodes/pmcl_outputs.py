@@ -72,8 +72,10 @@ class ObjectFrame:
         self._publisher.publish(self._last)
 
     def forget(self) -> None:
-        """Repeat it no more."""
-        self._last = None
+        """Repeat it no more: what is latched is replaced by a message without transforms."""
+        if self._last is not None:
+            self._last = None
+            self._publisher.publish(self._class(transforms=[]))
 
     def _repeat(self) -> None:
         if self._last is not None:
