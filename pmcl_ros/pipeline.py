@@ -27,14 +27,14 @@ from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.binning import binned_to_fit
-from pmcl_ros.evidence.build_map import OF_ONE_COLOUR, build_map
+from pmcl_ros.evidence.build_map import build_map, warn_of_one_colour
 from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.edges import build_edges, view_edges
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.light_field import LightField, ViewGrid
-from pmcl_ros.lightfield.posed_view import PosedView, PosedViews, centre_view
+from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
 from pmcl_ros.lightfield.readers.read import Source
 from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.history import Watch
@@ -124,8 +124,7 @@ def build_evidence(source: Source, settings: DlvSettings, mode: Mode,
         edges = build_edges(source, settings)
         found = (replace(edges, other=partial(build_map, source, settings)) if kind == 'auto'
                  else edges)
-    if centre_view(source).is_of_one_colour(0, 0, source.pinhole.width, source.pinhole.height):
-        _LOG.warning(OF_ONE_COLOUR)
+    warn_of_one_colour(source)
     return found
 
 

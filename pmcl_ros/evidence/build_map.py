@@ -14,12 +14,11 @@ from pmcl_ros.evidence.contour_net import ContourNet, contour_net
 from pmcl_ros.evidence.learned import LearnedMapEvidence, learned_map_evidence
 from pmcl_ros.evidence.refocusing import refocused
 from pmcl_ros.lightfield.light_field import LightField
-from pmcl_ros.lightfield.posed_view import PosedView, exposed
+from pmcl_ros.lightfield.posed_view import PosedView, centre_view, exposed
 
 _LOG = logging.getLogger(__name__)
 REFOCUSED = 3  # depths of a light field, uniform in inverse depth
 _CONTEXT = 48  # px around a crop that the network sees too
-OF_ONE_COLOUR = 'a picture is of one colour: is the lens covered, or is it dark?'
 _MOST_INSIDE = 4.0  # nat: log odds of the inside that are larger are too sure
 _LEAST = 64  # px: no map is made smaller
 
@@ -44,10 +43,7 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
         depths = depth_labels(settings.near, settings.far, REFOCUSED)
         pictures = exposed(np.moveaxis(refocused(source, depths, settings.views), 1, -1))
     else:
-        left, top, width, height = settings.crop
-        if source.is_of_one_colour(left, top, width or pinhole.width - left,
-                                   height or pinhole.height - top):
-            _LOG.warning(OF_ONE_COLOUR)
+        warn_of_one_colour(source, settings.crop)
         depths = depth_labels(settings.near, settings.far, 2)
         pictures = source.picture[None]
     net = net or contour_net()
@@ -61,6 +57,20 @@ def build_map(source: LightField | PosedView, settings: DlvSettings,
     return ContourMap(source.header, tensor, depths, lattice.pinhole, inside,
                       numbers or learned_map_evidence(),
                       1 if isinstance(source, LightField) else max(larger, 1))
+
+
+def warn_of_one_colour(source: LightField | PosedView,
+                       crop: tuple[int, int, int, int] = (0, 0, 0, 0)) -> None:
+    """Log a warning where a picture, or the centre view, shows nothing.
+
+    crop: left, top, width, height of the part that is looked at [px]; width or height 0: to the
+    border.
+    """
+    view = centre_view(source) if isinstance(source, LightField) else source
+    left, top, width, height = crop
+    if view.is_of_one_colour(left, top, width or view.pinhole.width - left,
+                             height or view.pinhole.height - top):
+        _LOG.warning('a picture is of one colour: is the lens covered, or is it dark?')
 
 
 def _log_odds(picture: NDArray[np.float32], lattice: PixelGrid, net: ContourNet

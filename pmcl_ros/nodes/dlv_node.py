@@ -12,7 +12,7 @@ from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.settings import DlvSettings
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.drawing.pictures import layers_picture
-from pmcl_ros.evidence.build_map import build_map
+from pmcl_ros.evidence.build_map import build_map, warn_of_one_colour
 from pmcl_ros.evidence.contour_map import ContourMap
 from pmcl_ros.evidence.contour_net import contour_net
 from pmcl_ros.evidence.edges import EdgeVolume, build_edges
@@ -49,6 +49,7 @@ class Products:
     @cached_property
     def edges(self) -> EdgeVolume:
         """For `dlv/edges`."""
+        warn_of_one_colour(self.light_field)
         return build_edges(self.light_field, self.settings)
 
     @cached_property
