@@ -1,7 +1,6 @@
 """Nodes of one name in one domain: two graphs that answer each other's topics and services."""
 
 import time
-from collections.abc import Callable
 
 from rclpy.node import Node
 
@@ -10,19 +9,18 @@ PATIENCE = 30.0
 
 
 class Namesakes:
-    """Counts the nodes of a node's name. clock: [s]; patience: how long they must be there [s]."""
+    """Counts the nodes of a node's name. patience: how long they must be there [s]."""
 
-    def __init__(self, node: Node, patience: float = PATIENCE,
-                 clock: Callable[[], float] = time.monotonic) -> None:
-        self._node, self._patience, self._clock = node, patience, clock
-        self._alone = clock()  # when it was so for the last time
+    def __init__(self, node: Node, patience: float) -> None:
+        self._node, self._patience = node, patience
+        self._alone = time.monotonic()  # when it was so for the last time
         self._told = False
 
     def count(self) -> int:
         """How many have been there all the time, with the node itself; the log says it once."""
         own = self._node.get_name(), self._node.get_namespace()
         count = self._node.get_node_names_and_namespaces().count(own)
-        now = self._clock()
+        now = time.monotonic()
         if count <= 1:
             self._alone, self._told = now, False
         if now < self._alone + self._patience:
