@@ -36,7 +36,7 @@ class ViewsEvidenceBuilder:
         self._kept = made
         return ViewsEvidence(views.header, tuple(
             PosedEvidence(evidence, each.camera_to_reference, each.sigma, each.group, each.common,
-                          each) for each, evidence in made))
+                          each.drift, each) for each, evidence in made))
 
     def _build(self, view: PosedView) -> EvidenceVolume:
         if self._contour_maps:

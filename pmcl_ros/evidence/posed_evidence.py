@@ -25,6 +25,7 @@ class PosedEvidence:
     sigma: tuple[float, float] = (0.0, 0.0)
     group: str = ''
     common: float = 1.0
+    drift: float = 0.0
     view: PosedView | None = None
 
 
@@ -68,7 +69,8 @@ class ViewsEvidence:
     @property
     def are_exact(self) -> bool:
         """Whether the cameras' poses count as exact."""
-        return self.errors is None and not any(any(each.sigma) for each in self.views)
+        return self.errors is None and not any(any(each.sigma) or each.drift
+                                               for each in self.views)
 
     @property
     def pinhole(self) -> Pinhole:

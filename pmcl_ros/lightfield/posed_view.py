@@ -37,6 +37,7 @@ class PosedView:
     group: name of the views that share errors of their poses, as of one hand-eye transform; empty:
         this view alone. common: share of the variance of these errors that the group shares; the
         rest is of each view.
+    drift: standard deviation by which the object may have moved since, on each axis [m].
     Raises LightFieldError when these do not fit together.
     """
 
@@ -47,6 +48,7 @@ class PosedView:
     sigma: tuple[float, float] = (0.0, 0.0)
     group: str = ''
     common: float = 1.0
+    drift: float = 0.0
 
     def __post_init__(self) -> None:
         expected = (self.pinhole.height, self.pinhole.width, 3)
@@ -62,6 +64,8 @@ class PosedView:
                                   'and not negative')
         if not 0 <= self.common <= 1:
             raise LightFieldError(f'common: a share of the variance is 0 to 1, not {self.common}')
+        if not 0 <= self.drift < np.inf:
+            raise LightFieldError(f'drift {self.drift} m must be finite and not negative')
 
     def crop(self, left: int, top: int, width: int, height: int) -> 'PosedView':
         """A part of it [px], as a view of its own."""

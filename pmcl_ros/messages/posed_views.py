@@ -33,9 +33,10 @@ def posed_views_to_messages(views: PosedViews) -> PosedViewsMessages:
     camera_info: the pinhole of each, that of the first view; pictures of other pinholes are
         resampled to it.
     poses: of the cameras' optical frames in the reference frame.
-    sigma: 32FC4, a row for each view: standard deviations of its pose's position [m] and rotation
-        [rad], the share of their variance that is common to its group, and the group's number,
-        from 1; 0: the view has no group.
+    sigma: 32FC5, a row for each view: standard deviations of its pose's position [m] and rotation
+        [rad], the share of their variance that is common to its group, the group's number, from 1
+        (0: the view has no group), and the standard deviation by which the object may have moved
+        since [m].
     """
     return PosedViewsMessages(info_to_message(views), poses_to_message(views),
                               sigma_to_message(views), mosaic_to_message(views))
@@ -54,10 +55,10 @@ def poses_to_message(views: PosedViews) -> PoseArray:
 
 def sigma_to_message(views: PosedViews) -> Image:
     """`posed_views/sigma` alone."""
-    message, rows = image_message(views.header, '32FC4', (len(views.views), 1), None)
+    message, rows = image_message(views.header, '32FC5', (len(views.views), 1), None)
     names = list(dict.fromkeys(each.group for each in views.views if each.group))
-    rows[:, 0] = [(*each.sigma, each.common, names.index(each.group) + 1 if each.group else 0)
-                  for each in views.views]
+    rows[:, 0] = [(*each.sigma, each.common, names.index(each.group) + 1 if each.group else 0,
+                   each.drift) for each in views.views]
     return message
 
 
@@ -95,8 +96,8 @@ def posed_views_from(camera_info: CameraInfo, poses: PoseArray, sigma: Image, vi
     with promised_by('posed_views'):
         return PosedViews(tuple(
             PosedView(header, tile.astype(np.float32) / np.float32(_WHITE), pinhole, camera,
-                      (position, rotation), f'group {number:.0f}' if number else '', common)
-            for tile, camera, (position, rotation, common, number)
+                      (position, rotation), f'group {number:.0f}' if number else '', common, drift)
+            for tile, camera, (position, rotation, common, number, drift)
             in zip(tiles, cameras, rows.astype(float).tolist(), strict=True)))
 
 
@@ -108,16 +109,22 @@ def cameras_from(message: PoseArray) -> NDArray[np.float64]:
 
 
 def sigmas_from(message: Image) -> NDArray[np.float32]:
-    """(n, 4) of a `posed_views/sigma` message, as `posed_views_to_messages` says."""
-    rows = pixels_of(message, '32FC4', 'posed_views/sigma')
+    """(n, 5) of a `posed_views/sigma` message, as `posed_views_to_messages` says.
+
+    32FC4, of bags of former versions, lacks the last number: the object rests.
+    """
+    former = message.encoding == '32FC4'
+    rows = pixels_of(message, '32FC4' if former else '32FC5', 'posed_views/sigma')
+    if former:
+        rows = np.pad(rows, ((0, 0), (0, 0), (0, 1)))
     if rows.shape[1] != 1:
         raise MessageError(f'posed_views/sigma has {rows.shape[1]} columns; expected one, and a '
                            'row for each view')
     if not (np.isfinite(rows).all() and (rows >= 0).all() and (rows[..., 2] <= 1).all()
             and (rows[..., 3] % 1 == 0).all()):
         raise MessageError('posed_views/sigma holds NaN, infinity, a negative number, a share '
-                           'above 1 or half a group; expected sigmas [m, rad], a share and the '
-                           'whole number of a group')
+                           'above 1 or half a group; expected sigmas [m, rad], a share, the '
+                           'whole number of a group and a drift [m]')
     return np.asarray(rows[:, 0])
 
 

@@ -110,8 +110,9 @@ TOPICS = (
     TopicEntry('posed_views/poses', _POSES, SMALL, (_SWEEP,), (_DLV, _PMCL),
                'their cameras in the reference frame [m]'),
     TopicEntry('posed_views/sigma', _IMAGE, SMALL, (_SWEEP,), (_DLV, _PMCL),
-               'a row for each view, 32FC4: standard deviations of its pose [m], [rad], the share '
-               'of their variance that its group shares, the number of its group'),
+               'a row for each view, 32FC5: standard deviations of its pose [m], [rad], the share '
+               'of their variance that its group shares, the number of its group, the standard '
+               'deviation by which the object may have moved since [m]'),
     TopicEntry('posed_views', _IMAGE, BIG, (_SWEEP,), (_DLV, _PMCL),
                'the views one below the other, rgb16, gamma encoded, 65535 = white'),
     TopicEntry('dlv', _ARRAY, BIG, (_DLV,), (_PMCL,), 'likelihood, height x width x depth'),

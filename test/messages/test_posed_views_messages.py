@@ -26,7 +26,7 @@ def views(count=3, pinholes=(PINHOLE,)):
         pinhole = pinholes[k % len(pinholes)]
         picture = rng.integers(0, 65536, (pinhole.height, pinhole.width, 3)) / 65535
         made.append(PosedView(Header(10 * k, 'base'), picture.astype(np.float32), pinhole, pose,
-                              (0.001 * k, 0.01), ('', 'wrist')[k % 2], 0.25))
+                              (0.001 * k, 0.01), ('', 'wrist')[k % 2], 0.25, 0.125 * k))
     return PosedViews(tuple(made))
 
 
@@ -39,6 +39,7 @@ def test_messages_say_all_of_the_views():
         np.testing.assert_allclose(one.camera_to_reference, other.camera_to_reference, atol=1e-12)
         np.testing.assert_allclose(one.sigma, other.sigma, rtol=1e-6)
         assert (one.pinhole, one.common) == (other.pinhole, other.common)
+        assert one.drift == other.drift
     assert [each.group for each in found.views] == ['', 'group 1', '']
 
 
@@ -63,7 +64,7 @@ def test_a_picture_of_another_pinhole_is_resampled_to_that_of_the_first():
      'poses holds no pose'),
     (lambda m: m._replace(poses=type(m.poses)(header=m.poses.header, poses=m.poses.poses[:2])),
      '2 poses .* of 40x30 px .* make 40x60 and 2 rows'),
-    (lambda m: m._replace(sigma=m.views), "sigma: encoding is 'rgb16', expected '32FC4'"),
+    (lambda m: m._replace(sigma=m.views), "sigma: encoding is 'rgb16', expected '32FC5'"),
     (lambda m: m._replace(camera_info=posed_views_to_messages(views(2)).camera_info),
      'posed_views/camera_info is of .* expected'),
 ], ids=['none', 'too few', 'no sigmas', 'another capture'])
@@ -74,11 +75,25 @@ def test_what_does_not_fit_together_is_refused_in_one_line(change, message):
 
 
 @pytest.mark.parametrize(('column', 'value', 'message'), [
-    (2, 1.5, 'a share above 1'), (3, 1.4, 'half a group'), (0, np.nan, 'NaN')])
+    (2, 1.5, 'a share above 1'), (3, 1.4, 'half a group'), (0, np.nan, 'NaN'),
+    (4, -1e-3, 'a negative number')])
 def test_impossible_sigmas_are_refused(column, value, message):
     messages = posed_views_to_messages(views())
-    rows = np.frombuffer(messages.sigma.data, '<f4').reshape(3, 4).copy()
+    rows = np.frombuffer(messages.sigma.data, '<f4').reshape(3, 5).copy()
     rows[1, column] = value
     messages.sigma.data[:] = type(messages.sigma.data)('B', rows.tobytes())
     with pytest.raises(MessageError, match=message):
         posed_views_from(*messages)
+
+
+def test_sigmas_of_former_bags_are_of_an_object_that_rests():
+    given = views()
+    messages = posed_views_to_messages(given)
+    rows = np.frombuffer(messages.sigma.data, '<f4').reshape(3, 5)[:, :4]
+    former = type(messages.sigma)(
+        header=messages.sigma.header, height=3, width=1, encoding='32FC4', step=16,
+        data=type(messages.sigma.data)('B', rows.tobytes()))
+    found = posed_views_from(*messages._replace(sigma=former))
+    assert [each.drift for each in found.views] == [0, 0, 0]
+    np.testing.assert_allclose([each.sigma for each in found.views],
+                               [each.sigma for each in given.views], rtol=1e-6)

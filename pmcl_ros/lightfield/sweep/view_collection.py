@@ -157,8 +157,9 @@ class ViewCollection(Frames):
         if not self._views:
             raise LightFieldError(f'there is no view: {summary(self.left_out) or "no frame came"}')
         last = max(each.header.stamp_ns for each in self._views)
-        views = tuple(_aged(each, 1e-9 * (last - each.header.stamp_ns) * self._settings.drift)
-                      for each in self._views)
+        views = tuple(
+            replace(each, drift=1e-9 * (last - each.header.stamp_ns) * self._settings.drift)
+            for each in self._views)
         return CollectedViews(PosedViews(views), tuple(self.left_out))
 
     def _bytes(self, frame: SweepFrame) -> int:
@@ -189,15 +190,3 @@ def _check_plan(planned: NDArray[np.float64], settings: ViewSettings) -> None:
     if len(planned) > settings.most_views:
         raise SettingsError(f'{len(planned)} poses are planned, most_views is '
                             f'{settings.most_views}: plan fewer, or set most_views')
-
-
-def _aged(view: PosedView, drift: float) -> PosedView:
-    """A view from which the object may have moved since, by a standard deviation [m].
-
-    That its camera is off by as much is the same, but that each view is so on its own.
-    """
-    if not drift:
-        return view
-    position, rotation = view.sigma
-    grown = float(np.hypot(position, drift))
-    return replace(view, sigma=(grown, rotation), common=view.common * (position / grown) ** 2)

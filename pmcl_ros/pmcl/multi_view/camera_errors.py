@@ -1,6 +1,6 @@
 """Errors of the cameras' poses as nuisance motions of unit variance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,14 +24,14 @@ class CameraErrors:
     @classmethod
     def from_views(cls, views: Sequence[PosedEvidence]) -> 'CameraErrors':
         """Of what is known of the views' poses; k is 0 where they are exact."""
-        groups = sorted({each.group for each in views if each.group and max(each.sigma) > 0})
-        columns: list[NDArray[np.float64]] = []
-        for number, each in enumerate(views):
-            share = 1 - each.common if each.group else 1.0
-            columns += _columns({number: share}, views)
-        for group in groups:
-            columns += _columns({number: each.common for number, each in enumerate(views)
-                                 if each.group == group}, views)
+        variance = np.square([each.sigma for each in views])  # of position and rotation
+        common = np.array([[each.common if each.group else 0.0] for each in views]) * variance
+        own = variance - common
+        own[:, 0] += np.square([each.drift for each in views])
+        columns = _columns(own * np.eye(len(views))[:, :, None])
+        columns += _columns([
+            common * [[each.group == group] for each in views]
+            for group in sorted({each.group for each in views if each.group})])
         return cls(np.stack(columns, axis=-1) if columns else np.zeros((len(views), 6, 0)))
 
     @property
@@ -64,10 +64,7 @@ class CameraErrors:
         return np.asarray(focal * np.sqrt(across))
 
 
-def _columns(shares: dict[int, float], views: Sequence[PosedEvidence]
-             ) -> list[NDArray[np.float64]]:
-    """Six motions that these views have in common, by the shares of their variances."""
-    sigmas = np.zeros((len(views), 6))
-    for number, share in shares.items():
-        sigmas[number] = np.sqrt(share) * np.repeat(views[number].sigma, 3)
-    return [sigmas * np.eye(6)[axis] for axis in range(6) if sigmas[:, axis].any()]
+def _columns(shared: Iterable[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Motions on six axes that views share, of (views, 2) variances of position and rotation."""
+    sigmas = [np.sqrt(np.repeat(each, 3, axis=1)) for each in shared]
+    return [each * np.eye(6)[axis] for each in sigmas for axis in range(6) if each[:, axis].any()]

@@ -403,6 +403,14 @@ def test_camera_errors_are_what_the_cameras_see():
     focal = np.sqrt(COARSE.fx * COARSE.fy)
     np.testing.assert_allclose(wide, focal * np.hypot(0.001 / 0.45, 0.002))
     assert CameraErrors.from_views([replace(each, sigma=(0., 0.)) for each in views]).number == 0
+    # An object that drifts is seen off by each view on its own; what views share stays theirs.
+    aged = CameraErrors.from_views([replace(views[0], drift=0.003), *views[1:-1],
+                                    replace(views[-1], drift=0.004)])
+    added = np.einsum('vak,wbk->vawb', aged.root, aged.root) - np.einsum(
+        'vak,wbk->vawb', errors.root, errors.root)
+    expected = np.zeros((3, 6, 3, 6))
+    expected[0, :3, 0, :3], expected[2, :3, 2, :3] = 9e-6 * np.eye(3), 16e-6 * np.eye(3)
+    np.testing.assert_allclose(added, expected, atol=1e-12)
 
 
 @pytest.fixture
