@@ -28,6 +28,7 @@ from pmcl_ros.lightfield.readers.read import (
     Source,
     check_folder,
     has_posed_views,
+    is_colmap,
     is_light_field,
     read_source,
 )
@@ -89,11 +90,13 @@ class GivenSource:
     collect: Path | None = None
     calibration: Path | None = None
     white: Path | None = None
+    takes_raw: bool = True
 
     def open(self) -> Opened:
         """Read what must be there: calibration, white image, a bag."""
         if self.scale is not None and self.distance is not None:
             raise click.UsageError('--scale and --distance say the same: give one')
+        self._check_scale()
         if is_bag(self.source):
             return self._open_bag()
         if self._bag_views() is not None:
@@ -102,6 +105,9 @@ class GivenSource:
         if is_light_field(self.source):
             if self.source.is_dir():
                 self._check_folder()
+            if self.calibration is not None or self.white is not None:
+                raise click.UsageError(f'{self.source} is no raw picture: --calibration and '
+                                       '--white are for these')
             return Opened(partial(read_source, self.source, self.every, self.shrink,
                                   Metric(self.scale, self.distance)),
                           has_posed_views(self.source))
@@ -113,6 +119,9 @@ class GivenSource:
             raise click.UsageError(f'{self.source} is a picture of an ordinary camera: write '
                                    'views.yaml beside it, and give that '
                                    '(docs/howto/one_picture.md)')
+        if not self.takes_raw:
+            raise click.UsageError(f'{self.source} is a raw picture, and posed views are needed: '
+                                   'views.yaml, a COLMAP model, a BOP scene or a bag')
         if self.calibration is None or self.white is None:
             raise click.UsageError(f'{self.source} is a raw picture: it needs --calibration and '
                                    f'--white. {OF_CAMERA}')
@@ -142,12 +151,16 @@ class GivenSource:
         if (self.every, self.shrink) != (1, 1):
             raise click.UsageError(f'{self.source} is a raw picture: --every and --shrink are for '
                                    'light fields')
-        if self.scale is not None or self.distance is not None:
-            raise click.UsageError(f'{self.source} is a raw picture: --scale and --distance are '
-                                   'for COLMAP models')
+        self._check_scale()
         if self._bag_views() is not None:
             raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
                                    '--collect are for bags')
+
+    def _check_scale(self) -> None:
+        given = self.scale is not None or self.distance is not None
+        if given and not is_colmap(self.source):
+            raise click.UsageError(f'{self.source} is no COLMAP model: --scale and --distance are '
+                                   'for COLMAP models')
 
     def _bag_views(self) -> BagViews | None:
         """How images with poses of a bag are read, where that is said."""
@@ -163,7 +176,7 @@ def view_options(command: Callable[..., None]) -> Callable[..., None]:
     def with_source(**values: Any) -> None:
         given = {each.name: values.pop(each.name) for each in fields(GivenSource)
                  if each.name in values}
-        command(source=GivenSource(**given), **values)
+        command(source=GivenSource(**given, takes_raw='calibration' in given), **values)
     return with_options(_OF_VIEWS, with_source)
 
 

@@ -11,6 +11,7 @@ import imageio.v2
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from command_line import pmcl
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -254,11 +255,11 @@ def test_a_body_that_begins_and_ends_with_zeros_survives(saved):
 @pytest.fixture
 def file_container(saved):
     """A function names -> a container of files, each with its own name as its body."""
-    def make(*names):
-        bodies = [name.encode() for name in names]
+    def make(*names, empty=()):
+        bodies = {name: name.encode() for name in names} | dict.fromkeys(empty, b'')
         table = {'files': [{'name': name, 'dataRef': f'sha1-{hashlib.sha1(body).hexdigest()}'}
-                           for name, body in zip(names, bodies, strict=True)]}
-        return saved(container_bytes(table, bodies), 'data.C.0')
+                           for name, body in bodies.items()]}
+        return saved(container_bytes(table, [*filter(None, bodies.values())]), 'data.C.0')
     return make
 
 
@@ -269,6 +270,12 @@ def test_files_of_a_camera(file_container):
     found = file_set(container, 'mod_*')
     assert list(found) == ['MOD_0001.RAW', 'MOD_0001.TXT']
     assert container.component(found['MOD_0001.RAW'], 100) == b'C:\\T1CALIB\\MOD_0001.RAW'
+
+
+def test_a_file_of_a_camera_may_be_empty(file_container, tmp_path):
+    done = pmcl('lfp', 'unpack', file_container('a.bin', empty=['LOG']), tmp_path / 'out')
+    assert done.stdout.split() == [str(tmp_path / 'out' / name) for name in ('a.bin', 'LOG')]
+    assert (tmp_path / 'out' / 'LOG').read_bytes() == b''
 
 
 @pytest.mark.parametrize('name', ['..', 'a/..', 'C:\\', '', 'a\0', '.hidden', 'x\ny'])

@@ -138,6 +138,8 @@ def test_one_number_in_two_folders_of_the_card_gives_two_files(captures, tmp_pat
     (['serve', '--pictures', '.', '--fault', 'nothing'], 'no fault'),
     (['serve', '--pictures', '/nonexistent'], 'does not exist'),
     (['capture'], '--out'),
+    (['capture', '--list', '--out', 'x'], 'give --out, or --list alone'),
+    (['capture', '--list', '--download', 'all'], 'give --out, or --list alone'),
     (['capture', '--list', '--address', 'a:b:c:d'], 'no address'),
     (['capture', '--list', '--address', 'no.such.host.invalid'], 'no camera answers'),
 ])

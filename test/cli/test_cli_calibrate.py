@@ -1,6 +1,7 @@
 """`pmcl calibrate`, as users call it, on files of a made-up camera."""
 
 import json
+import shutil
 
 import cv2
 import numpy as np
@@ -89,3 +90,16 @@ def test_impossible_corners_are_told(folder, tmp_path):
     done = calibrate(folder, tmp_path / 'C.yaml', '--corners', 'ten', '--square', '0.012',
                      status=1)
     assert 'ten' in done.stderr
+
+
+def test_a_damaged_picture_does_not_choose_the_white_image(folder, tmp_path):
+    """The first by name cannot be read; the white image in a folder is that of the others."""
+    shutil.copytree(folder, tmp_path / 'all')
+    (tmp_path / 'all' / 'A').mkdir()
+    (tmp_path / 'all' / 'A' / 'A.RAW').write_bytes(b'')
+    (tmp_path / 'all' / 'A' / 'A.TXT').write_text('no metadata')
+    done = pmcl('calibrate', '--white', tmp_path / 'all' / 'white', '--boards', tmp_path / 'all',
+                *BOARD, '--out', tmp_path / 'camera.yaml')
+    assert 'white image: IMG.RAW' in done.stderr
+    assert 'left out' in done.stderr
+    assert (tmp_path / 'camera.yaml').exists()

@@ -18,7 +18,10 @@ def names(tmp_path):
     killed.mkdir()
     (killed / 'killed_0.mcap').write_bytes(b'\x89MCAP0\r\n')
     trimesh.creation.box((0.03, 0.05, 0.11)).export(tmp_path / 'box.stl')
-    return {'empty': tmp_path / 'empty', 'bag': ROOT / 'bags' / 'wine_glass',
+    views = tmp_path / 'views.yaml'
+    views.write_text('{cameras: {a: {width: 9, height: 9, fx: 9, cx: 4, cy: 4}}, '
+                     'views: [{file: a.png, camera: a}]}')
+    return {'views': views, 'empty': tmp_path / 'empty', 'bag': ROOT / 'bags' / 'wine_glass',
             'raw': ROOT / 'config' / 'cameras' / 'demo_white.RAW.xz',
             'killed': killed, 'object': tmp_path / 'box.stl', 'out': tmp_path / 'out'}
 
@@ -29,6 +32,10 @@ def names(tmp_path):
     ('localize {raw} --object {object} --depths 0.3 0.9', 2, HOW_TO_CAMERA),
     ('localize {empty} --object {object} --depths 0.3 0.9', 1, 'docs/howto/one_picture.md'),
     ('next-view {bag} --object {object}', 2, 'docs/howto/posed_views.md'),
+    ('next-view {raw} --object {object}', 2, 'posed views are needed'),
+    ('localize {views} --object {object} --depths 0.3 0.9 --scale 2', 2, 'no COLMAP model'),
+    ('localize {views} --object {object} --depths 0.3 0.9 --white {raw}', 2,
+     'is no raw picture'),
     ('report {empty}', 2, 'or --depths 0.3 0.9'),
     ('decode {raw} --calibration demo --out {out}', 2, HOW_TO_CAMERA),
     ('decode {raw} --calibration kitchen --out {out}', 2, 'pmcl calibrate --camera kitchen'),

@@ -99,6 +99,7 @@ class Cache:
     def _written(self, contents: Mapping[str, bytes]) -> dict[str, CachedFile]:
         files = {}
         try:
+            Path(self._folder.name).mkdir(mode=0o700, parents=True, exist_ok=True)  # cleaned up?
             for kind, content in contents.items():
                 path = Path(self._folder.name) / str(next(self._numbers))
                 files[kind] = CachedFile(path, len(content), hashlib.sha256(content).hexdigest())

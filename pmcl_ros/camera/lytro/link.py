@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from pmcl_ros.camera.client import Pace, retry
 from pmcl_ros.camera.lytro.address import Address, LinkSettings
+from pmcl_ros.camera.lytro.buffer_lock import buffer_lock
 from pmcl_ros.camera.lytro.protocol import (
     CHUNK,
     CONTENT_LENGTH,
@@ -24,6 +25,7 @@ from pmcl_ros.runtime.progress import BytesProgress
 LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600; larger files are refused
 
 _SLOWEST = 10_000  # bytes per second: slower replies have stalled
+_COMPARED = 4096  # bytes, the first ones of a file
 _ANOTHER_CLIENT = 'does another client use the camera?'
 
 T = TypeVar('T')
@@ -72,6 +74,12 @@ class Connection:
             length = self._ask(request)
             self._receive(into[:length], landed)
             return length
+
+    @property
+    def peer(self) -> tuple[str, int]:
+        """IP address and port of the camera."""
+        host, port, *_ = self._socket.getpeername()
+        return host, port
 
     def abort(self) -> None:
         """End the connection, also while another thread waits for a reply."""
@@ -130,7 +138,7 @@ class Link:
     """Requests and downloads; safe to use from several threads.
 
     One request is in flight at a time. Other requests may go between two pieces of a download,
-    except loads: the camera has a single transfer buffer.
+    except loads, of any program of this machine: the camera has a single transfer buffer.
     """
 
     def __init__(self, address: Address, settings: LinkSettings) -> None:
@@ -163,7 +171,9 @@ class Link:
         download starts again. Raises CameraError when the camera does not have it, or when it is
         too large, of another length than expected, or too slow.
         """
-        with self._buffer:
+        peer = self._retry(lambda: self.with_connection(lambda connection: connection.peer))
+        longest = self._settings.patience + LARGEST / self._settings.slowest
+        with self._buffer, buffer_lock(peer, longest, self._closed):
             pace = Pace(what, self._settings.patience, self._settings.slowest)
             download = _Download(self, request, what, expected, progress, grows, pace)
             self._retry(download.run, lambda: download.got)
@@ -225,6 +235,8 @@ class _Download:
                 self._check_again(came)
         if self.data:
             self._check_length()  # another client's load would have replaced the buffer
+        if len(self.data) > CHUNK:
+            self._check_bytes(0, min(_COMPARED, CHUNK))
 
     def _piece(self, connection: Connection) -> int:
         into = memoryview(self.data)[self.got:self.got + CHUNK]
@@ -233,13 +245,16 @@ class _Download:
     def _check_again(self, came: int) -> None:
         """Check a short piece: another client may have loaded a shorter file meanwhile."""
         self._check_length()
-        again = bytearray(came)
-        first = self.got - came
+        self._check_bytes(self.got - came, came)
+
+    def _check_bytes(self, first: int, count: int) -> None:
+        """Check that the buffer holds what was received from there; else go back to `first`."""
+        again = bytearray(count)
         if self._link.with_connection(
                 lambda connection: connection.download(first, memoryview(again), lambda _: None)
-        ) != came or again != self.data[first:self.got]:
+        ) != count or again != self.data[first:first + count]:
             self.got = first
-            raise ProtocolError(f'bytes {first} to {first + came} of {self._what} are not the '
+            raise ProtocolError(f'bytes {first} to {first + count} of {self._what} are not the '
                                 f'same twice; {_ANOTHER_CLIENT}')
 
     def _check_length(self) -> None:

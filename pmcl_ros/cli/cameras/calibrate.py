@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections import Counter
 from pathlib import Path
 
 import click
@@ -9,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from pmcl_ros.camera.files import list_pictures, read_metadata, read_raw_frame
+from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.camera.white_images import choose_white
 from pmcl_ros.cli.base import FORCE, STDERR, TRUTH, WHITE, Needed
 from pmcl_ros.drawing.calibration_report import numbers, picture, summary, tables
@@ -16,6 +18,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.calibrate import CalibrationResult, calibrate_folder
 from pmcl_ros.lightfield.calibration.calibration import Calibration
+from pmcl_ros.runtime.errors import CameraError
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.runtime.resources import cameras_folder
 
@@ -25,7 +28,7 @@ _BOARDS = Needed('pmcl camera capture takes raw pictures: docs/howto/camera.md',
 
 @click.command()
 @click.option('--white', required=True, type=WHITE, help='White image of the camera, or a folder '
-              'of white images: the one that fits the first picture is chosen.')
+              'of white images: the one that fits most pictures is chosen.')
 @click.option('--boards', required=True, type=_BOARDS,
               help='Folder with pictures of the board, searched with its subfolders.')
 @click.option('--corners', required=True, metavar='COLUMNSxROWS',
@@ -72,7 +75,7 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
     white: a white image, or a folder of white images.
     """
     if white.is_dir():
-        choice = choose_white(white, read_metadata(list_pictures(boards)[0]))
+        choice = choose_white(white, _usual(list_pictures(boards)))
         STDERR.print(f'white image: {choice.why}', markup=False, soft_wrap=True)
         frame = choice.frame
     else:
@@ -87,6 +90,22 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
                                   soft_wrap=True)
 
         return calibrate_folder(frame, boards, board, looked)
+
+
+def _usual(pictures: list[Path]) -> CameraMetadata:
+    """The metadata of a picture of the camera, zoom and focus that most have.
+
+    Raises the error of the last picture where none can be read.
+    """
+    found: list[CameraMetadata] = []
+    for number, path in enumerate(pictures, 1):
+        try:
+            found.append(read_metadata(path))
+        except CameraError:  # it is told, and left out, when the boards are looked for
+            if number == len(pictures) and not found:
+                raise
+    kinds = [(each.serial, each.zoom, each.focus) for each in found]
+    return found[kinds.index(Counter(kinds).most_common(1)[0][0])]
 
 
 @click.command('calibration-from-truth')

@@ -106,8 +106,8 @@ def capture(address: str, out: Path | None, count: int, listing: bool, download:
     A picture of another folder of the card than 100PHOTO goes to a folder of that name: its number
     may be there twice.
     """
-    if out is None and not listing:
-        raise click.UsageError('give --out, or --list')
+    if (out is None) != listing or (listing and (download or delete)):
+        raise click.UsageError('give --out, or --list alone')
     with LytroClient(find_camera(address), LinkSettings(picture_timeout=timeout)) as client:
         status = client.status()
         click.echo(str(status), err=True)
@@ -115,20 +115,24 @@ def capture(address: str, out: Path | None, count: int, listing: bool, download:
             for record in client.records():
                 click.echo(f'{_name(record)}  {record.date}  {record.id}')
             return
-        failed = 0
+        unsaved = kept = 0
         for picture, record in _wanted(client, download, count, out, force):
+            saved = False
             try:
                 _save(client, picture, record, out, force)
+                saved = True
                 if delete:
                     client.delete(picture)
             except LinkError:
                 raise
             except PmclError as error:
                 click.echo(f'{_name(record)}: {error}', err=True)
-                failed += 1
-        if failed:
-            raise CameraError(f'{failed} pictures were not saved; they are on the camera, unless '
+                unsaved, kept = unsaved + (not saved), kept + saved
+        if unsaved:
+            raise CameraError(f'{unsaved} pictures were not saved; they are on the camera, unless '
                               'somebody deleted them')
+        if kept:
+            raise CameraError(f'{kept} saved pictures were not deleted from the camera')
 
 
 def _wanted(client: LytroClient, download: str | None, count: int, out: Path, force: bool

@@ -13,6 +13,7 @@ from pmcl_ros.drawing.pictures import write_png
 from pmcl_ros.lightfield.calibration.lattice import predicted_lattice
 from pmcl_ros.lightfield.calibration.lattice_fit import fit_lattice, lattice_from_picture
 from pmcl_ros.lightfield.white_image import is_white_image, unevenness
+from pmcl_ros.runtime.errors import SettingsError
 
 
 @click.command()
@@ -46,7 +47,11 @@ def lattice(raw: Path, out: Path, kind: str | None, gain: float, force: bool) ->
                f'{found.centre_px[1]:.3f})')
     click.echo(f'measured centres about it: median {fit.median_px:.3f} px, 95 % within '
                f'{fit.p95_px:.3f} px; {fit.lenslets} lenslets; shear {fit.shear:.1e} rad left out')
-    predicted = predicted_lattice(frame.metadata)
+    try:
+        predicted = predicted_lattice(frame.metadata)
+    except SettingsError as error:
+        click.echo(f'the metadata say no lattice: {error}')
+        predicted = None
     if predicted is not None:
         height, width = frame.counts.shape
         apart = found.difference(predicted, width, height)

@@ -116,7 +116,7 @@ def _cameras(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
             'width': width, 'height': height, 'fx': given.get('f', given.get('fx')),
             'fy': given.get('f', given.get('fy')), 'cx': given['cx'] - 0.5,
             'cy': given['cy'] - 0.5}
-        if any(given[each] for each in distortion):
+        if model == 'OPENCV_FISHEYE' or any(given[each] for each in distortion):
             numbers = [given[each] for each in distortion]
             plain = model not in ('FULL_OPENCV', 'OPENCV_FISHEYE')
             values |= {'distortion': numbers + [0.0] * (4 - len(numbers)) if plain else numbers,
@@ -131,7 +131,8 @@ def _images(path: Path) -> Iterator[_Image]:
     for number, line in _lines(path):
         if points:
             points = False
-            if len(line.split()) % 3:
+            words = line.split()
+            if len(words) % 3 or not _are_numbers([*words[:3], *words[-3:]]):
                 raise LightFieldError(f'{path}:{number}: expected the points of the image above, '
                                       f'three numbers each, or an empty line, not {line[:80]!r}')
             continue
@@ -147,6 +148,13 @@ def _images(path: Path) -> Iterator[_Image]:
         world_to_camera = quaternion_pose(place, (x, y, z, w), f'{path}:{number}')
         points = True
         yield _Image(name, camera, np.asarray(np.linalg.inv(world_to_camera), float))
+
+
+def _are_numbers(words: list[str]) -> bool:
+    try:
+        return all(np.isfinite(float(each)) for each in words)
+    except ValueError:
+        return False
 
 
 def _scale(images: list[_Image], metric: Metric | None, folder: Path) -> float:

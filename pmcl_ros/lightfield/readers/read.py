@@ -67,6 +67,13 @@ def _has_pictures(path: Path) -> bool:
     return colmap.model_folder(path) is not None or (path / bop.NAME).is_file()
 
 
+def is_colmap(path: Path | str) -> bool:
+    """Whether `read_source` reads a COLMAP model at a path."""
+    path = Path(path)
+    return (path.is_dir() and _views_yaml(path) is None and not _has_grid(path)
+            and not (path / bop.NAME).is_file() and colmap.model_folder(path) is not None)
+
+
 def _views_file(path: Path, metric: colmap.Metric | None) -> tuple[posed_views.ViewsFile, Path]:
     """The list of pictures at a path, and the folder that they are relative to."""
     yaml, scene = _views_yaml(path), bop.scene_of(path)

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import logging
+import shutil
 import time
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
@@ -284,6 +285,16 @@ def test_a_token_is_needed(folder):
         right = {'Authorization': f'Bearer {TOKEN}'}
         found = requests.get(f'{gateway.url}/pictures', headers=right, timeout=30).json()
         assert len(found) == 3
+
+
+def test_a_folder_of_pictures_that_was_cleaned_up_is_made_again(tmp_path):
+    cache = Cache(tmp_path)
+    for folder in tmp_path.iterdir():
+        shutil.rmtree(folder)
+    kept = cache.put('a', {'raw': b'x'})['raw']
+    assert kept.path.read_bytes() == b'x'
+    cache.close()
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize('host', ['0.0.0.0', '::', ''])

@@ -6,6 +6,7 @@ import os
 import socket
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
@@ -242,6 +243,16 @@ def test_a_picture_of_full_size_over_a_link_that_drops(tmp_path):
     expected = read_picture(white)
     with client_of(tmp_path, 'drop-random=5MB:1') as client:
         assert client.fetch(client.capture()) == expected
+
+
+def test_two_clients_fetch_two_pictures_at_once(tmp_path, camera_text):
+    raws = write_captures(tmp_path, camera_text(2000, 2000), 2, 2000)
+    with serving(tmp_path, 'slow=20MB/s') as address, ExitStack() as stack:
+        clients = [stack.enter_context(LytroClient(address, QUICK)) for _ in raws]
+        pictures = clients[0].pictures()
+        with ThreadPoolExecutor(len(raws)) as pool:
+            fetched = [*pool.map(LytroClient.fetch, clients, pictures)]
+    assert [raw for raw, _ in fetched] == raws
 
 
 def test_no_camera_there():

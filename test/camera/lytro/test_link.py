@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 
 from pmcl_ros.camera.lytro import protocol
 from pmcl_ros.camera.lytro.address import Address, LinkSettings
+from pmcl_ros.camera.lytro.buffer_lock import buffer_lock
 from pmcl_ros.camera.lytro.link import Link
-from pmcl_ros.camera.lytro.protocol import load_file
+from pmcl_ros.camera.lytro.protocol import CHUNK, load_file
 from pmcl_ros.runtime.errors import CameraError, LinkError, ProtocolError
 
 BATTERY = bytes.fromhex('AF55AAFA 04000000 03000000 C600 06' + '00' * 13 + '0000AF42')
@@ -247,3 +248,42 @@ def test_nobody_there_says_what_to_look_at(host):
         port = free.getsockname()[1]
     with pytest.raises(LinkError, match=r'no camera answers .*network lytro\.camera\.NNN'):
         Link(Address(host=host, port=port), QUICK).ask(protocol.BATTERY)
+
+
+def test_a_buffer_that_another_client_replaces_is_no_picture():
+    """Raw pictures are equally long: only their bytes tell them apart."""
+    length, held = CHUNK + 1000, b'a'
+
+    def answer(connected, request):
+        nonlocal held
+        if request[12] == 0xC2:
+            connected.recv(struct.unpack_from('<I', request, 4)[0], socket.MSG_WAITALL)
+            held = b'a'
+            connected.sendall(reply(request, b'there'))
+        elif request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', length)))
+        else:
+            offset, asked = struct.unpack_from('<I', request, 15)[0], struct.unpack_from(
+                '<I', request, 4)[0]
+            connected.sendall(reply(request, held * min(asked, length - offset)))
+            held = b'b'
+
+    with camera(answer) as address, pytest.raises(
+            ProtocolError, match=r'bytes 0 to 4096 of A\.RAW are not the same twice'):
+        Link(address, QUICK).load(load_file('A.RAW'), 'A.RAW')
+
+
+def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
+    with buffer_lock(('10.0.0.1', 5678), 1, threading.Event()):
+        with (pytest.raises(CameraError, match=r'from the camera at 10\.0\.0\.1 for 0 s'),
+              buffer_lock(('10.0.0.1', 5678), 0.2, threading.Event())):
+            pass
+        closed = threading.Event()
+        closed.set()
+        with (pytest.raises(LinkError, match='is closed'),
+              buffer_lock(('10.0.0.1', 5678), 20, closed)):
+            pass
+        with buffer_lock(('10.0.0.2', 5678), 0, closed):
+            pass
+    with buffer_lock(('10.0.0.1', 5678), 0, closed):
+        pass

@@ -143,7 +143,9 @@ def test_a_list_of_views_may_have_another_name(tmp_path):
       'distortion': [0.1, 0.2, 0.001, 0.002, 0.01, 0.02, 0.03, 0.01]}),
     ('OPENCV_FISHEYE', [40, 41, 24, 18, 0.01, 0.02, 0.001, 0.002],
      {'fx': 40.0, 'fy': 41.0, 'cx': 23.5, 'cy': 17.5, 'model': 'equidistant',
-      'distortion': [0.01, 0.02, 0.001, 0.002]})])
+      'distortion': [0.01, 0.02, 0.001, 0.002]}),
+    ('OPENCV_FISHEYE', [20, 20, 24, 18, 0, 0, 0, 0],
+     {'fx': 20.0, 'cx': 23.5, 'cy': 17.5, 'model': 'equidistant', 'distortion': [0, 0, 0, 0]})])
 def test_colmap_s_cameras_are_those_of_opencv(tmp_path, model, parameters, camera):
     found = read_source(colmap(tmp_path, model=model, parameters=parameters), metric=Metric(1.0))
     own(tmp_path / 'own')
@@ -177,6 +179,8 @@ def test_a_model_without_a_metric_scale_is_refused(tmp_path):
     (lambda text: text.replace('c.png', 'a.png'), 'a.png is there more than once'),
     (lambda text: text.replace('c.png', 'd.png'), 'there is no .*d.png'),
     (lambda text: text.replace('\n\n', '\n'), r'images.txt:5: expected the points of the image'),
+    (lambda text: text.replace('\n\n', '\n').replace('c.png', 'c d e.png'),
+     r'images.txt:5: expected the points of the image'),
     (lambda text: text.replace('\n0 ', '\n0 9'), 'the quaternion .* has length'),
     (lambda text: text.replace('\n0 ', '\n0 nan '), 'length nan|expected IMAGE_ID|quaternion')])
 def test_a_broken_model_is_refused_in_one_line(tmp_path, change, reason):
