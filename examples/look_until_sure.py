@@ -53,6 +53,7 @@ class LookUntilSure(Node):
             if look < self.options.looks:
                 self.call('pmcl_node/next_view')
                 self.move(self.wait('next_view', 'the next view'))
+                self.found = None  # of the views before
                 self.call('sweep_driver/take')
         return None
 

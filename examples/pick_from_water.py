@@ -184,6 +184,8 @@ class PickFromWater(Node):
         for straight, goal in itertools.product((True, False), self.lifted(there)):
             if self.robot.move(WRIST, goal, straight):
                 break
+        else:
+            raise GivenUp('no reachable grasp: no way up with the object')
         if not self.robot.holds():
             return self.back(None)
         return self.options.lift_only or self.place(places)
@@ -217,7 +219,8 @@ class PickFromWater(Node):
             if self.robot.move(WRIST, raised(goal, 0.05)):
                 if not self.robot.holds():
                     return self.back(None)
-                self.robot.move(WRIST, goal, straight=True)
+                if not self.robot.move(WRIST, goal, straight=True):
+                    continue  # the hand stays closed above the tray
                 self.robot.grip(False)
                 self.back(behind(goal, 0.1))
                 return True

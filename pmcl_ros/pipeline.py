@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.build import build_volume
 from pmcl_ros.dlv.pairs import StereoPairs
-from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
+from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings, within_limits
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.binning import binned_to_fit
 from pmcl_ros.evidence.build_map import build_map, warn_of_one_colour
@@ -180,11 +180,12 @@ def volume_settings(mode: Mode, near: float, far: float, grid: ViewGrid | None,
     grid: None: a single picture, whose labels nobody sets.
     changes: values that are wanted otherwise. origin: of them, for errors (SettingsError).
     """
-    default = DlvSettings()
-    values: dict[str, Any] = {'near': near, 'far': far}
+    values: dict[str, Any] = within_limits(near, far)
     if grid is not None:
-        pairs = StereoPairs.from_grid(grid, default.views)
-        needed = min(pairs.labels_needed(near, far), MOST_LABELS)
+        made = DlvSettings.make(values | dict(changes or {}), origin)
+        pairs = StereoPairs.from_grid(grid, made.views)
+        needed = min(pairs.labels_needed(made.near, made.far), MOST_LABELS)
+        default = DlvSettings()
         values |= {'labels': max(default.labels, needed),
                    'edge_labels': max(default.edge_labels, needed)}
     if mode == 'faithful':

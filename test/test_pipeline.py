@@ -208,6 +208,9 @@ def test_settings_reach_around_the_region_with_labels_as_close_as_views_need():
     assert (paper.interpolation, paper.truncate, paper.view_weights) == ('phase', True, 'equal')
     wide = ViewGrid(CAMERA, 0.05, grid.positions, grid.weights)
     assert volume_settings('default', 0.3, 0.5, wide).edge_labels > 24
+    # A region may come nearer than labels do, and go farther.
+    all_there_is = volume_settings('default', 0.002, 2000, None)
+    assert (all_there_is.near, all_there_is.far) == (0.01, 1000)
     assert volume_settings('default', 0.3, 0.5, grid, {'window': 7}).window == 7
     assert volume_settings('default', 0.3, 0.5, None, {'crop': (1, 2, 3, 4)}).crop == (1, 2, 3, 4)
     with pytest.raises(SettingsError, match='--set'):

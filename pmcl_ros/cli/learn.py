@@ -68,7 +68,9 @@ def learn(folder: Path, views: int, seed: int, creases: bool, of_map: bool, pose
     """
     if creases + of_map + posed > 1:
         raise click.UsageError('--creases, --map and --posed are learned one after the other')
-    refuse_existing([] if out is None else [out], force)
+    if out is not None:
+        refuse_existing([out], force)
+        out.parent.mkdir(parents=True, exist_ok=True)  # first: the rest takes hours
     captures = find_captures(folder)
     command = (f'pmcl learn {folder} --views {views} --seed {seed}{" --creases" * creases}'
                f'{" --map" * of_map} --out {out}')

@@ -3,6 +3,7 @@
 import multiprocessing
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from typing import Protocol, TypeVar
@@ -14,6 +15,7 @@ from rich import progress
 from pmcl_ros.cli.base import CAMERA as ORDINARY
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.drawing.pictures import write_png
+from pmcl_ros.evaluation.pool import killed
 from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.coverage import run_coverage
@@ -183,9 +185,14 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
         yield from map(run, seeds)
         return
     # Spawned, not forked: numba's threads do not survive a fork.
-    with ProcessPoolExecutor(processes, multiprocessing.get_context('spawn')) as pool:
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context('spawn'))
+    try:
         for job in as_completed([pool.submit(run, each) for each in seeds]):
             yield job.result()
+    except BrokenProcessPool:
+        raise killed(processes) from None
+    finally:  # after an error, or Ctrl-C, what has not begun is not begun
+        pool.shutdown(cancel_futures=True)
 
 
 @click.command('view-gain')

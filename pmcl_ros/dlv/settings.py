@@ -2,6 +2,7 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from pmcl_ros.runtime.settings import Odd, Settings
@@ -9,14 +10,18 @@ from pmcl_ros.runtime.settings import Odd, Settings
 BackEnd = Literal['auto', 'numba', 'gl']
 LayersFrom = Literal['volume', 'joint']
 MOST_LABELS = 1000  # of the volume, and of the edges
+MOST_STRIDE = 16
+_NEAR, _FAR = (0.01, 100.0), (0.01, 1000.0)  # m: from, to
 _Pixels = Annotated[int, Field(ge=0, le=100_000)]
 
 
 class DlvSettings(Settings):
     """LightField -> DepthLikelihoodVolume; the symbols are those of the paper's section V.A."""
 
-    near: float = Field(0.3, ge=0.01, le=100, description='depth of the nearest label [m]')
-    far: float = Field(0.9, ge=0.01, le=1000, description='depth of the farthest label [m]')
+    near: float = Field(0.3, ge=_NEAR[0], le=_NEAR[1],
+                        description='depth of the nearest label [m]')
+    far: float = Field(0.9, ge=_FAR[0], le=_FAR[1],
+                       description='depth of the farthest label [m]')
     labels: int = Field(75, ge=3, le=MOST_LABELS,
                         description='number of depth labels, uniform in inverse depth [labels]')
     views: Odd = Field(7, ge=3, le=99,
@@ -44,8 +49,8 @@ class DlvSettings(Settings):
         (0, 0, 0, 0), description='left, top, width, height of the part of the centre view that '
         'gets a volume; a size of 0 is up to the end of the image [px]')
     stride: int = Field(
-        1, ge=1, le=16, description='only every stride-th pixel of the crop, across and down, '
-        'gets a ray; the window sums over such pixels alone [px]')
+        1, ge=1, le=MOST_STRIDE, description='only every stride-th pixel of the crop, across and '
+        'down, gets a ray; the window sums over such pixels alone [px]')
     truncate: bool = Field(
         False, description='keep only the highest local maxima of each pixel, set the rest to 0')
     maxima: int = Field(2, ge=1, le=100,
@@ -77,3 +82,8 @@ class DlvSettings(Settings):
             raise ValueError('interpolation phase has no form for back_end gl: choose back_end '
                              'auto, or interpolation neutral or bilinear')
         return self
+
+
+def within_limits(near: float, far: float) -> dict[str, float]:
+    """`near` and `far` of the settings for these depths [m], as far as they are allowed."""
+    return {'near': float(np.clip(near, *_NEAR)), 'far': float(np.clip(far, *_FAR))}

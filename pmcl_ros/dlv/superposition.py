@@ -116,8 +116,10 @@ def fit_superposition(light_field: LightField, settings: DlvSettings) -> Superpo
              found)
     found[3][~seen] = np.nan
     middle, apart = found[0] / scale, found[1] / scale
-    return Superposition((middle + apart / 2).astype(np.float32),
-                         (middle - apart / 2).astype(np.float32), found[2], found[3])
+    # A fit between two nodes, or two layers about the last one, may lie beyond them.
+    near, far = (np.clip(each, 1 / settings.far, 1 / settings.near).astype(np.float32)
+                 for each in (middle + apart / 2, middle - apart / 2))
+    return Superposition(near, far, found[2], found[3])
 
 
 def _independent(rest: NDArray[np.float32], values: int) -> float:

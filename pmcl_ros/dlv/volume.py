@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pmcl_ros.dlv.layers import Layers, read_layers
 from pmcl_ros.dlv.pairs import StereoPairs
 from pmcl_ros.dlv.posed_pairs import PosedPairs
-from pmcl_ros.dlv.settings import DlvSettings
+from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
 from pmcl_ros.dlv.superposition import Superposition
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -55,9 +55,10 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
 
 @lru_cache(maxsize=16)  # logged once, not at every capture
 def _warn_of_few_labels(name: str, count: int, needed: int) -> None:
-    _LOG.warning('views move by up to %.1f px from label to label, more than one: set %s to %d '
-                 '(it is %d), or near and far closer together', (needed - 1) / (count - 1), name,
-                 needed, count)
+    more = (f'set {name} to {needed} (it is {count})' if needed <= MOST_LABELS
+            else 'make pixels larger')
+    _LOG.warning('views move by up to %.1f px from label to label, more than one: %s, or near '
+                 'and far closer together', (needed - 1) / (count - 1), more)
 
 
 def check_values(values: NDArray[np.float32], components: tuple[int, ...],

@@ -5,6 +5,7 @@ import importlib.metadata
 import os
 import platform
 import sys
+from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, fields
@@ -52,28 +53,34 @@ def write_bop(path: Path, trials: Sequence[Trial], plan: TrialPlan) -> None:
     Of a BOP data set the numbers are its own, of several pictures those of the first. Else a scene
     is a capture and an image one of its trials (its seed), both counted from 0, an object a mesh,
     counted from 1; `settings` lists them. A data set's picture has the pose of the first seed: its
-    toolkit would take the best of all. Lost poses and searches for an object of another capture
-    are left out.
+    toolkit would take the best of all, and its time is that of all its objects, which the toolkit
+    asks for. Lost poses and searches for an object of another capture are left out.
     """
     captures = {each.name: each for each in plan.captures}
     numbers = _numbers_of(plan)
+    def image_of(each: Trial) -> tuple[int, int]:
+        of = captures[each.capture].bop_numbers
+        return numbers[each.capture][0], each.seed if of is None else of[1]
+
+    searched = [each for each in trials if not each.wrong and (
+        captures[each.capture].bop_numbers is None or each.seed == plan.seeds[0])]
+    times: defaultdict[tuple[int, int], float] = defaultdict(float)
+    for each in searched:
+        times[image_of(each)] += each.seconds + each.dlv_seconds + each.decode_seconds
     with path.open('w', newline='') as stream:
         writer = csv.DictWriter(stream, _BOP)
         writer.writeheader()
-        for each in trials:
-            if each.lost or each.wrong:
+        for each in searched:
+            if each.lost:
                 continue
             rows = np.reshape(each.pose, (3, 4))
-            scene, object_id = numbers[each.capture]
-            of = captures[each.capture].bop_numbers
-            if of is not None and each.seed != plan.seeds[0]:
-                continue
+            image = image_of(each)
             writer.writerow({
-                'scene_id': scene, 'im_id': each.seed if of is None else of[1],
-                'obj_id': object_id, 'score': each.score,
+                'scene_id': image[0], 'im_id': image[1],
+                'obj_id': numbers[each.capture][1], 'score': each.score,
                 'R': _numbers(rows[:, :3].ravel().tolist()),
                 't': _numbers((1e3 * rows[:, 3]).tolist()),
-                'time': each.seconds + each.dlv_seconds + each.decode_seconds})
+                'time': times[image]})
 
 
 def _numbers_of(plan: TrialPlan) -> dict[str, tuple[int, int]]:

@@ -84,8 +84,11 @@ class Supports:
                             for each in found])
         if there.all():
             raise LocalizationError('0 searches for an object that is not in its scene; learn '
-                                    'from two scenes at least')
+                                    'from three scenes at least, in each half of them two')
         evidence = np.array([each.evidence for each in found if each.deviation is not None])
+        if not len(evidence):
+            raise LocalizationError(f'none of {there.sum()} searches found its object: the scenes '
+                                    'show too little of it to learn from')
         return cls(support[there], support[~there], evidence)
 
     def threshold(self, false_alarms: float) -> float:

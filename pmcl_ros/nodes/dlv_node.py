@@ -47,20 +47,25 @@ class Products:
     settings: DlvSettings
 
     @cached_property
+    def checked(self) -> LightField:
+        """The light field, after a warning where it shows nothing."""
+        warn_of_one_colour(self.light_field)
+        return self.light_field
+
+    @cached_property
     def edges(self) -> EdgeVolume:
         """For `dlv/edges`."""
-        warn_of_one_colour(self.light_field)
-        return build_edges(self.light_field, self.settings)
+        return build_edges(self.checked, self.settings)
 
     @cached_property
     def contour_map(self) -> ContourMap:
         """For `dlv/contour_map`."""
-        return build_map(self.light_field, self.settings)
+        return build_map(self.checked, self.settings)
 
     @cached_property
     def volume(self) -> DepthLikelihoodVolume:
         """For `dlv` and the pictures of it."""
-        return build_volume(self.light_field, self.settings)
+        return build_volume(self.checked, self.settings)
 
 
 @dataclass(frozen=True)

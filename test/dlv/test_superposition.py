@@ -123,3 +123,12 @@ def test_too_much_is_refused_with_advice():
     field = LightField(Header(), np.zeros((3, 3, 1500, 2000, 3), np.float32), grid)
     with pytest.raises(VolumeError, match=r'2000x1500 px at .* a larger stride'):
         fit_superposition(field, DlvSettings(near=0.1, far=0.2))
+
+
+def test_layers_lie_between_near_and_far():
+    """Of a layer at the limits, or beyond, the other one has a depth all the same."""
+    limits = SETTINGS.model_copy(update={'near': 1 / 1.8, 'far': 1 / 1.7})
+    found = fit_superposition(layered(0.4, 0.35), limits)
+    for inverse in (found.near, found.far):
+        assert known(inverse).min() >= np.float32(1.7)
+        assert known(inverse).max() <= np.float32(1.8)

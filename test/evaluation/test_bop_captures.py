@@ -162,9 +162,13 @@ def test_files_of_results_have_the_numbers_of_the_data_set(scene, tmp_path):
     plan = TrialPlan(captures, (Variant('default'),), (0,))
     pose = tuple(random_pose(7)[:3].ravel())
     more = trial(capture=captures[3].name, pose=pose, seed=1)  # a toolkit would take the best
-    write_bop(tmp_path / 'bop.csv', [trial(capture=captures[3].name, pose=pose), more], plan)
+    # The toolkit asks for the time of a picture, whatever was found in it.
+    other = trial(capture=captures[2].name, pose=pose, lost=True, seconds=3)
+    own = trial(capture=captures[3].name, pose=pose, seconds=2, dlv_seconds=1, decode_seconds=0)
+    write_bop(tmp_path / 'bop.csv', [other, own, more], plan)
     row, = read_bop(tmp_path / 'bop.csv')
     assert (row['scene_id'], row['im_id'], row['obj_id']) == (12, 1, 4)
+    assert row['time'] == 6 + other.dlv_seconds + other.decode_seconds
     used = settings(plan, [], 1, 1.0)['captures'][3]
     assert (used['scene_id'], used['obj_id']) == (12, 4)
     assert set(used['sha256']) == {

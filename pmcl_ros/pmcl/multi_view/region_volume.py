@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pmcl_ros.dlv.plane_sweep import build_volume_of_views
 from pmcl_ros.dlv.posed_pairs import PosedPairs, central
-from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings
+from pmcl_ros.dlv.settings import MOST_LABELS, DlvSettings, within_limits
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.lightfield.posed_view import PosedView, PosedViews
@@ -47,7 +47,7 @@ def region_volume(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSet
     window = seen[number].window(views.views[number].pinhole, model.radius)
     if pose is not None:
         window = _about(model, pose, views.views[number], window)
-    values: dict[str, Any] = {'near': max(near - beyond, near / 2), 'far': far + beyond,
+    values: dict[str, Any] = {**within_limits(max(near - beyond, near / 2), far + beyond),
                               'crop': (window.left, window.top, *window.size)}
     made = DlvSettings.make(values | dict(changes or {}), origin)
     if 'labels' not in (changes or {}):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.dlv.settings import MOST_STRIDE
 from pmcl_ros.dlv.volume import DepthLikelihoodVolume
 from pmcl_ros.evidence.binning import bin_side
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
@@ -95,7 +96,7 @@ def with_surface(estimate: PoseEstimate, evidence: ViewsEvidence, model: ObjectM
     size = max(size_in_view(model.diameter, about.roi_center, each.evidence.pinhole,
                             each.camera_to_reference) for each in evidence.views)
     made = region_volume(evidence, model, about, {
-        'window': _WINDOW, 'stride': _STRIDE * bin_side(size)}, beyond=_BEYOND,
+        'window': _WINDOW, 'stride': min(_STRIDE * bin_side(size), MOST_STRIDE)}, beyond=_BEYOND,
         pose=estimate.pose)
     if made is None:
         return estimate

@@ -19,6 +19,7 @@ from pmcl_ros.runtime.errors import RenderError
 from pmcl_ros.runtime.kernels import compiled
 
 _JUMP = 0.2  # of the object's radius: what counts as an occlusion
+_LARGEST_JUMP = 0.5
 _FALL = 0.35  # of the weights of neighbours for the normal: exp(-0.35 d^2)
 
 
@@ -75,8 +76,12 @@ def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def jump_of(scene: Scene, edges: EvidenceVolume) -> float:
-    """The relative difference in 1/z that counts as an occlusion [1]."""
-    return float(_JUMP * scene.model.radius * (1 / edges.depths).mean())
+    """The relative difference in 1/z that counts as an occlusion [1].
+
+    Labels that begin at the camera have any mean; what is covered in front of nothing is always an
+    occlusion.
+    """
+    return min(float(_JUMP * scene.model.radius * (1 / edges.depths).mean()), _LARGEST_JUMP)
 
 
 def check_profile(profile: ContourProfile) -> None:

@@ -207,6 +207,21 @@ def test_points_of_a_ball_lie_on_its_outline():
         np.linalg.norm(np.diff(points.pixels[::7], axis=0), axis=1).sum(), rel=0.05)
 
 
+def test_labels_that_begin_at_the_camera_leave_the_contour():
+    camera = Pinhole(237, 213, 720, 690, 120.5, 103.0)
+    pose = np.eye(4)
+    pose[2, 3] = 0.5
+    lengths = []
+    for near in (0.3, 0.01, 0.001):
+        edges = random_edges(camera, near=near, far=0.7)
+        seen = scene(trimesh.creation.icosphere(4, 0.05), Window(0, 0, (237, 213)), camera, near,
+                     0.7)
+        with NumbaRenderer().contour_score(seen, edges, CONTRAST) as score:
+            lengths.append(score.points(pose).lengths.sum())
+    assert lengths[0] > 400
+    assert lengths == pytest.approx([lengths[0]] * 3)
+
+
 def test_scores_of_the_processor_do_not_depend_on_threads_or_batches(all_threads):
     poses = random_poses(50, seed=3, depth=(0.2, 0.4))
     with NumbaRenderer().contour_score(scene(bracket()), random_edges(NARROW), LARGEST) as score:
