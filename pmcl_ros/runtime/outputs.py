@@ -62,11 +62,22 @@ class Results:
         for name in names:
             self.path(name)
 
+    def remove_others(self) -> None:
+        """Remove what earlier runs wrote, nobody changed, and this one has not named."""
+        own = self._own()
+        for name in own.keys() - self._before.keys():
+            path = self.folder / name
+            if path.is_file() and own[name] in (None, _digest(path)):
+                path.unlink()
+                if path.parent != self.folder and not any(path.parent.iterdir()):
+                    path.parent.rmdir()
+
     def __exit__(self, *_: object) -> None:
         """Note what was written; a folder that was made for nothing goes."""
         if self._before:
             now = {name: _digest(self.folder / name) for name in self._before}
-            others = {name: each for name, each in self._own().items() if name not in now}
+            others = {name: each for name, each in self._own().items()
+                      if name not in now and (self.folder / name).exists()}
             self._note(others | {name: each for name, each in now.items() if each
                                  and _written(self.folder / name) != self._before[name]})
             if self._is_new and not any(self.folder.iterdir()):

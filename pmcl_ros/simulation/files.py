@@ -4,6 +4,7 @@ Files that are there and that no earlier run wrote raise OutputError, unless `fo
 """
 
 import json
+import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
-from pmcl_ros.messages.bags import Recorded, record
+from pmcl_ros.messages.bags import Recorded, is_bag, record
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
@@ -131,7 +132,7 @@ def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dic
 
 
 def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_camera') -> None:
-    """key: of the pose, after its frame."""
+    """The last files of a capture. key: of the pose, after its frame."""
     for number, target in enumerate(scene.targets):
         place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
@@ -142,6 +143,7 @@ def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
         truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target, key)
         out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
+    out.remove_others()  # of another capture that was here
 
 
 def _described(target: Target) -> dict[str, Any]:
@@ -170,15 +172,17 @@ def _truth(target: Target, key: str) -> dict[str, Any]:
 
 
 def write_sequence(folder: Path, sequence: MovingScene,
-                   report: Callable[[int], None] = lambda _: None) -> None:
+                   report: Callable[[int], None] = lambda _: None, force: bool = False) -> None:
     """Write bag/, model.obj, truth.json, parameters.yaml into a folder.
 
     The bag holds the topics of `subaperture_node`, and camera_pose: the optical frame in
     `FIXED_FRAME`. With the parameters `dlv_node` and `pmcl_node` track the object in the bag; they
     name the mesh by its absolute path. report: called with the number of frames written.
-    Raises BagError when there is a bag already.
+    force: overwrite a bag. Raises BagError when there is a bag already.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    if force and is_bag(folder / 'bag'):
+        shutil.rmtree(folder / 'bag')
     record(folder / 'bag', _messages(sequence, report))
     mesh = trimesh.Trimesh(sequence.model.vertices, sequence.model.faces, process=False)
     mesh.export(folder / 'model.obj', digits=7)

@@ -19,6 +19,8 @@ from pmcl_ros.simulation.scenes.render import Renderer, fast, render, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
 
+NOTE = 'simulation.json'  # in a folder of scenes: what `pmcl simulate` made them of
+
 
 @dataclass(frozen=True)
 class Simulation:

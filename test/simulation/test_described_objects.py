@@ -402,3 +402,33 @@ def test_up_may_be_long(describe):
     for length in (1e-3, 1.0, 1e300):
         thing = describe(_box(), {**GLASS, 'up': [0, 0, length]})
         assert thing.up == pytest.approx([0, 0, 1])
+
+
+@pytest.mark.parametrize(('profile', 'wall'), [
+    ([[0, 0], [.03, 0], [.06, .03], [.08, .04], [.1, .045], [0, .045]], 0.003),
+    ([[0, 0], [.004, 0], [.004, .085], [.06, .12], [0, .12]], 0.0015),
+    ([[0, 0], [.02, 0], [.066, .08], [0, .08]], 0.002)], ids=['bowl', 'martini', 'leaning'])
+def test_a_rim_of_a_wall_that_leans_stays_where_it_is(describe, profile, wall):
+    """It ends in a wedge, of which a round rim may take a millimetre or so."""
+    profile = np.array(profile)
+    thing = describe(_revolved(profile), {
+        'material': 'glass', 'wall': wall, 'mouth': {'z': float(profile[-1, 1])}})
+    rings = thing.solids[0].surface.rings
+    assert rings[:, [0, 2]].max() == pytest.approx(profile[:, 0].max(), abs=0.002)
+    assert rings[:, [1, 3]].max() == pytest.approx(profile[-1, 1], abs=0.002)
+
+
+def test_a_liquid_that_leaves_a_punt_dry_is_refused(describe):
+    punt = _revolved([[0, 0.03], [0.02, 0], [RADIUS, 0], [RADIUS, HEIGHT], [0, HEIGHT]])
+    with pytest.raises(ObjectModelError, match=r'cavity from 0\.0345.*give a level between them'):
+        describe(punt, {**GLASS, 'liquid': {'level': 0.02}})
+    assert describe(punt, {**GLASS, 'liquid': {'level': 0.05}})
+
+
+@pytest.mark.parametrize('change', [lambda mesh: mesh.apply_scale(1000),
+                                    lambda mesh: mesh.apply_translation([0, 0, 50])])
+def test_an_inner_surface_in_another_unit_or_frame_is_refused(describe, tmp_path, change):
+    inner = [[0, 0.01], [0.02, 0.01], [0.02, HEIGHT], [0, HEIGHT]]
+    change(_revolved(inner).apply_scale(1000)).export(tmp_path / 'inner.stl')
+    with pytest.raises(ObjectModelError, match='in the same frame and scale'):
+        describe(_revolved(CYLINDER), {'material': 'glass', 'inner': 'inner.stl', **OPEN})

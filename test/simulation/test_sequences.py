@@ -155,11 +155,18 @@ def test_a_bag_holds_all_frames_and_the_truth_is_beside_it(tmp_path, sequence):
 
 
 def test_the_command_writes_one(tmp_path):
-    done = CliRunner().invoke(main, [
-        'scenes', 'sequence', '--frames', '2', '--occluded', '0', '--size', '48',
-        '--kind', 'film', '--seed', '3', '-o', str(tmp_path / 'made')])
+    call = ['scenes', 'sequence', '--frames', '2', '--occluded', '0', '--size', '48',
+            '--kind', 'film', '-o', str(tmp_path / 'made')]
+    done = CliRunner().invoke(main, [*call, '--seed', '3'])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / 'made' / 'truth.json').read_text())['kind'] == 'film'
+    for name in ('model.obj', 'truth.json', 'parameters.yaml'):  # as a run that was killed
+        (tmp_path / 'made' / name).unlink()
+    done = CliRunner().invoke(main, [*call, '--seed', '4'])
+    assert f'{tmp_path / "made" / "bag"} is there already' in done.output
+    done = CliRunner().invoke(main, [*call, '--seed', '4', '--force'])
+    assert done.exit_code == 0, done.output
+    assert json.loads((tmp_path / 'made' / 'truth.json').read_text())['seed'] == 4
 
 
 @pytest.mark.parametrize(('values', 'message'), [

@@ -206,3 +206,15 @@ def test_the_object_is_in_the_picture_wherever_the_optical_axis_is(describe, mid
     offsets = np.array(places) - [23.5, 17.5]
     assert (abs(offsets) < [24, 18]).all()
     assert abs(offsets.mean(axis=0)).max() < 6
+
+
+def test_the_wall_of_a_sink_is_behind_it(describe):
+    thing = describe()
+    for seed in range(40):
+        scene = described_scene(np.random.default_rng(seed), thing, 'sink', _sensor(seed), UPRIGHT)
+        world, hit, stack = World.from_scene(scene), np.zeros(9), np.zeros(64, np.int64)
+        pose = scene.targets[0].pose
+        met = [nearest(world, hit, stack, 0, 0, 0, *end / np.linalg.norm(end))
+               for end in thing.vertices[::7] @ pose[:3, :3].T + pose[:3, 3]]
+        walls = [number == len(scene.sheets) - 1 for kind, _, number, *_ in met if kind == 2]
+        assert not any(walls), seed

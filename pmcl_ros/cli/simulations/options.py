@@ -35,7 +35,7 @@ from pmcl_ros.simulation.scenes.rays import RayRenderer, fast_along
 from pmcl_ros.simulation.scenes.render import Renderer, fast
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.scenes.sensor import Sensor
-from pmcl_ros.simulation.simulated_captures import Simulation
+from pmcl_ros.simulation.simulated_captures import NOTE, Simulation
 
 _REST = 'all that is simulated'  # its digest: what has no name in the note
 RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (physical, 48)}
@@ -43,6 +43,7 @@ RENDERERS: dict[str, tuple[Renderer, int]] = {'fast': (fast, 8), 'physical': (ph
 _ALONG: dict[str, tuple[RayRenderer, int]] = {
     'fast': (fast_along, 4), 'physical': (physical_along, 16)}
 _REGION = re.compile(r'(\d*\.?\d+):(\d*\.?\d+)(?::(\d*\.?\d+))?')
+_CLEARANCE = 0.02  # m: between an object and the camera, at least
 _PROBED = 6, 3  # the picture is smaller by these factors when its time is estimated
 
 _OPTIONS = (
@@ -157,6 +158,7 @@ class Simulated:
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
         draw = Draw(load_object(thing), surroundings, settings)
+        _check_size(draw.thing, region, settings.near)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
                                 draws, samples or usual, along)
         return cls(simulation, {
@@ -174,10 +176,13 @@ class Simulated:
         """
         self._first_scene(seed)
         folder.mkdir(parents=True, exist_ok=True)
-        note, mine = folder / 'simulation.json', {
+        note, mine = folder / NOTE, {
             name: value for name, value in self.about.items() if name != 'seeds'}
         mine[_REST] = self.digest
         if not note.exists():
+            if any(folder.glob('*/truth.json')):
+                raise SettingsError(f'{folder} has scenes of something else than pmcl simulate: '
+                                    'choose another --out')
             note.write_text(json.dumps(mine, indent=1) + '\n')
             return
         others = read_json(note)
@@ -210,6 +215,15 @@ class Simulated:
         (few, short), (many, long) = taken.items()
         rate = max(long - short, 0) / (many - few)
         return pictures * (short + rate * (1 - few))
+
+
+def _check_size(thing: SceneObject, region: str, near: float) -> None:
+    """Raise SettingsError where the camera could be in an object."""
+    size = float(np.linalg.norm(np.ptp(thing.vertices, axis=0)))
+    if near < size / 2 + _CLEARANCE:
+        raise SettingsError(f'--region {region}: the object is {size:.2g} m across, and its '
+                            f'middle may be {near:g} m from the camera: check scale in its YAML '
+                            f'file, or set NEAR to {size / 2 + _CLEARANCE:.2f} or more')
 
 
 def minutes(seconds: float) -> str:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
 from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.files import write_capture, write_sequence, write_view, write_views
@@ -19,6 +20,7 @@ from pmcl_ros.simulation.scenes.random_scene import KINDS, SceneSettings, random
 from pmcl_ros.simulation.scenes.render import render, seen_from
 from pmcl_ros.simulation.scenes.scene import Scene
 from pmcl_ros.simulation.sequence import Sequence, SequenceSettings
+from pmcl_ros.simulation.simulated_captures import NOTE
 
 _SEQUENCE = SequenceSettings.model_fields
 _PRESETS: dict[str, Callable[..., Scene]] = {'standard': random_scene, 'broad': broad_scene}
@@ -76,6 +78,8 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
         ordinary = ordinary.model_copy(update={'noise': noise * ordinary.noise})
         values |= {'views': 3, 'field': min(ordinary.field, 1.5)}
     settings = SceneSettings.make(values, 'pmcl scenes')
+    if (out / NOTE).exists():
+        raise SettingsError(f'{out} has scenes of pmcl simulate: choose another --out')
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:
         task = bar.add_task('', total=float(count))
@@ -164,7 +168,8 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
     them to the nodes that `pmcl_bringup --params-file OUT/parameters.yaml --without lytro_driver
     --without subaperture_node` starts.
     """
-    refuse_existing([out / each for each in ('model.obj', 'truth.json', 'parameters.yaml')], force)
+    refuse_existing([out / each for each in ('bag', 'model.obj', 'truth.json', 'parameters.yaml')],
+                    force)
     values = {'frames': frames, 'occluded': occluded, 'object_speed': object_speed,
               'camera_speed': camera_speed, 'views': views, 'size': size}
     kinds = {'kinds': [kind]} if kind else {}
@@ -172,5 +177,5 @@ def sequence(frames: int, seed: int, occluded: int, kind: str | None, object_spe
     with Progress(*Progress.get_default_columns()[:-1], TimeRemainingColumn(), console=STDERR,
                   transient=True) as bar:
         task = bar.add_task(made.kind, total=len(made))
-        write_sequence(out, made, lambda done: bar.update(task, completed=done))
+        write_sequence(out, made, lambda done: bar.update(task, completed=done), force)
     click.echo(f'{out}: {made.kind}, {made.model.name}')

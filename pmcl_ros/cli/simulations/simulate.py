@@ -32,7 +32,7 @@ from pmcl_ros.simulation.simulated_captures import simulate as simulate_one
 @FORCE
 def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Path, seed: int,
              force: bool, **options: Any) -> None:
-    """Simulate scenes with OBJECT (YAML, or a mesh) into --out, with the true poses.
+    """Simulate scenes with OBJECT (YAML with `appearance`) into --out, with the true poses.
 
     `pmcl evaluate` and `pmcl localize` read them; `pmcl bag record` makes bags of them.
     """

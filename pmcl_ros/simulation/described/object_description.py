@@ -130,8 +130,9 @@ class _Description:
             vessel = profiles.fitted(outer, profiles.outline(
                 np.asarray(inner.vertices), np.asarray(inner.faces)), is_open, look.floor)
         level = look.liquid.level if look.liquid else None
-        self._check_level(level, float(vessel.inner[:, 1].min()),
-                          float(vessel.inner[:, 1].max()))
+        # A liquid that leaves a punt dry in the middle would need a surface like a ring.
+        r, z = vessel.inner.T
+        self._check_level(level, float(z[r <= r.min()].min()), float(z.max()))
         return [vessel.surface(level, _GAS)]
 
     def _meshed(self, vertices: NDArray[np.float64], is_hollow: bool

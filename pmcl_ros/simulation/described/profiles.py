@@ -19,6 +19,9 @@ _MM = 1000.0  # the kernel's coordinates are rounded to 1e-8
 _FAR = 1e5  # mm
 _FILLET = 2.0  # mm: radius in which wall and floor of a cavity meet, at most
 _ROUND, _ROUNDEST = 0.45, 1.5  # radius of the rim over the wall, and at most [mm]
+_LOST = 1.5  # mm: by which rounding makes a vessel lower or narrower, at most
+_SHARP = 0.01  # mm: smaller radii are left out
+_ABOVE = 0.005  # m: by which an inner surface may reach beyond the rim
 _CREST = 0.7  # of the wall: at most so far out of the crest of a rim does the wall begin
 _SEGMENTS = 48  # of a full turn of these
 _EPSILON = 1e-4  # mm: points nearer than that to a line are left out
@@ -115,6 +118,8 @@ def hollowed(outer: Profile, wall: float, is_open: bool, floor: float | None) ->
 
 def fitted(outer: Profile, inner: Profile, is_open: bool, floor: float | None) -> Vessel:
     """As `hollowed`, from the outline of its cavity."""
+    if inner[:, 1].max() > outer[:, 1].max() + _ABOVE:
+        raise _apart()
     cavity = _section(_beyond(inner, 0.001) if is_open else inner)
     if floor is not None:
         cavity ^= _band(_MM * floor, _FAR)
@@ -122,9 +127,13 @@ def fitted(outer: Profile, inner: Profile, is_open: bool, floor: float | None) -
     cavity = _chosen(cavity, is_open, top, 'the inner surface')
     body = _section(outer)
     if (cavity - body - _band(top - 1, _FAR)).area() > 1e-3 * cavity.area():
-        raise ObjectModelError('the inner surface lies partly outside of the outer one: are both '
-                               'meshes in the same frame and scale?')
+        raise _apart()
     return _vessel(body - cavity, is_open)
+
+
+def _apart() -> ObjectModelError:
+    return ObjectModelError('the inner surface lies partly outside of the outer one: are both '
+                            'meshes in the same frame and scale?')
 
 
 def _beyond(profile: Profile, wall: float) -> Profile:
@@ -181,10 +190,12 @@ def _vessel(body: Any, is_open: bool) -> Vessel:
     if is_open:
         top = body.bounds()[3]
         rim = (body ^ _band(top - _THIN, top)).area() / (2 * _THIN)
-        body -= (body - _opened(body, min(_ROUND * rim, _ROUNDEST))) ^ _band(top - rim, top + 1)
+        body = _rounded(body, min(_ROUND * rim, _ROUNDEST), _band(top - rim, top + 1))
     right = manifold().CrossSection([np.array([[0, -_FAR], [_FAR, -_FAR], [_FAR, _FAR],
                                                [0, _FAR]])])
     rings = (body ^ right).simplify(_EPSILON).to_polygons()
+    if not rings:
+        raise _no_vessel()
     chains = _chains(np.asarray(max(rings, key=np.ptp), float))
     if len(chains) != (1 if is_open else 2):
         raise _no_vessel()
@@ -194,6 +205,20 @@ def _vessel(body: Any, is_open: bool) -> Vessel:
     else:
         outer, inner = sorted(chains, key=lambda each: -each[:, 0].max())
     return Vessel('described', outer / _MM, inner / _MM)
+
+
+def _rounded(body: Any, radius: float, where: Any) -> Any:
+    """A section whose corners in a band are round, by a radius [mm] or a smaller one.
+
+    A wall that leans ends in a wedge, of which a large radius would take much away.
+    """
+    while radius > _SHARP:
+        made = (body - ((body - _opened(body, radius)) ^ where)).simplify(_EPSILON)
+        whole = max(made.decompose(), key=lambda each: each.area())  # without the wedge's tip
+        if np.allclose(whole.bounds(), body.bounds(), 0, _LOST):
+            return whole
+        radius /= 2
+    return body
 
 
 def _no_vessel() -> ObjectModelError:

@@ -39,8 +39,7 @@ def sink(rng: np.random.Generator, place: Place) -> Furnished:
     just above it, as a Solid's media nest within that solid only. The jet ends on the water's
     surface, which goes on below it. Steel reflects less than it should: coats are dielectric.
     """
-    frame = Frame(place.camera @ pose_of(Rotation.from_euler('z', rng.uniform(0, 2 * np.pi)),
-                                         np.zeros(3)))
+    frame = place.facing(rng, 0.6)  # the wall is behind
     depth = rng.uniform(0.13, 0.22)
     half = np.maximum(rng.uniform([0.17, 0.15], [0.28, 0.21]), place.reach + 0.03)
     middle = rng.uniform(-1, 1, 2) * (half - place.reach - 0.025)
@@ -127,7 +126,8 @@ def tank(rng: np.random.Generator, place: Place) -> Furnished:
     Its panes are left out: they would shift what is behind them by a third of their thickness.
     """
     frame = place.facing(rng, 0.3)
-    front = -min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near)
+    front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near),
+                 place.reach + _BEYOND)
     back = place.reach + rng.uniform(0.03, 0.25)
     half = place.reach + rng.uniform(0.06, 0.25)
     height = place.top + rng.uniform(0.02, 0.12)

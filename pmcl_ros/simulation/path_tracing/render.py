@@ -88,7 +88,7 @@ def light_along(loaded: Any, origins: NDArray[np.float64], directions: NDArray[n
 
 
 def _shown(targets: Sequence[Target], pinhole: Pinhole) -> tuple[int, int, int, int]:
-    """Left, top, right and bottom of the pixels that can show a target in its region [px].
+    """Left, top, right and bottom of the pixels that show a target, and a region about it [px].
 
     The whole picture where there is no target, or none in view.
     """
@@ -96,7 +96,7 @@ def _shown(targets: Sequence[Target], pinhole: Pinhole) -> tuple[int, int, int, 
     seen = []
     for each in targets:
         reach = np.array(each.roi_size) / 2 + np.linalg.norm(each.vertices, axis=1).max()
-        corners = np.array(each.roi_center) + reach * np.array(list(product((-1, 1), repeat=3)))
+        corners = each.pose[:3, 3] + reach * np.array(list(product((-1, 1), repeat=3)))
         if corners[:, 2].min() <= 0:
             return everything
         seen.append(pinhole.project(corners))

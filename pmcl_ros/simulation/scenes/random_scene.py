@@ -36,6 +36,7 @@ _TABLE = 3.0  # m
 # An F01 at ISO 80 in a lit room, from flat parts of decoded views: of a value v of green the
 # standard deviation is 0.016 at 0.45 and 0.009 at 0.15.
 _SHOT, _READ = 5.5e-4, 0.002
+_TRIES = 50  # to find a spot; clutter without one is left out, targets go farther apart
 
 
 class SceneSettings(Settings):
@@ -148,12 +149,12 @@ def _spots(rng: np.random.Generator, objects: tuple[SceneObject, ...], clutter: 
     spots, radii = [np.zeros(3)], [reach[0]]
     for radius in (*reach[1:], *[0.12] * count):
         is_clutter = len(spots) >= len(objects)
-        for _ in range(50):
-            spot = np.append(rng.normal(0, 0.18 if is_clutter else 0.07, 2), 0)
+        for attempt in range(_TRIES):
+            spot = np.append(rng.normal(0, 0.18 if is_clutter else 0.07 * 1.1 ** attempt, 2), 0)
             if all(np.linalg.norm(spot - each) > radius + other
                    for each, other in zip(spots, radii, strict=True)):
                 break
-            spot = spot * 1.5 + np.append(rng.normal(0, 0.1, 2), 0)
+            rng.normal(size=2)  # not used: each seed keeps its scene
         else:
             continue
         spots.append(spot)

@@ -185,3 +185,26 @@ def test_what_cannot_be_drawn_takes_no_folder(tumbler: Path) -> None:
     assert made.exit_code == 0, made.output
     more = run(tumbler, 'simulate', '--attitude', 'upright', '--region', '0.4:0.70', *options)
     assert more.exit_code == 0, more.output
+
+
+def test_other_scenes_are_not_taken_for_those_of_the_object(tumbler: Path) -> None:
+    """Nor does `pmcl scenes render` write where `pmcl simulate` did."""
+    out = tumbler.parent / 'out'
+    (out / '000000').mkdir(parents=True)
+    (out / '000000' / 'truth.json').write_text('{}')
+    options = '--renderer', 'fast', '--samples', '1', '--count', '1', '-o', str(out)
+    refused = run(tumbler, 'simulate', *options)
+    assert 'has scenes of something else than pmcl simulate' in refused.output
+    (out / '000000' / 'truth.json').unlink()
+    assert run(tumbler, 'simulate', *options).exit_code == 0
+    other = CliRunner().invoke(main, ['scenes', 'render', '--count', '1', '-o', str(out)])
+    assert 'has scenes of pmcl simulate: choose another --out' in other.output
+
+
+def test_an_object_that_does_not_fit_before_the_camera_is_refused(tumbler: Path) -> None:
+    tumbler.write_text(tumbler.read_text().replace('scale: 0.001', 'scale: 0.01').replace(
+        '0.096', '0.96').replace('0.0025', '0.025').replace('0.008', '0.08'))
+    made = run(tumbler, 'simulate', '--renderer', 'fast', '-o', str(tumbler.parent / 'out'))
+    assert made.exit_code == 1
+    assert 'the object is 1.4 m across' in made.output
+    assert 'check scale' in made.output

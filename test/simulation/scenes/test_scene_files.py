@@ -6,9 +6,11 @@ from click.testing import CliRunner
 
 from pmcl_ros.cli import main
 from pmcl_ros.geometry.truth import Truth
-from pmcl_ros.lightfield.readers.read import read_light_field
+from pmcl_ros.lightfield.light_field import LightField
+from pmcl_ros.lightfield.readers.read import read_light_field, read_source
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.simulation.files import write_capture
+from pmcl_ros.simulation.files import write_capture, write_view
+from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import render
 
@@ -37,6 +39,33 @@ def test_what_is_written_is_read(tmp_path):
         assert np.abs(model.axis) == pytest.approx(target.axis)
     with np.load(tmp_path / 'one' / 'depth.npz') as file:
         assert np.array_equal(file['labels'], capture.labels)
+
+
+def test_nothing_of_a_capture_that_was_there_stays(tmp_path):
+    """Of two targets and a picture; then of one and a light field."""
+    camera = OrdinaryCamera(width=24, height=18, fx=30.0, cx=12, cy=9)
+    settings = SceneSettings(views=3, size=16, empty=0, targets=2, kinds=('opaque block',))
+    first = random_scene(np.random.default_rng(1), settings,
+                         sensor=camera.sensor(np.random.default_rng(1)))
+    write_view(tmp_path / 'one', first, np.zeros((18, 24, 3), np.uint8), camera, 1)
+    assert (tmp_path / 'one' / 'model.yaml').exists()
+    assert (tmp_path / 'one' / '1' / 'truth.json').exists()
+    (tmp_path / 'one' / 'notes.txt').write_text('mine')
+    rng = np.random.default_rng(2)
+    second = random_scene(rng, SceneSettings(views=3, size=16, empty=0, kinds=('opaque',)))
+    write_capture(tmp_path / 'one', second, render(second, rng, 1), 2)
+    assert {each.name for each in (tmp_path / 'one').iterdir()} == {
+        'views.npz', 'centre.png', 'depth.npz', 'model.obj', 'truth.json', 'notes.txt',
+        '.pmcl_results.json'}
+    assert isinstance(read_source(tmp_path / 'one'), LightField)
+
+
+@pytest.mark.parametrize('targets', [3, 8])
+def test_every_target_has_a_spot(targets):
+    for seed in range(8):
+        scene = random_scene(np.random.default_rng(seed),
+                             SceneSettings(views=3, size=16, empty=0, targets=targets))
+        assert len(scene.targets) == targets
 
 
 def test_the_command_renders_the_scenes_of_consecutive_seeds(tmp_path):
