@@ -29,6 +29,8 @@ def bench(name: str, as_json: bool, back_end: BackEnd) -> None:
     transport: sends 200 volumes to another process (needs ROS), beside the copies that this takes.
     views: the pose in one to nine posed views, searched anew and from the last pose.
     """
+    if back_end != 'numba' and name != 'dlv':
+        raise click.UsageError(f'--back-end is of dlv alone, not of {name}')
     module = import_module(f'pmcl_ros.evaluation.bench.{_MODULES[name]}')
     options = {'wanted': back_end} if name == 'dlv' else {}
     result = getattr(module, f'bench_{name}')(**options)

@@ -70,6 +70,8 @@ def decode(raw: Path, calibration: Path | None, white: Path | None, gain: float,
     """
     results = results_in(out, force)
     npz, centre, sheet = map(results.path, ('views.npz', 'centre.png', 'views.png'))
+    if gain != 1 and not is_mosaic_image(raw):
+        raise click.UsageError(f'{raw} is no PNG or JPEG: --gain is for these')
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
     if calibration is None:
         chosen = None if white is None else choose_white(white, frame.metadata).frame

@@ -41,6 +41,9 @@ def next_view(source: GivenSource, object_path: Path, region: GivenRegion,
     best five candidates; poses of cameras count as exact. Exit status 3: the object is lost, and
     no view can be chosen.
     """
+    if candidates is not None and (degrees, count) != (CAP, CANDIDATES):
+        raise click.UsageError('--cap and --count are of the default candidates: leave them out, '
+                               'or --candidates')
     opened = source.open()
     if not opened.posed:
         raise click.UsageError(f'{source.source} has no poses of its cameras: a next view needs '

@@ -20,7 +20,8 @@ from pmcl_ros.lightfield.posed_view import check_pose
 from pmcl_ros.runtime.errors import VolumeError
 
 _LOG = logging.getLogger(__name__)
-_MOST_BYTES = 3 * 2 ** 30  # of a volume and what it is made of: about thrice as much as it alone
+_MOST_BYTES = 3 * 2 ** 30  # of a volume and what it is made of
+_BYTES, _PHASE_BYTES = 12, 33  # of a value while it is made
 
 
 def depth_labels(near: float, far: float, count: int) -> NDArray[np.float64]:
@@ -41,7 +42,8 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
     from label to label.
     """
     count = getattr(settings, name)
-    size = 3 * 4 * pinhole.height * pinhole.width * count * components
+    a_value = _PHASE_BYTES if settings.interpolation == 'phase' and name == 'labels' else _BYTES
+    size = a_value * pinhole.height * pinhole.width * count * components
     if size > _MOST_BYTES:
         raise VolumeError(
             f'{count} {name} of {pinhole.width}x{pinhole.height} px need {size / 2 ** 30:.1f} GiB,'

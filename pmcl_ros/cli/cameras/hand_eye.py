@@ -49,6 +49,9 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
     what is left for each picture; pictures that do not fit are left out and named.
     """
     if simulate is not None:
+        if source is not None or out is not None:
+            raise click.UsageError('--simulate is in place of SOURCE, and of simulated arms '
+                                   'nothing is written: leave out SOURCE and -o')
         _simulate(simulate, fixed_camera)
         return
     if source is None:

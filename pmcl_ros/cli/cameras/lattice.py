@@ -31,6 +31,8 @@ def lattice(raw: Path, out: Path, kind: str | None, gain: float, force: bool) ->
     """
     results = results_in(out, force)
     values, drawing = map(results.path, ('lattice.yaml', 'lattice.png'))
+    if gain != 1 and not is_mosaic_image(raw):
+        raise click.UsageError(f'{raw} is no PNG or JPEG: --gain is for these')
     frame = read_mosaic_image(raw, gain) if is_mosaic_image(raw) else read_raw_frame(raw)
     if kind is None:
         kind = 'white' if is_white_image(frame) else 'picture'

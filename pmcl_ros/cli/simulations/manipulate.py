@@ -1,5 +1,7 @@
 """`pmcl manipulate`: a simulated robot takes an object from water, by what its camera sees."""
 
+import signal
+import sys
 from pathlib import Path
 
 import click
@@ -59,6 +61,7 @@ def manipulate(place: WorkplaceKind, count: int, seed: int, camera: str | None, 
             raise click.BadParameter(f'there is no file {camera}. {CAMERA.how}',
                                      param_hint='--camera')
     load_camera(camera)  # said at once where it is none
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # its programs end with it
     samples = samples or _SAMPLES.get(camera, 4)
     thing = resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object')
     series = Series(place, thing, mass, camera, renderer, samples, out.resolve(),

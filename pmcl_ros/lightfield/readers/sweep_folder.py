@@ -20,6 +20,7 @@ from pmcl_ros.runtime.settings import Settings
 
 NAME = 'sweep.yaml'
 _LOG = logging.getLogger(__name__)
+_MOST_BYTES = 2 ** 32  # of all pictures
 
 
 class CameraEntry(Settings):
@@ -71,8 +72,15 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     values = of.model_dump(include=set(SweepSettings.model_fields))
     settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
     try:
-        sweep = assemble([_frame(yaml.parent, each, of.camera) for each in of.frames], settings,
-                         header.frame_id)
+        frames = [_frame(yaml.parent, of.frames[0], of.camera)]
+        size = len(of.frames) * frames[0].image.nbytes
+        if size > _MOST_BYTES:
+            raise LightFieldError(
+                f'its {len(of.frames)} pictures of {frames[0].lens.pinhole.width}x'
+                f'{frames[0].lens.pinhole.height} px need {size / 2 ** 30:.1f} GiB, at most '
+                f'{_MOST_BYTES / 2 ** 30:.0f}: list fewer, or make the files smaller')
+        frames += [_frame(yaml.parent, each, of.camera) for each in of.frames[1:]]
+        sweep = assemble(frames, settings, header.frame_id)
     except LightFieldError as error:
         raise LightFieldError(f'{yaml}: {error}') from None
     if sweep.left_out:

@@ -36,6 +36,7 @@ from pmcl_ros.pmcl.proposals.templates import POINTS, Templates
 from pmcl_ros.pmcl.render.back_end import Renderer
 
 _TRIED = 12  # candidates for each pose that is kept: duplicates are suppressed
+_PAIRS = 2 ** 24  # of templates and squares whose bounds are kept at once
 _DEPTH_STEP = 0.03  # relative: a change of size of 2 px over a vessel of 150 px
 _TURNS = 72  # of it in the image: 5 degrees apart
 _TURNS_OF_SIDES = 36  # in the image: 10 degrees apart
@@ -149,13 +150,20 @@ class Proposals:
                         place)
             return sums * weights[template], place
 
-        bounds = np.zeros(possible.shape, np.int16)
         blocks, *first_of_them = maps.blocks_about(origins)
-        upper_bounds(blocks, cells, directions, *first_of_them, *size, bounds)
-        highest = bounds * weights[:, None]
-        if orientation is not None:
-            highest[~possible] = -np.inf
-        pairs, scores, place = _best(highest.ravel(), exact, known, count)
+        squares = possible.shape[1]
+        at_once = max(_PAIRS // squares, 1)  # templates whose bounds are in memory together
+        found = []
+        for begin in range(0, len(cells), at_once):
+            part = slice(begin, begin + at_once)
+            bounds = np.zeros(possible[part].shape, np.int16)
+            upper_bounds(blocks, cells[part], directions[part], *first_of_them, *size, bounds)
+            highest = bounds * weights[part, None]
+            if orientation is not None:
+                highest[~possible[part]] = -np.inf
+            found.append(_best(highest.ravel(), exact, begin * squares, known, count))
+            known = np.concatenate([known, found[-1][1]])
+        pairs, scores, place = (np.concatenate(each) for each in zip(*found, strict=True))
         row, column = np.divmod(place, len(columns))
         pixels = _middle(np.stack([columns[column], rows[row]], axis=-1))
         template = pairs // possible.shape[1]
@@ -200,19 +208,20 @@ class Proposals:
         return templates, possible[templates]
 
 
-def _best(bounds: NDArray[np.float64], exact: _Exact, known: NDArray[np.float64], count: int
-          ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32]]:
+def _best(bounds: NDArray[np.float64], exact: _Exact, begin: int, known: NDArray[np.float64],
+          count: int) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32]]:
     """Which have one of the best `count` scores, those scores, and what else `exact` tells.
 
-    bounds: (n,) no score is greater; -inf: never one of the best. known: scores of others.
+    bounds: (n,) no score is greater; -inf: never one of the best. begin: number of the first of
+    them. known: scores of others.
     """
     found = []
     known = np.sort(known)[-count:]
     left = np.flatnonzero(bounds > (known[0] if len(known) == count else -np.inf))
     while len(left):
         first, left = _highest(left, bounds)
-        scores, places = exact(first)
-        found.append((first, scores, places))
+        scores, places = exact(begin + first)
+        found.append((begin + first, scores, places))
         known = np.sort(np.concatenate([known, scores]))[-count:]
         left = left[bounds[left] > (known[0] if len(known) == count else -np.inf)]
     if not found:

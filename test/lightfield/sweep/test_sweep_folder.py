@@ -1,5 +1,6 @@
 """A folder of pictures and poses is a light field for every command."""
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -62,6 +63,17 @@ def test_it_is_read_as_it_was_taken(folder):
     assert small.grid.pinhole.width == expected.grid.pinhole.width // 2
     inner = expected.views[0, 1][:2, :2].mean(axis=(0, 1))
     np.testing.assert_allclose(small.views[0, 1][0, 0], inner, rtol=1e-5)
+
+
+def test_more_pictures_than_memory_holds_are_refused_by_the_first(folder):
+    path, _ = folder
+    found = yaml.safe_load((path / 'sweep.yaml').read_text())
+    first = found['frames'][0]
+    cv2.imwrite(str(path / first['file']), np.zeros((3000, 4000, 3), np.uint8))
+    found['frames'] = [first] + [{**first, 'file': f'{number}.jpg'} for number in range(149)]
+    (path / 'sweep.yaml').write_text(yaml.safe_dump(found))
+    with pytest.raises(LightFieldError, match=r'150 pictures of .* px need 5\.0 GiB, at most 4'):
+        read_light_field(path)
 
 
 def test_frames_that_are_left_out_are_named(folder, caplog):
