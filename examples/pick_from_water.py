@@ -185,7 +185,8 @@ class PickFromWater(Node):
             if self.robot.move(WRIST, goal, straight):
                 break
         else:
-            raise GivenUp('no reachable grasp: no way up with the object')
+            if self.options.lift_only:
+                raise GivenUp('no reachable grasp: no way up with the object')
         if not self.robot.holds():
             return self.back(None)
         return self.options.lift_only or self.place(places)

@@ -62,5 +62,7 @@ def test_what_cannot_be_lifted_is_not_done():
     with pytest.raises(pick_from_water.GivenUp, match='no way up with the object'):
         made.pick(np.eye(4), [(at(ABOVE), at(ABOVE))])
     assert made.robot.closed
+    made = executive(lambda height, _: height < ABOVE + 0.1, tray=(0, 0, ABOVE), gap=0, bottom=0)
+    assert made.pick(at(ABOVE), [(at(ABOVE), at(ABOVE))])  # the tray is reached without it
     made = executive(lambda *_: True, lift_only=True)
     assert made.pick(np.eye(4), [(at(ABOVE), at(ABOVE))])

@@ -92,7 +92,7 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
         return
     opened = source.open()
     if results is not None and not opened.posed:  # of posed views the number is not known yet
-        results.reserve('overlay.png', *(('centre.png', 'depth.png') if len(objects) == 1 else ()))
+        results.reserve('overlay.png', *(['centre.png'] if len(objects) == 1 else []))
     model = load(objects[0])
     if len(objects) > 1:
         if truth is not None:

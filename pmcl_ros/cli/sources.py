@@ -105,9 +105,7 @@ class GivenSource:
         if is_light_field(self.source):
             if self.source.is_dir():
                 self._check_folder()
-            if self.calibration is not None or self.white is not None:
-                raise click.UsageError(f'{self.source} is no raw picture: --calibration and '
-                                       '--white are for these')
+            self._check_no_raw()
             return Opened(partial(read_source, self.source, self.every, self.shrink,
                                   Metric(self.scale, self.distance)),
                           has_posed_views(self.source))
@@ -136,6 +134,7 @@ class GivenSource:
         if isinstance(capture, RawFrame):
             return _decoded(capture, self.calibration or _configured('calibration'),
                             self.white or _configured('white'))
+        self._check_no_raw()
         return Opened(lambda: capture, isinstance(capture, PosedViews))
 
     def _check_folder(self) -> None:
@@ -155,6 +154,11 @@ class GivenSource:
         if self._bag_views() is not None:
             raise click.UsageError(f'{self.source} is no bag: --image-topic, --pose-topic and '
                                    '--collect are for bags')
+
+    def _check_no_raw(self) -> None:
+        if self.calibration is not None or self.white is not None:
+            raise click.UsageError(f'{self.source} is no raw picture: --calibration and --white '
+                                   'are for these')
 
     def _check_scale(self) -> None:
         given = self.scale is not None or self.distance is not None

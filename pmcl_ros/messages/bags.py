@@ -3,6 +3,7 @@
 import errno
 import logging
 import os
+import re
 import shutil
 import sqlite3
 from collections.abc import Container, Iterable, Iterator
@@ -25,6 +26,7 @@ from pmcl_ros.messages.unpacking import unpack_file, unpacked
 from pmcl_ros.runtime.errors import BagError, MessageError
 
 _LOG = logging.getLogger(__name__)
+_ROOM = '.room_for_the_summary'  # while a bag is written
 # Bytes kept free for what makes a bag of the messages, should the disk be full: beside the index
 # of the chunks; in steps of so many.
 _END, _STEP = 2 ** 18, 2 ** 20
@@ -54,7 +56,7 @@ class BagWriter:
         if self._bag.exists():
             raise BagError(f'{bag} is already there; remove it or choose another name')
         self._file = f'{self._bag.absolute().name}.mcap'
-        self._reserve = _Reserve(self._bag / '.room_for_the_summary')
+        self._reserve = _Reserve(self._bag / _ROOM)
         self._channels: dict[str, tuple[int, Channel, Qos]] = {}
         self._error: BaseException | None = None  # of its own
 
@@ -158,6 +160,14 @@ def is_bag(path: Path | str) -> bool:
     path = Path(path)
     return path.is_dir() and (path / bag_metadata.NAME).is_file() and any(
         each for ending in ('mcap', 'db3') for each in path.glob(f'*.{ending}*'))
+
+
+def remove_bag(path: Path) -> None:
+    """Remove a bag, complete or not; a folder that holds anything else stays."""
+    own = re.compile(r'.*\.(mcap|db3)(\..*)?')
+    if path.is_dir() and all(each.name in (bag_metadata.NAME, _ROOM) or own.fullmatch(each.name)
+                             for each in path.iterdir()):
+        shutil.rmtree(path)
 
 
 class Topic(NamedTuple):

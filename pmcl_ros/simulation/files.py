@@ -4,7 +4,6 @@ Files that are there and that no earlier run wrote raise OutputError, unless `fo
 """
 
 import json
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.messages.bag_captures import light_field_messages, pose_message
-from pmcl_ros.messages.bags import Recorded, is_bag, record
+from pmcl_ros.messages.bags import Recorded, record, remove_bag
 from pmcl_ros.pmcl.prior.region import Region
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.simulation.camera_plan import CameraPlan, in_room
@@ -181,8 +180,8 @@ def write_sequence(folder: Path, sequence: MovingScene,
     force: overwrite a bag. Raises BagError when there is a bag already.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    if force and is_bag(folder / 'bag'):
-        shutil.rmtree(folder / 'bag')
+    if force:
+        remove_bag(folder / 'bag')
     record(folder / 'bag', _messages(sequence, report))
     mesh = trimesh.Trimesh(sequence.model.vertices, sequence.model.faces, process=False)
     mesh.export(folder / 'model.obj', digits=7)

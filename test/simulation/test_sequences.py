@@ -160,8 +160,8 @@ def test_the_command_writes_one(tmp_path):
     done = CliRunner().invoke(main, [*call, '--seed', '3'])
     assert done.exit_code == 0, done.output
     assert json.loads((tmp_path / 'made' / 'truth.json').read_text())['kind'] == 'film'
-    for name in ('model.obj', 'truth.json', 'parameters.yaml'):  # as a run that was killed
-        (tmp_path / 'made' / name).unlink()
+    for name in ('model.obj', 'truth.json', 'parameters.yaml', 'bag/metadata.yaml'):
+        (tmp_path / 'made' / name).unlink()  # as a run that was killed
     done = CliRunner().invoke(main, [*call, '--seed', '4'])
     assert f'{tmp_path / "made" / "bag"} is there already' in done.output
     done = CliRunner().invoke(main, [*call, '--seed', '4', '--force'])

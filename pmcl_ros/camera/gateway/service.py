@@ -44,7 +44,7 @@ class Cache:
         except OSError as error:
             raise CameraError(f'cannot keep pictures in {folder or tempfile.gettempdir()}: '
                               f'{error.strerror or error}') from None
-        self._limit = limit
+        self._limit, self._closed = limit, False
         self._lock = threading.Lock()
         self._pictures: OrderedDict[str, dict[str, CachedFile]] = OrderedDict()
         self._numbers = itertools.count()
@@ -93,13 +93,16 @@ class Cache:
     def close(self) -> None:
         """Remove all files."""
         with self._lock:
+            self._closed = True
             self._pictures.clear()
             self._folder.cleanup()
 
     def _written(self, contents: Mapping[str, bytes]) -> dict[str, CachedFile]:
         files = {}
         try:
-            Path(self._folder.name).mkdir(mode=0o700, parents=True, exist_ok=True)  # cleaned up?
+            with self._lock:
+                if not self._closed:  # the folder may have been cleaned up
+                    Path(self._folder.name).mkdir(mode=0o700, parents=True, exist_ok=True)
             for kind, content in contents.items():
                 path = Path(self._folder.name) / str(next(self._numbers))
                 files[kind] = CachedFile(path, len(content), hashlib.sha256(content).hexdigest())

@@ -29,7 +29,7 @@ def buffer_lock(camera: tuple[str, int], longest: float, closed: threading.Event
         while not _bound(held, f'\0pmcl_ros lytro {camera[0]} {camera[1]}'):
             where = f'another program of this machine downloads from the camera at {camera[0]}'
             if not told:
-                _LOG.info('%s: waiting for it', where)
+                _LOG.warning('%s: waiting for it', where)
                 told = True
             if time.monotonic() > began + longest:
                 raise CameraError(f'{where} for {longest:.0f} s already; end it')

@@ -44,16 +44,28 @@ def dial(host: str, port: int, timeout: float) -> socket.socket:
     return connected
 
 
+def peer_of(connected: socket.socket) -> tuple[str, int]:
+    """IP address and port of the other end; LinkError where it has gone already."""
+    try:
+        host, port, *_ = connected.getpeername()
+    except OSError as error:
+        connected.close()
+        raise LinkError(f'the camera closed the connection at once ({_reason(error)})') from None
+    return host, port
+
+
 class Connection:
     """One request in flight at a time; any error closes the connection.
 
-    timeout: seconds to wait for the connection, and for the next bytes of a reply.
+    timeout: seconds to wait for the connection, and for the next bytes of a reply. peer: IP
+    address and port of the camera.
     Raises LinkError, or ProtocolError when the reply is not one to the request.
     """
 
     def __init__(self, address: Address, timeout: float) -> None:
         self._address, self._timeout = address, timeout
         self._socket = dial(address.host, address.port, timeout)
+        self.peer = peer_of(self._socket)
         self._header = bytearray(HEADER_LENGTH)
 
     def exchange(self, request: Request) -> bytes:
@@ -74,12 +86,6 @@ class Connection:
             length = self._ask(request)
             self._receive(into[:length], landed)
             return length
-
-    @property
-    def peer(self) -> tuple[str, int]:
-        """IP address and port of the camera."""
-        host, port, *_ = self._socket.getpeername()
-        return host, port
 
     def abort(self) -> None:
         """End the connection, also while another thread waits for a reply."""
@@ -172,7 +178,7 @@ class Link:
         too large, of another length than expected, or too slow.
         """
         peer = self._retry(lambda: self.with_connection(lambda connection: connection.peer))
-        longest = self._settings.patience + LARGEST / self._settings.slowest
+        longest = self._settings.patience + (expected or 0) / self._settings.slowest
         with self._buffer, buffer_lock(peer, longest, self._closed):
             pace = Pace(what, self._settings.patience, self._settings.slowest)
             download = _Download(self, request, what, expected, progress, grows, pace)

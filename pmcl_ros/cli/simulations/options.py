@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import pickle
 import re
 import time
@@ -220,10 +221,11 @@ class Simulated:
 def _check_size(thing: SceneObject, region: str, near: float) -> None:
     """Raise SettingsError where the camera could be in an object."""
     size = float(np.linalg.norm(np.ptp(thing.vertices, axis=0)))
-    if near < size / 2 + _CLEARANCE:
+    least = math.ceil(100 * (size / 2 + _CLEARANCE)) / 100
+    if near < least:
         raise SettingsError(f'--region {region}: the object is {size:.2g} m across, and its '
                             f'middle may be {near:g} m from the camera: check scale in its YAML '
-                            f'file, or set NEAR to {size / 2 + _CLEARANCE:.2f} or more')
+                            f'file, or set NEAR to {least:.2f} or more')
 
 
 def minutes(seconds: float) -> str:

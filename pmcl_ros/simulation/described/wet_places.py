@@ -1,5 +1,6 @@
 """A sink with water, and a tank behind a film."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import pose_of
+from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.described.place import Frame, Furnished, Place
 from pmcl_ros.simulation.described.substances import WATER
 from pmcl_ros.simulation.described.water import (
@@ -30,6 +32,7 @@ _LEDGE = 0.006  # m: by which a ledge is higher than the water, so that no wave 
 _GAP = 1e-4  # m: between an object and what it lies on
 _BEYOND = 0.003  # m: by which water reaches into walls, so that no air lies between
 _COUNTER = 1.0  # m
+_TANK = 0.8  # of the camera's distance: a tank's front may come so near to it
 
 
 def sink(rng: np.random.Generator, place: Place) -> Furnished:
@@ -125,9 +128,13 @@ def tank(rng: np.random.Generator, place: Place) -> Furnished:
 
     Its panes are left out: they would shift what is behind them by a third of their thickness.
     """
+    nearest = place.reach + _BEYOND
+    if nearest > _TANK * place.near:
+        raise SimulationError(f'{place.thing.name} needs {2 * nearest:.2g} m in a tank, and the '
+                              f'camera may be {place.near:g} m away: set NEAR of --region to '
+                              f'{math.ceil(100 * nearest / _TANK) / 100:g} or more')
     frame = place.facing(rng, 0.3)
-    front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near),
-                 place.reach + _BEYOND)
+    front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near), nearest)
     back = place.reach + rng.uniform(0.03, 0.25)
     half = place.reach + rng.uniform(0.06, 0.25)
     height = place.top + rng.uniform(0.02, 0.12)

@@ -150,7 +150,7 @@ def _spots(rng: np.random.Generator, objects: tuple[SceneObject, ...], clutter: 
     for radius in (*reach[1:], *[0.12] * count):
         is_clutter = len(spots) >= len(objects)
         for attempt in range(_TRIES):
-            spot = np.append(rng.normal(0, 0.18 if is_clutter else 0.07 * 1.1 ** attempt, 2), 0)
+            spot = np.append(rng.normal(0, 0.18 if is_clutter else 0.07 * 1.05 ** attempt, 2), 0)
             if all(np.linalg.norm(spot - each) > radius + other
                    for each, other in zip(spots, radii, strict=True)):
                 break

@@ -19,7 +19,7 @@ from simulated_cameras import QUICK, SIDE, serving, write_captures
 
 from pmcl_ros.camera.gateway.server import GatewayServer
 from pmcl_ros.camera.gateway.service import Cache, Service
-from pmcl_ros.runtime.errors import SettingsError
+from pmcl_ros.runtime.errors import CameraError, SettingsError
 
 TOKEN = 'a-long-enough-token'
 NOBODY = 'sha1-' + 40 * '0'
@@ -294,6 +294,8 @@ def test_a_folder_of_pictures_that_was_cleaned_up_is_made_again(tmp_path):
     kept = cache.put('a', {'raw': b'x'})['raw']
     assert kept.path.read_bytes() == b'x'
     cache.close()
+    with pytest.raises(CameraError, match='cannot keep b'):  # it came too late
+        cache.put('b', {'raw': b'x'})
     assert not list(tmp_path.iterdir())
 
 

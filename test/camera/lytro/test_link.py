@@ -287,3 +287,23 @@ def test_who_waits_for_the_buffer_of_a_camera_meets_a_limit():
             pass
     with buffer_lock(('10.0.0.1', 5678), 0, closed):
         pass
+
+
+def test_a_connection_that_was_reset_is_made_anew():
+    """The camera turned its Wi-Fi off and on while nothing was asked."""
+    def answer(connected, request):
+        if request[12] == 0xC6:
+            connected.sendall(reply(request, struct.pack('<I', 4)))
+        elif request[12] == 0xC2:
+            connected.sendall(reply(request, b''))
+        else:
+            connected.sendall(reply(request, b'list'))
+            connected.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+            connected.close()
+
+    with camera(answer) as address:
+        link = Link(address, SURE)
+        for _ in range(2):
+            assert link.load(protocol.LOAD_PICTURE_LIST, 'the picture list') == b'list'
+            time.sleep(0.05)  # the reset arrives
+        link.close()
