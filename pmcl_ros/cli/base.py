@@ -53,6 +53,13 @@ SOURCE = Needed('Pictures of ordinary cameras have a views.yaml beside them: '
 FORCE = click.option('--force', is_flag=True, help='Overwrite files that are there already.')
 
 
+def check_scheduler(backend: str, scheduler: str | None) -> None:
+    """Raise UsageError for a scheduler that nothing uses."""
+    if scheduler and backend != 'dask':
+        raise click.UsageError(f'--scheduler {scheduler} is of a Dask cluster: say --backend dask '
+                               'too')
+
+
 def results_in(out: Path, force: bool) -> Results:
     """What the command that runs writes into a folder; noted when it ends."""
     context = click.get_current_context()

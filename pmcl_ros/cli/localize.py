@@ -109,20 +109,19 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
         click.echo(f'off by {1e3 * error.translation:.1f} mm and '
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if results is not None:
-        if run.volume is not None:
-            write_png(results.path('depth.png'), depth_picture(
-                run.volume.depth_map(), run.settings.near, run.settings.far))
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
                 write_png(results.path(f'overlay_{number:03d}.png'), overlay_in_view(
                     view, model, estimate.pose, settings.interface))
-            click.echo(f'pictures in {out}', err=True)
-            return
-        picture = displayed(run.source)
-        write_png(results.path('centre.png'), picture)
-        seen = as_it_appears(model, estimate.pose, settings.interface)
-        write_png(results.path('overlay.png'), overlay(
-            picture, run.source.pinhole, seen, estimate.pose))
+        else:
+            picture = displayed(run.source)
+            write_png(results.path('centre.png'), picture)
+            seen = as_it_appears(model, estimate.pose, settings.interface)
+            write_png(results.path('overlay.png'), overlay(
+                picture, run.source.pinhole, seen, estimate.pose))
+        if run.volume is not None:
+            write_png(results.path('depth.png'), depth_picture(
+                run.volume.depth_map(), run.settings.near, run.settings.far))
         click.echo(f'pictures in {out}', err=True)
 
 

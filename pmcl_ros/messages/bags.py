@@ -164,9 +164,9 @@ def is_bag(path: Path | str) -> bool:
 
 def remove_bag(path: Path) -> None:
     """Remove a bag, complete or not; a folder that holds anything else stays."""
-    own = re.compile(r'.*\.(mcap|db3)(\..*)?')
-    if path.is_dir() and all(each.name in (bag_metadata.NAME, _ROOM) or own.fullmatch(each.name)
-                             for each in path.iterdir()):
+    own = re.compile(r'.*\.(mcap|db3)([.-].*)?|' + re.escape(bag_metadata.NAME) + r'(\.part)?|'
+                     + re.escape(_ROOM))
+    if path.is_dir() and all(own.fullmatch(each.name) for each in path.iterdir()):
         shutil.rmtree(path)
 
 

@@ -18,8 +18,6 @@ def run_all(function: Callable[[Value], Result], values: Sequence[Value], jobs: 
     machine) or 'dask' (workers of the cluster at the address `scheduler`, which see the same
     folders). Raises PmclError where a library lacks, or no scheduler answers.
     """
-    if scheduler and backend != 'dask':
-        raise PmclError(f'the scheduler {scheduler} is of a Dask cluster: say --backend dask too')
     if backend == 'loky' and jobs == 1:
         yield from map(function, values)
         return

@@ -43,7 +43,7 @@ def names(tmp_path):
     ('lattice {raw} --gain 2 --out {out}', 2, '--gain is for these'),
     ('handeye {views} --simulate 1', 2, 'leave out SOURCE and -o'),
     ('bench chain --back-end gl', 2, '--back-end is of dlv alone'),
-    ('scenes pictures --scheduler tcp://a:1 -o {out}', 1, 'say --backend dask too'),
+    ('scenes pictures --scheduler tcp://a:1 -o {out}', 2, 'say --backend dask too'),
     ('decode {raw} --calibration demo --out {out}', 2, HOW_TO_CAMERA),
     ('decode {raw} --calibration kitchen --out {out}', 2, 'pmcl calibrate --camera kitchen'),
     ('calibrate --white {raw} --boards {empty} --corners 10x7 --square 0.011 --out {out}.yaml', 1,

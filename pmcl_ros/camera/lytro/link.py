@@ -26,6 +26,7 @@ LARGEST = 64 * 2**20  # bytes; a picture has 16,137,600; larger files are refuse
 
 _SLOWEST = 10_000  # bytes per second: slower replies have stalled
 _COMPARED = 4096  # bytes, the first ones of a file
+_PICTURE = 16_137_600  # bytes
 _ANOTHER_CLIENT = 'does another client use the camera?'
 
 T = TypeVar('T')
@@ -178,7 +179,8 @@ class Link:
         too large, of another length than expected, or too slow.
         """
         peer = self._retry(lambda: self.with_connection(lambda connection: connection.peer))
-        longest = self._settings.patience + (expected or 0) / self._settings.slowest
+        # As long as another program may take for a picture.
+        longest = self._settings.patience + max(expected or 0, _PICTURE) / self._settings.slowest
         with self._buffer, buffer_lock(peer, longest, self._closed):
             pace = Pace(what, self._settings.patience, self._settings.slowest)
             download = _Download(self, request, what, expected, progress, grows, pace)

@@ -27,6 +27,7 @@ from pmcl_ros.simulation.described.surroundings import (
     Surroundings,
     described_scene,
 )
+from pmcl_ros.simulation.described.wet_places import tank_distance
 from pmcl_ros.simulation.lytro.camera import F01, F01_RAW, LytroCamera
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera
 from pmcl_ros.simulation.path_tracing.render import physical, physical_along
@@ -159,7 +160,7 @@ class Simulated:
             pictures = f'{seen_by.width} x {seen_by.height} px, {plan or "one picture"}'
         settings = DescribedSettings.make(values, '--region')
         draw = Draw(load_object(thing), surroundings, settings)
-        _check_size(draw.thing, region, settings.near)
+        _check_size(draw, region)
         simulation = Simulation(draw, seen_by, None if plan is None else CameraPlan.parse(plan),
                                 draws, samples or usual, along)
         return cls(simulation, {
@@ -218,14 +219,17 @@ class Simulated:
         return pictures * (short + rate * (1 - few))
 
 
-def _check_size(thing: SceneObject, region: str, near: float) -> None:
-    """Raise SettingsError where the camera could be in an object."""
-    size = float(np.linalg.norm(np.ptp(thing.vertices, axis=0)))
-    least = math.ceil(100 * (size / 2 + _CLEARANCE)) / 100
-    if near < least:
-        raise SettingsError(f'--region {region}: the object is {size:.2g} m across, and its '
-                            f'middle may be {near:g} m from the camera: check scale in its YAML '
-                            f'file, or set NEAR to {least:.2f} or more')
+def _check_size(draw: Draw, region: str) -> None:
+    """Raise SettingsError where the camera could be in the object, or in its tank."""
+    size = float(np.linalg.norm(np.ptp(draw.thing.vertices, axis=0)))
+    least = size / 2 + _CLEARANCE
+    if 'tank' in draw.surroundings:
+        least = max(least, tank_distance(size / 2))
+    if draw.settings.near < least:
+        raise SettingsError(
+            f'--region {region}: the object is {size:.2g} m across, and its middle may be '
+            f'{draw.settings.near:g} m from the camera: check scale in its YAML file, or set NEAR '
+            f'to {math.ceil(100 * least) / 100:.2f} or more')
 
 
 def minutes(seconds: float) -> str:

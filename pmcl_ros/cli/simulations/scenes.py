@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR
+from pmcl_ros.cli.base import CAMERA, FOLDER, FORCE, STDERR, check_scheduler
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.outputs import refuse_existing
 from pmcl_ros.simulation.camera_plan import CameraPlan
@@ -127,6 +127,7 @@ def render_scenes(count: int, seed: int, kinds: tuple[str, ...], camera: Path | 
 def pictures(first_seed: int, count: int, jobs: int, backend: str, scheduler: str | None,
              renderer: str, no_film: bool, out: Path) -> None:
     """Write pictures of generated scenes, with the labels that a contour map is learned from."""
+    check_scheduler(backend, scheduler)
     seeds = range(first_seed, first_seed + count)
     settings = PictureSettings.make({'renderer': renderer, 'film': not no_film},
                                     'pmcl scenes pictures')

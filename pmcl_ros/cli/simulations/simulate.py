@@ -7,7 +7,7 @@ from typing import Any
 import click
 from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from pmcl_ros.cli.base import FOLDER, FORCE, STDERR
+from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, check_scheduler
 from pmcl_ros.cli.simulations.options import Simulated, simulation_options
 from pmcl_ros.simulation.lytro.calibration_pictures import write_calibration_pictures
 from pmcl_ros.simulation.lytro.camera import LytroCamera
@@ -36,6 +36,7 @@ def simulate(count: int, jobs: int, backend: str, scheduler: str | None, out: Pa
 
     `pmcl evaluate` and `pmcl localize` read them; `pmcl bag record` makes bags of them.
     """
+    check_scheduler(backend, scheduler)
     simulated = Simulated.from_options(seed=seed, **options)
     simulation = simulated.simulation
     simulated.claim(out, seed)

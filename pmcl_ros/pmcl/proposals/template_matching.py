@@ -202,8 +202,10 @@ class Proposals:
                                           + SQUARE // 2))
         turned = (Rotation.from_rotvec(self._turns[:, None] * [0, 0, 1.0]).as_matrix()
                   @ self.templates.rotations[:, None]).reshape(-1, 3, 3)
-        possible = orientation.allows_seen(turned, sight.inv().apply(orientation.direction),
-                                           _ASIDE)
+        directions = sight.inv().apply(orientation.direction)
+        parts = np.array_split(turned, -(-number * top.size * len(orientation.axes) // _PAIRS))
+        possible = np.concatenate([orientation.allows_seen(each, directions, _ASIDE)
+                                   for each in parts])
         templates = np.flatnonzero(possible.any(axis=1))
         return templates, possible[templates]
 

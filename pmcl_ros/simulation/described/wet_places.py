@@ -1,6 +1,5 @@
 """A sink with water, and a tank behind a film."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -123,18 +122,22 @@ def tap(at: Frame, outlet: float, back: float, metal: Opaque) -> list[Solid]:
                           np.array([0.009, back, outlet + 0.038]), metal)]
 
 
+def tank_distance(reach: float) -> float:
+    """Least distance of a camera [m] from an object with a footprint of a radius [m] in a tank."""
+    return (reach + _BEYOND) / _TANK
+
+
 def tank(rng: np.random.Generator, place: Place) -> Furnished:
     """A tank full of water with a flat front, behind a textured film; the object is in the water.
 
     Its panes are left out: they would shift what is behind them by a third of their thickness.
     """
-    nearest = place.reach + _BEYOND
-    if nearest > _TANK * place.near:
-        raise SimulationError(f'{place.thing.name} needs {2 * nearest:.2g} m in a tank, and the '
-                              f'camera may be {place.near:g} m away: set NEAR of --region to '
-                              f'{math.ceil(100 * nearest / _TANK) / 100:g} or more')
+    if tank_distance(place.reach) > place.near:
+        raise SimulationError(f'{place.thing.name} is too large for a tank {place.near:g} m from '
+                              f'the camera: {tank_distance(place.reach):.2f} m are needed')
     frame = place.facing(rng, 0.3)
-    front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near), nearest)
+    front = -max(min(place.reach + rng.uniform(0.02, 0.12), 0.6 * place.near),
+                 place.reach + _BEYOND)
     back = place.reach + rng.uniform(0.03, 0.25)
     half = place.reach + rng.uniform(0.06, 0.25)
     height = place.top + rng.uniform(0.02, 0.12)
