@@ -106,6 +106,8 @@ def test_listeners_that_come_later_get_the_last_transform(make, user, tf_message
         user.wait(lambda after=after: expected[1] in after, 'the last transform')
         assert _distinct(after) == expected[1:]
     node.object_frame.forget()  # as at ~/reset
+    # What is still under way to this participant comes to its new subscriptions too.
+    user.wait(lambda: not before[-1].transforms, 'what has no transforms')
     after = []
     user.node.create_subscription(tf_message, '/tf', after.append, LATCHED)
     user.wait(lambda: after, 'what is latched')
