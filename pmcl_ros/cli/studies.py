@@ -15,7 +15,7 @@ from rich import progress
 from pmcl_ros.cli.base import CAMERA as ORDINARY
 from pmcl_ros.cli.base import FOLDER, FORCE, STDERR, results_in
 from pmcl_ros.drawing.pictures import write_png
-from pmcl_ros.evaluation.pool import killed
+from pmcl_ros.evaluation.pool import broken_pool
 from pmcl_ros.evaluation.recall import median, share, values
 from pmcl_ros.evaluation.results import table
 from pmcl_ros.evaluation.studies.coverage import run_coverage
@@ -190,7 +190,7 @@ def _all(run: Callable[[int], Done], seeds: Iterable[int], processes: int) -> It
         for job in as_completed([pool.submit(run, each) for each in seeds]):
             yield job.result()
     except BrokenProcessPool:
-        raise killed(processes) from None
+        raise broken_pool(processes) from None
     finally:  # after an error, or Ctrl-C, what has not begun is not begun
         pool.shutdown(cancel_futures=True)
 

@@ -42,8 +42,9 @@ def checked_labels(pairs: StereoPairs | PosedPairs, settings: DlvSettings, pinho
     from label to label.
     """
     count = getattr(settings, name)
-    a_value = _PHASE_BYTES if settings.interpolation == 'phase' and name == 'labels' else _BYTES
-    size = a_value * pinhole.height * pinhole.width * count * components
+    is_phase = settings.interpolation == 'phase' and name == 'labels'  # in double precision
+    size = pinhole.height * pinhole.width * count * components * (
+        _PHASE_BYTES if is_phase else _BYTES)
     if size > _MOST_BYTES:
         raise VolumeError(
             f'{count} {name} of {pinhole.width}x{pinhole.height} px need {size / 2 ** 30:.1f} GiB,'

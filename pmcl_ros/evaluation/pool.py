@@ -56,13 +56,13 @@ def _side_by_side(jobs: Sequence[Job], camera: Camera | None, processes: int,
                 if trial is not None:
                     yield trial
     except BrokenProcessPool:
-        raise killed(processes) from None
+        raise broken_pool(processes) from None
     finally:
         stop.set()
         pool.shutdown(cancel_futures=True)
 
 
-def killed(processes: int) -> PmclError:
+def broken_pool(processes: int) -> PmclError:
     """What to raise where a pool of so many processes is broken."""
     return PmclError(f'one of {processes} processes was killed, probably for lack of memory: use '
                      'fewer processes')

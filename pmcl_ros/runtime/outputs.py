@@ -64,9 +64,12 @@ class Results:
 
     def remove_others(self) -> None:
         """Remove what earlier runs wrote, nobody changed, and this one has not named."""
-        own = self._own()
+        own, here = self._own(), self.folder.resolve()
         for name in own.keys() - self._before.keys():
             path = self.folder / name
+            if not path.resolve().is_relative_to(here):
+                raise OutputError(f'{self.folder / _NOTE} is damaged: it names {name}, which is '
+                                  'not in its folder: delete it')
             if path.is_file() and own[name] in (None, _digest(path)):
                 path.unlink()
                 if path.parent != self.folder and not any(path.parent.iterdir()):

@@ -113,3 +113,14 @@ def test_a_damaged_note_is_told(tmp_path, text, error):
     (tmp_path / NOTE).write_text(text)
     with pytest.raises(error, match=r'\.pmcl_results\.json'):
         write(tmp_path, 'result')
+
+
+def test_a_note_that_names_a_file_elsewhere_removes_nothing(tmp_path):
+    (tmp_path / 'mine').write_text('x')
+    folder = tmp_path / 'results'
+    folder.mkdir()
+    (folder / '.pmcl_results.json').write_text('{"scenes": {"../mine": null}}')
+    with Results(folder, 'scenes') as out, pytest.raises(
+            OutputError, match=r'names \.\./mine, which is not in its folder: delete'):
+        out.remove_others()
+    assert (tmp_path / 'mine').read_text() == 'x'

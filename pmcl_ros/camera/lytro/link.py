@@ -244,7 +244,7 @@ class _Download:
         if self.data:
             self._check_length()  # another client's load would have replaced the buffer
         if len(self.data) > CHUNK:
-            self._check_bytes(0, min(_COMPARED, CHUNK))
+            self._check_bytes(0, _COMPARED)
 
     def _piece(self, connection: Connection) -> int:
         into = memoryview(self.data)[self.got:self.got + CHUNK]

@@ -95,15 +95,17 @@ def run_calibration(white: Path, boards: Path, board: Checkerboard) -> Calibrati
 def _usual(pictures: list[Path]) -> CameraMetadata:
     """The metadata of a picture of the camera, zoom and focus that most have.
 
-    Raises the error of the last picture where none can be read.
+    Raises CameraError, that of the last picture, where none can be read.
     """
     found: list[CameraMetadata] = []
-    for number, path in enumerate(pictures, 1):
+    problem = CameraError('there is no picture')
+    for path in pictures:
         try:
             found.append(read_metadata(path))
-        except CameraError:  # it is told, and left out, when the boards are looked for
-            if number == len(pictures) and not found:
-                raise
+        except CameraError as error:  # it is told, and left out, when the boards are looked for
+            problem = error
+    if not found:
+        raise problem
     kinds = [(each.serial, each.zoom, each.focus) for each in found]
     return found[kinds.index(Counter(kinds).most_common(1)[0][0])]
 

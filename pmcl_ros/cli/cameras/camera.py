@@ -6,8 +6,9 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import click
@@ -115,24 +116,30 @@ def capture(address: str, out: Path | None, count: int, listing: bool, download:
             for record in client.records():
                 click.echo(f'{_name(record)}  {record.date}  {record.id}')
             return
-        unsaved = kept = 0
+        unsaved = undeleted = 0
         for picture, record in _wanted(client, download, count, out, force):
-            saved = False
-            try:
-                _save(client, picture, record, out, force)
-                saved = True
-                if delete:
-                    client.delete(picture)
-            except LinkError:
-                raise
-            except PmclError as error:
-                click.echo(f'{_name(record)}: {error}', err=True)
-                unsaved, kept = unsaved + (not saved), kept + saved
+            name = _name(record)
+            if not _succeeds(name, partial(_save, client, picture, record, out, force)):
+                unsaved += 1
+            elif delete and not _succeeds(name, partial(client.delete, picture)):
+                undeleted += 1
         if unsaved:
             raise CameraError(f'{unsaved} pictures were not saved; they are on the camera, unless '
                               'somebody deleted them')
-        if kept:
-            raise CameraError(f'{kept} saved pictures were not deleted from the camera')
+        if undeleted:
+            raise CameraError(f'{undeleted} saved pictures were not deleted from the camera')
+
+
+def _succeeds(name: str, step: Callable[[], None]) -> bool:
+    """Whether a step of one picture succeeds; its error is printed. Raises LinkError."""
+    try:
+        step()
+    except LinkError:
+        raise
+    except PmclError as error:
+        click.echo(f'{name}: {error}', err=True)
+        return False
+    return True
 
 
 def _wanted(client: LytroClient, download: str | None, count: int, out: Path, force: bool

@@ -78,8 +78,8 @@ def label_scale(depths: NDArray[np.float64]) -> tuple[float, float]:
 def jump_of(scene: Scene, edges: EvidenceVolume) -> float:
     """The relative difference in 1/z that counts as an occlusion [1].
 
-    Labels that begin at the camera have any mean; what is covered in front of nothing is always an
-    occlusion.
+    It is limited: the mean of 1/z has no bound where labels begin at the camera, and from 1 on
+    even the outline would be no occlusion.
     """
     return min(float(_JUMP * scene.model.radius * (1 / edges.depths).mean()), _LARGEST_JUMP)
 
