@@ -1,5 +1,6 @@
 """Vessels from any closed mesh of their outside: the surface of their cavity."""
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -9,12 +10,17 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.simulation.described.geometry_kernel import manifold
 
+_LOG = logging.getLogger(__name__)
+
 _LID = 5e-4  # m: a lid's corners lie this close to the height of the mouth
 _LEVEL = 0.9  # and its normal has at least this part along z
 _FLAT = 4e-4  # least eigenvalue of what fixes a corner, over the largest: faces within some 2 deg
 _OFF = 0.2  # of the wall: by which a face may miss its distance
 _LIFT = 1e-5  # m: a given cavity reaches so far beyond the mouth
-_MOST = 5000  # faces of a mesh that is eroded: that takes half a minute
+_MOST = 30_000  # faces of a mesh that is eroded: that takes 1.5 GB, and minutes:
+_SECONDS = 0.005  # a face
+_MANY = 5000  # a mesh of more faces is simplified first
+_SIMPLER = 0.01  # of the wall: surfaces move by less then
 _MEAN = 1.008  # of a polyhedron's radius: it stands for a ball whose radius is within 0.8 %
 _FAR = 10.0  # m
 _POKES = 1e-3  # of the cavity's volume: outside of the body
@@ -62,12 +68,17 @@ def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh
     For roundings that are narrower than the wall. Above the mouth the body goes straight on, and
     below it by a wall, so that a round rim does not matter.
     """
-    if len(outer.faces) > _MOST:
-        raise ObjectModelError(f'its mesh has roundings that are narrower than the wall and '
-                               f'{len(outer.faces)} faces, at most {_MOST} can be hollowed then: '
-                               f'simplify it, or {_GIVE}')
     kernel = manifold()
     body, ball = (_solid(each) for each in (outer, trimesh.creation.icosphere(2, _MEAN * wall)))
+    if body.num_tri() > _MANY:
+        body = body.simplify(_SIMPLER * wall)
+    faces = body.num_tri()
+    if faces > _MOST:
+        raise ObjectModelError(f'its mesh has roundings that are narrower than the wall, and '
+                               f'{faces} faces, simplified by {1e3 * _SIMPLER * wall:.2g} mm; at '
+                               f'most {_MOST} can be hollowed: simplify it, or {_GIVE}')
+    if faces > _MANY:
+        _LOG.info('hollowing a mesh of %d faces, about %.0f s', faces, _SECONDS * faces)
     if mouth is not None:
         start = mouth - wall
         neck = body.slice(start).extrude(3 * wall).translate((0, 0, start))
@@ -83,8 +94,8 @@ def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh
 
 def _solid(mesh: trimesh.Trimesh) -> Any:
     kernel = manifold()
-    return kernel.Manifold(kernel.Mesh64(np.asarray(mesh.vertices, float),
-                                         np.asarray(mesh.faces, np.uint64)))
+    return kernel.Manifold(kernel.Mesh64(np.array(mesh.vertices, float),
+                                         np.array(mesh.faces, np.uint64)))
 
 
 def lifted(inner: trimesh.Trimesh, mouth: float | None) -> trimesh.Trimesh:
