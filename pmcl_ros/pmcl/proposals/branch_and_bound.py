@@ -18,21 +18,26 @@ BLOCK = 4  # cells, the side of places that share a bound; half of a square
 MARGIN = SQUARE + BLOCK  # cells that maps have to hold beyond the last place
 
 
-def blocks_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
+def blocks_of(maps: NDArray[np.int16], rows: tuple[int, int] = (0, 0),
+              columns: tuple[int, int] = (0, 0)) -> NDArray[np.int16]:
     """The greatest of 4x4 cells from each cell on: what bounds are summed from.
 
-    maps: (directions, rows, columns). Returns (directions, 4, 4, rows / 4, columns / 4), rounded
-    up: the cells' last two bits of row and column first, so that every fourth cell is beside the
-    next. Cells beyond the last count as the least number.
+    maps: (directions, rows, columns). rows, columns: of zeros before and after these. Returns
+    (directions, 4, 4, rows / 4, columns / 4), rounded up: the cells' last two bits of row and
+    column first, so that every fourth cell is beside the next. Cells beyond the last count as the
+    least number.
     """
     ones = np.ones((BLOCK, BLOCK), np.uint8)
     least = np.iinfo(np.int16).min
-    greatest = np.stack([cv2.dilate(each, ones, anchor=(0, 0)) for each in maps])
     number, height, width = maps.shape
-    greatest = np.pad(greatest, ((0, 0), (0, -height % BLOCK), (0, -width % BLOCK)),
-                      constant_values=least)
-    split = greatest.reshape(number, -(-height // BLOCK), BLOCK, -(-width // BLOCK), BLOCK)
-    return np.ascontiguousarray(split.transpose(0, 2, 4, 1, 3))
+    height, width = height + sum(rows), width + sum(columns)
+    down, along = -(-height // BLOCK), -(-width // BLOCK)
+    blocks = np.empty((number, BLOCK, BLOCK, down, along), np.int16)
+    for each, into in zip(maps, blocks, strict=True):
+        greatest = np.pad(cv2.dilate(np.pad(each, (rows, columns)), ones, anchor=(0, 0)),
+                          ((0, -height % BLOCK), (0, -width % BLOCK)), constant_values=least)
+        into[:] = greatest.reshape(down, BLOCK, along, BLOCK).transpose(1, 3, 0, 2)
+    return blocks
 
 
 @compiled(parallel=True)
@@ -74,11 +79,13 @@ def upper_bounds(blocks, offsets, directions,  # type: ignore[no-untyped-def]
 
 
 def strips_of(maps: NDArray[np.int16]) -> NDArray[np.int16]:
-    """(directions, rows - 7, columns, 8) eight cells from each on, down: so a square is one run.
+    """Eight cells from each on, down: so a square is one run.
 
-    maps: (directions, rows, columns).
+    maps: (directions, rows, columns); around them cells count as 0, `SQUARE` of them on each side
+    are in the strips (directions, rows + 9, columns + 16, 8).
     """
-    return np.ascontiguousarray(sliding_window_view(maps, SQUARE, axis=1))
+    padded = np.pad(maps, ((0, 0), (SQUARE, SQUARE), (SQUARE, SQUARE)))
+    return np.ascontiguousarray(sliding_window_view(padded, SQUARE, axis=1))
 
 
 @compiled(parallel=True)
@@ -86,17 +93,21 @@ def best_places(strips, offsets, directions,  # type: ignore[no-untyped-def]
                 row, column, rows, columns, templates, squares, best, place, portion):
     """Of pairs (n,) of a template and a square: best sum there, and its place (row-major).
 
-    strips: of `strips_of`, of maps with `MARGIN` cells beyond the last place; the rest as of
-    `upper_bounds`.
+    strips: of `strips_of`. row, column: the first place in their maps; the rest as of
+    `upper_bounds`. Templates may lie outside of the maps.
     """
     count, points = len(templates), directions.shape[1]
     height, width = strips.shape[1:3]
+    lowest, rightmost = height - 1, width - SQUARE
     run = strips.reshape(-1)
     across = -(-columns // SQUARE)
     for n in rounds(count, portion):
         which = templates[n]
         top, left = squares[n] // across * SQUARE, squares[n] % across * SQUARE
         y, x = row + top + offsets[which, :, 1], column + left + offsets[which, :, 0]
+        # All squares outside of the maps are alike.
+        y = np.minimum(np.maximum(y + SQUARE, 0), lowest)
+        x = np.minimum(np.maximum(x + SQUARE, 0), rightmost)
         starts = ((directions[which] * height + y) * width + x) * SQUARE
         total = np.zeros(SQUARE * SQUARE, np.int16)
         for p in range(0, points, 4):

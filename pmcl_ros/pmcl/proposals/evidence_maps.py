@@ -36,9 +36,10 @@ class Origins:
 
 @dataclass(frozen=True)
 class LaidMaps:
-    """Evidence maps with room around them: templates lie in them wherever their origin is.
+    """Evidence maps as templates are summed in them, wherever their origin is.
 
-    strips, blocks: as of `strips_of` and `blocks_of`. top, left: cells before the image.
+    strips: as of `strips_of`. blocks: as of `blocks_of`, of maps with room around them, so that
+    all templates lie in them. top, left: cells of these before the image.
     """
 
     strips: NDArray[np.int16]
@@ -57,19 +58,14 @@ class LaidMaps:
             pads.append((max(0, -min(first for first, _ in ends)),
                          max(0, max(last for _, last in ends) + 1 + MARGIN - size)))
         # Around the image there is no evidence either way.
-        padded = np.pad(maps, ((0, 0), *pads))
-        return cls(strips_of(padded), blocks_of(padded), pads[0][0], pads[1][0])
-
-    def first(self, origins: Origins) -> tuple[int, int]:
-        """Row and column of the first of the cells."""
-        return int(origins.rows[0]) + self.top, int(origins.columns[0]) + self.left
+        return cls(strips_of(maps), blocks_of(maps, *pads), pads[0][0], pads[1][0])
 
     def blocks_about(self, origins: Origins) -> tuple[NDArray[np.int16], int, int]:
         """The blocks that templates reach from cells; row and column of the first of these there.
 
         Bounds of all that lies between the reached blocks of a row are summed too.
         """
-        row, column = self.first(origins)
+        row, column = int(origins.rows[0]) + self.top, int(origins.columns[0]) + self.left
         beyond = origins.reach + 1 + MARGIN
         above, before = (max(first - origins.reach, 0) // BLOCK for first in (row, column))
         below = -(-(row + len(origins.rows) + beyond) // BLOCK)

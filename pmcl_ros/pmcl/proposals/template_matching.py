@@ -141,7 +141,7 @@ class Proposals:
         focal = np.sqrt(pinhole.fx * pinhole.fy)
         weights = (np.repeat(self.templates.lengths, len(self._turns))[templates]
                    * (focal * origins.scale / UNIT / POINTS))
-        size, first = (len(rows), len(columns)), maps.first(origins)
+        size, first = (len(rows), len(columns)), (int(rows[0]), int(columns[0]))
 
         def exact(pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
             template, square = np.divmod(pairs, possible.shape[1])

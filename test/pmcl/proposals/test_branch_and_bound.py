@@ -63,6 +63,24 @@ def test_best_places_are_those_of_every_place(problem):
         np.testing.assert_array_equal(place, places[each.argmax(axis=1)])
 
 
+@pytest.mark.parametrize('first', [(-40, -40), (-9, 3), (2, -20), (25, 12), (90, 3)])
+def test_around_the_maps_nothing_speaks_either_way(first):
+    rng = np.random.default_rng(1)
+    maps, around = rng.integers(-255, 511, (5, 14, 19)).astype(np.int16), 150
+    offsets = rng.integers(-REACH, REACH + 1, (TEMPLATES, POINTS, 2)).astype(np.int32)
+    directions = rng.integers(0, 5, (TEMPLATES, POINTS)).astype(np.uint8)
+    padded = np.pad(maps, ((0, 0), (around, around), (around, around)))
+    row, column = first
+    for square in range(4):
+        best, place = best_in(maps, (offsets, directions, row, column, 16, 16), square)
+        wanted = best_in(padded, (offsets, directions, row + around, column + around, 16, 16),
+                         square)
+        np.testing.assert_array_equal(best, wanted[0])
+        np.testing.assert_array_equal(place, wanted[1])
+    np.testing.assert_array_equal(blocks_of(maps, (around, around), (around, around)),
+                                  blocks_of(padded))
+
+
 def test_no_place_is_better_than_its_bound(problem):
     maps, where, sums = problem
     bounds = bounds_of(maps, where)
