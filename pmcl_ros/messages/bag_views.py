@@ -11,10 +11,10 @@ from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.geometry.transform_tree import TransformTree
 from pmcl_ros.lightfield.posed_view import PosedViews
-from pmcl_ros.lightfield.sweep.frame import SweepFrame
-from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings
+from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
+from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings, check_mounted
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
-from pmcl_ros.messages.bags import Topic, message_of, read, topics
+from pmcl_ros.messages.bags import Recorded, Topic, message_of, read, topics
 from pmcl_ros.messages.camera_info import lens_from
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.image import colours_from, decompressed_from
@@ -43,8 +43,6 @@ class BagViews(SweepDriverSettings):
                              'beside it; empty: the only one, or the one called image')
     pose_topic: str = Field('', description='of the poses of the camera: PoseStamped, or /tf; '
                             'empty: the only one, or the one called camera_pose')
-    mount_parent: str = Field('', description='of /tf: the link that the camera is fixed to, by '
-                              'mount_position and mount_rpy; empty: the camera is on /tf')
 
 
 def has_images_with_poses(bag: Path | str) -> bool:
@@ -82,11 +80,11 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
     first = next(read(bag, (info,)), None)
     if first is None:
         raise MessageError(f'there is no message of {info}: the bag is damaged')
-    lens = lens_from(message_of(first, _INFO), settings.rectified)
+    lens = _lens(first, settings)
     number = 0
     for each in read(bag, (image, info)):
         if each.topic == info:
-            lens = lens_from(message_of(each, _INFO), settings.rectified)
+            lens = _lens(each, settings)
             continue
         message = message_of(each, _IMAGE if each.type == _IMAGE else _COMPRESSED)
         number += 1
@@ -99,6 +97,9 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
         if moving is None:
             collection.leave_out(name, 'no pose of its time, or later, is there')
             continue
+        if isinstance(lens, str):
+            collection.leave_out(name, lens)
+            continue
         try:
             pixels = (colours_from if each.type == _IMAGE else decompressed_from)(message)
             frame = SweepFrame(name, header.stamp_ns, pixels, lens, moving.pose, moving.speed,
@@ -106,7 +107,19 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
         except PmclError as error:
             collection.leave_out(name, str(error))
             continue
-        collection.add(frame)
+        try:
+            collection.add(frame)
+        except LightFieldError as error:  # no room: what is there is enough to go on with
+            _LOG.warning('%s: %s; the views before it are taken', bag, error)
+            return
+
+
+def _lens(info: Recorded, settings: BagViews) -> Lens | str:
+    """What a message of camera_info tells, or why it tells nothing."""
+    try:
+        return lens_from(message_of(info, _INFO), settings.rectified)
+    except MessageError as error:
+        return str(error)
 
 
 def _stamped(bag: Path | str, topic: str, settings: BagViews) -> tuple[str, _Poses]:
@@ -135,6 +148,8 @@ def _tf(bag: Path | str, settings: BagViews) -> tuple[str, _Poses]:
                      None if each.topic == _TF_STATIC else header.stamp_ns)
     if settings.mount_parent:
         tree.add(settings.mount_parent, _CAMERA, mount)
+    else:
+        check_mounted(mount)
 
     def at(header: Header) -> MovingPose | None:
         camera = _CAMERA if settings.mount_parent else settings.camera_frame or header.frame_id

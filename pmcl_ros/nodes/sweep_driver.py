@@ -38,6 +38,7 @@ Plan = TypeVar('Plan', SweepPlan, ViewPlan)
 _CAMERA = PoseNames('poses', 'camera_pose', 'fixed_frame', 'gap')
 _LOOK = 0.05  # s between two looks for poses of images that wait
 _WAITING = 100  # images that may wait for a pose
+_MOST_BYTES = 1 << 28  # of these together
 
 
 class _Waiting(NamedTuple):
@@ -77,7 +78,8 @@ class SweepDriver(StageNode):
         self._settings = settings
         self._collection = self._new_collection()
         self._poses = pose_source(self, _CAMERA, settings.poses, settings.fixed_frame, MANY,
-                                  transform(settings.mount_position, settings.mount_rpy))
+                                  transform(settings.mount_position, settings.mount_rpy),
+                                  settings.mount_parent)
         self._outputs = view_outputs(self)
         self._posed_outputs = posed_view_outputs(self)
         self.get_logger().info(self._described_sweep())
@@ -172,8 +174,11 @@ class SweepDriver(StageNode):
         self._wanted -= asked
         self._waiting.append(_Waiting(name, header, message, time.monotonic()))
         self._take_waiting()
-        if len(self._waiting) > _WAITING:
-            self._give_up(self._waiting.popleft(), f'{_WAITING} younger ones wait too')
+        while len(self._waiting) > 1 and (
+                len(self._waiting) > _WAITING
+                or sum(len(each.image.data) for each in self._waiting) > _MOST_BYTES):
+            self._give_up(self._waiting.popleft(),
+                          f'{len(self._waiting)} younger ones wait too')
 
     def _take_waiting(self) -> None:
         """Collect the images whose poses are known by now, in their order."""

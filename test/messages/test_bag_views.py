@@ -13,6 +13,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import interpolate, transform
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.sweep import view_collection
 from pmcl_ros.messages.bag_captures import read_bag
 from pmcl_ros.messages.bag_views import BagViews
 from pmcl_ros.messages.bags import Recorded, is_bag, record
@@ -69,8 +70,8 @@ class Robot:
                 topic += '/compressed'
             yield recorded(topic, message, header)
 
-    def info(self, **changes):
-        header = self.header(0)
+    def info(self, seconds=0, **changes):
+        header = self.header(seconds)
         message = pinhole_to_message(header, PINHOLE)
         for name, value in changes.items():
             setattr(message, name, value)
@@ -174,6 +175,21 @@ def test_an_image_that_cannot_be_read_is_left_out_and_the_others_are_not(tmp_pat
     assert '\n' not in line
 
 
+def test_what_comes_without_a_calibration_is_left_out_and_the_rest_is_not(tmp_path, caplog):
+    infos = [ROBOT.info(), ROBOT.info(0.12, k=np.zeros(9)), ROBOT.info(0.22)]
+    assert_rests(read_bag(bag_of(tmp_path, infos, ROBOT.images(), ROBOT.poses())))
+    line, = caplog.messages
+    assert 'calibrate the camera' in line
+
+
+def test_views_beyond_the_memory_are_left_and_those_before_taken(tmp_path, caplog, monkeypatch):
+    monkeypatch.setattr(view_collection, 'MOST_BYTES', 2 * 5 * PICTURES[0].size + 100)
+    found = read_bag(bag_of(tmp_path, ROBOT.info(), ROBOT.images(), ROBOT.poses()))
+    assert len(found.views) == 2
+    assert '3 views need' in caplog.text
+    assert 'the views before it are taken' in caplog.text
+
+
 def test_bags_of_the_older_storage_are_read_too(tmp_path):
     writer = Writer(tmp_path / 'bag', version=8, storage_plugin=StoragePlugin.SQLITE3)
     with writer:
@@ -206,6 +222,8 @@ OTHER = Robot(frame='map')
      'there is no view: frame 1: no pose'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.tf(with_camera=False)), None,
      "no chain of transforms joins 'eye' to 'base_link': there are base_link, torso, wrist"),
+    ((ROBOT.info(), ROBOT.images(), ROBOT.tf()), MOUNT,
+     'place the camera in mount_parent, which is empty'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses(), Robot('/left').images()), None,
      'has /wrist/image, /left/image for image: choose one .--image-topic.'),
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses('/a'), ROBOT.tf()), None,
@@ -213,7 +231,8 @@ OTHER = Robot(frame='map')
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses()), BagViews(image_topic='/no'),
      'has no /no of this kind; it has /wrist/image'),
 ], ids=['no poses', 'no camera_info', 'unknown lens', 'uncalibrated', 'two frames', 'other frame',
-        'poses ended', 'one pose', 'not on tf', 'two cameras', 'two sources', 'no such topic'])
+        'poses ended', 'one pose', 'not on tf', 'no mount_parent', 'two cameras', 'two sources',
+        'no such topic'])
 def test_what_is_missing_or_wrong_is_told_in_one_line(tmp_path, parts, wanted, reason):
     with pytest.raises(BagError, match=reason) as caught:
         read_bag(bag_of(tmp_path, *parts), wanted)

@@ -2,8 +2,11 @@
 
 from typing import Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
 
@@ -92,13 +95,15 @@ class SweepDriverSettings(ViewSettings):
     fixed_frame: str = Field('base_link', min_length=1, description='fixed frame of the poses')
     camera_frame: str = Field('', description="the camera's optical frame on /tf; empty: that of "
                               'the images')
+    mount_parent: str = Field('', description='of /tf: the link that the camera is fixed to, by '
+                              'mount_position and mount_rpy; empty: the camera is on /tf')
     mount_position: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description="position of the camera's optical frame in the frame "
-        'whose pose camera_pose has [m]')
+        'whose pose camera_pose has, or in mount_parent [m]')
     mount_rpy: tuple[float, float, float] = Field(
         (0.0, 0.0, 0.0), description='its roll, pitch, yaw as in URDF [rad]')
     gap: float = Field(0.2, gt=0, le=100, description='longest time between two interpolated '
-                       'poses [s]')
+                       'poses [s]; tf2 interpolates over any')
     patience: float = Field(5.0, gt=0, le=100, description='longest wait of an image for its pose '
                             'and for camera_info [s]; DDS repeats a message that was lost after 3')
     rectified: bool = Field(False, description='the images are rectified (image_rect): P of '
@@ -108,3 +113,10 @@ class SweepDriverSettings(ViewSettings):
     at_once: bool = Field(True, description='start to collect on activation; false: on ~/start')
     auto_finish: bool = Field(True, description='publish as soon as the grid is complete; false: '
                               'on ~/finish')
+
+
+def check_mounted(mount: NDArray[np.float64]) -> None:
+    """SettingsError where a mount (4, 4) is given and /tf is asked for the camera itself."""
+    if not np.allclose(mount, np.eye(4)):
+        raise SettingsError('mount_position and mount_rpy place the camera in mount_parent, which '
+                            'is empty: set it, or leave them out, as the camera is on /tf')

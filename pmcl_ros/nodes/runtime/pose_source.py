@@ -10,6 +10,7 @@ from rclpy.qos import QoSProfile
 from rclpy.time import Time
 
 from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
+from pmcl_ros.lightfield.sweep.settings import check_mounted
 from pmcl_ros.messages.pose import pose_from, transform_from
 from pmcl_ros.nodes.runtime.base import StageNode
 from pmcl_ros.runtime.errors import MessageError, PoseUnavailableError, SettingsError
@@ -118,10 +119,15 @@ class TopicPoses:
 
 
 class TfPoses:
-    """Poses from /tf, in `frame`; SettingsError where tf2_ros is not installed."""
+    """Poses from /tf, in `frame`; SettingsError where tf2_ros is not installed.
 
-    def __init__(self, node: StageNode, names: PoseNames, frame: str) -> None:
-        self._node, self._frame, self._tf = node, frame, tf2()
+    mount: a link on /tf, and the pose (4, 4) in it of the child frame, which is not there; None:
+    the child frame is on /tf.
+    """
+
+    def __init__(self, node: StageNode, names: PoseNames, frame: str,
+                 mount: tuple[str, NDArray[np.float64]] | None = None) -> None:
+        self._node, self._frame, self._mount, self._tf = node, frame, mount, tf2()
         self.missing = ''
         if self._tf is None:
             raise SettingsError(f"parameter {names.source!r} is 'tf', but tf2_ros cannot be "
@@ -136,13 +142,14 @@ class TfPoses:
     def nearest(self, stamp_ns: int, child_frame: str,
                 tolerance: float) -> NDArray[np.float64]:  # noqa: ARG002 -- tf2 interpolates
         """The transform at a stamp; tf2 itself refuses times that it does not know."""
+        child_frame, offset = self._mount or (child_frame, np.eye(4))
         try:
             found = self._buffer.lookup_transform(self._frame, child_frame,
                                                   Time(nanoseconds=stamp_ns))
         except self._tf.TransformException as error:
             raise PoseUnavailableError(f'/tf has no {self._frame} -> {child_frame} at the capture '
                                        f'{stamp_ns}: {error}') from error
-        return transform_from(found)[2]
+        return transform_from(found)[2] @ offset
 
     def interpolated(self, stamp_ns: int, child_frame: str, gap: float) -> MovingPose | None:
         """The transform at a stamp, with the mean speed just before it."""
@@ -156,11 +163,12 @@ class TfPoses:
 
 
 def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: QoSProfile,
-                offset: NDArray[np.float64] | None = None) -> PoseSource:
+                offset: NDArray[np.float64] | None = None, parent: str = '') -> PoseSource:
     """The source that `way` names, for `set_up` of a node; logged.
 
     auto: /tf where tf2_ros is installed, else the topic. frame: the fixed frame. qos, offset: as
-    `TopicPoses` takes them.
+    `TopicPoses` takes them. parent: the link on /tf that the offset is in; empty: the child frame
+    is on /tf, and an offset is refused (SettingsError).
     """
     if way == 'auto':
         way = 'topic' if tf2() is None else 'tf'
@@ -168,7 +176,11 @@ def pose_source(node: StageNode, names: PoseNames, way: Way, frame: str, qos: Qo
     if way == 'fixed':
         source, words = FixedPose(), 'are fixed'
     elif way == 'tf':
-        source, words = TfPoses(node, names, frame), 'come from /tf'
+        if offset is not None and not parent:
+            check_mounted(offset)
+        mount = (parent, offset) if parent and offset is not None else None
+        source = TfPoses(node, names, frame, mount)
+        words = 'come from /tf' + (f', by the mount in {parent}' if mount else '')
     else:
         source = TopicPoses(node, names, frame, qos, offset)
         words = f'come from {names.topic}'
