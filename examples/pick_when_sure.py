@@ -29,15 +29,20 @@ class PickWhenSure(Node):
                 kind, topic, lambda message, topic=topic: self.on_message(topic, message), 10)
 
     def on_message(self, topic, message):
-        """Take the grasps, once all three of a capture have come and the pose is sure."""
+        """Take the grasps, once all three of a capture have come and the pose is sure.
+
+        The last capture counts, and its loss: the object may have been moved.
+        """
         self.came[topic] = message
+        if topic == 'grasps' and not message.poses:
+            self.ranked = []
         if len(self.came) < 3 or len({str(each.header.stamp) for each in self.came.values()}) > 1:
             return
         covariance = np.reshape(self.came['pose_with_covariance'].pose.covariance, (6, 6))[:3, :3]
         sigma = np.sqrt(np.linalg.eigvalsh(covariance)[-1])
         grasps, before = self.came['grasps'], self.came['pre_grasps']
         self.get_logger().info(f'{1e3 * sigma:.1f} mm, {len(grasps.poses)} grasps')
-        if sigma <= self.sigma and not self.ranked:
+        if sigma <= self.sigma:
             self.ranked = [tuple(PoseStamped(header=grasps.header, pose=pose) for pose in pair)
                            for pair in zip(before.poses, grasps.poses, strict=True)]
 

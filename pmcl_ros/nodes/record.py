@@ -8,9 +8,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from rosbags.interfaces import Qos
 
@@ -29,21 +31,38 @@ class Recorder:
     """Writes all that comes on some topics, as it came over the wire, in the order of arrival.
 
     It is reliable: what is lost between a publisher and here is what the publisher's own history
-    has no room for.
+    has no room for. Of a publisher that offers no more, a camera say, it takes the best effort.
     """
 
     def __init__(self, node: Node, topics: Sequence[TopicEntry], writer: BagWriter) -> None:
         self._node, self._writer = node, writer
         self._messages = self._bytes = 0
-        for each in topics:
-            node.create_subscription(message_class(each.type), each.name,
-                                     partial(self._received, each), _profile(each.quality),
-                                     raw=True)
+        self._subscriptions = {each: self._subscribe(each, _profile(each.quality))
+                               for each in topics}
 
     @property
     def messages(self) -> int:
         """How many were written."""
         return self._messages
+
+    def _subscribe(self, topic: TopicEntry, profile: QoSProfile) -> Subscription:
+        return self._node.create_subscription(
+            message_class(topic.type), topic.name, partial(self._received, topic), profile,
+            raw=True, event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=partial(self._take_less, topic, profile)))
+
+    def _take_less(self, topic: TopicEntry, profile: QoSProfile, event: Any) -> None:
+        """Listen as a publisher allows that offers less."""
+        if event.last_policy_kind == QoSPolicyKind.RELIABILITY:
+            words, profile.reliability = 'reliable', ReliabilityPolicy.BEST_EFFORT
+        elif event.last_policy_kind == QoSPolicyKind.DURABILITY:
+            words, profile.durability = 'latched', DurabilityPolicy.VOLATILE
+        else:
+            return
+        self._node.get_logger().warning(f'a publisher of {topic.name} is not {words}: what is '
+                                        'lost of its messages is not sent again')
+        self._node.destroy_subscription(self._subscriptions[topic])
+        self._subscriptions[topic] = self._subscribe(topic, profile)
 
     def _received(self, topic: TopicEntry, cdr: bytes, info: dict[str, Any]) -> None:
         came = info['received_timestamp'] or self._node.get_clock().now().nanoseconds

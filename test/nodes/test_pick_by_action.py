@@ -161,6 +161,24 @@ def test_any_action_with_a_pose_will_do_and_none_left_is_told(tmp_path, folder, 
     assert [each.pose.position.z for each in goals] == pytest.approx([0.7, 0.8, 0.9])
 
 
+def test_the_last_capture_counts_while_nobody_offers_the_action(tmp_path, folder, user, reach):
+    goals = []
+
+    def refuse(goal):
+        goals.append(goal.target)
+        return GoalResponse.REJECT
+
+    with example(folder, tmp_path, *OTHER) as process:
+        captures = GraspedCaptures(user)
+        captures.send_until(lambda: '3 grasps' in process.said(), SURE, GRASPS)
+        captures.send_until(lambda: ' 0 grasps' in process.said(), SURE, [])  # it is lost
+        server = ActionServer(user.node, reach, 'reach', lambda _: None, goal_callback=refuse)
+        captures.send_until(lambda: goals, SURE, GRASPS[1:2])
+        user.wait(lambda: process.poll() is not None, 'the example')
+    server.destroy()
+    assert [each.pose.position.z for each in goals] == pytest.approx([0.8])
+
+
 def test_ctrl_c_cancels_the_goal(tmp_path, folder, user, reach):
     began, ended = [], Future()
 

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped
 from harness import PATIENCE, ROOT, Process
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
@@ -115,6 +116,20 @@ def test_a_signal_leaves_a_bag_of_all_that_came(tmp_path, user):
     assert f'recorded {1 + len(found)} messages' in recorder.log
     assert {each.name: each.messages for each in bags.topics(tmp_path / 'bag')} == {
         '/metadata': 1, '/image_raw': len(found)}
+
+
+def test_a_camera_that_offers_no_more_is_recorded_at_best_effort(tmp_path, user):
+    images = user.node.create_publisher(Image, 'image', qos_profile_sensor_data)
+    with recording(tmp_path, tmp_path / 'bag', '--topic', 'image') as recorder:
+
+        def written():
+            images.publish(Image(height=1, width=1, step=1, encoding='mono8'))
+            return 'recorded ' in recorder.log
+
+        user.wait(written, 'a message')
+        ended(recorder)
+    assert recorder.log.count('a publisher of image is not reliable') == 1
+    assert {each.topic for each in bags.read(tmp_path / 'bag')} == {'/image'}
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [

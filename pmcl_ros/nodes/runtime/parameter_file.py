@@ -57,8 +57,10 @@ def parameter_file(values: Mapping[str, Mapping[str, str | None]]) -> Iterator[l
     """Arguments for ROS that give each node its own values, without those that are None.
 
     values: by name of the node, in whatever namespace: `-p node:name:=value` holds in none.
+    They go over what files before them say.
     """
-    sections = {f'/**/{node}': {_VALUES: {name: value for name, value in each.items() if value}}
+    # ROS orders sections by where their names come first: no file has one of this name.
+    sections = {f'/**/**/{node}': {_VALUES: {name: value for name, value in each.items() if value}}
                 for node, each in values.items() if any(each.values())}
     if not sections:
         yield []

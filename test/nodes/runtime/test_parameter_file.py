@@ -69,6 +69,22 @@ def test_values_for_one_node_reach_it_in_every_namespace_and_no_other(namespace)
     assert found == ['a.yaml', None]
 
 
+@pytest.mark.parametrize('section', ['/**', 'pmcl_node', '/**/pmcl_node', '/arm/pmcl_node'])
+def test_they_go_over_what_files_say_whatever_their_sections_are_called(write, section):
+    file = write(f'"{section}": {{ros__parameters: {{source: light_field}}}}')
+    given = [part for each in (ROOT / 'config' / 'pmcl.yaml', file)
+             for part in ('--ros-args', '--params-file', str(each), '--')]
+    context = Context()
+    with parameter_file({'pmcl_node': {'source': 'posed_views'}}) as arguments:
+        rclpy.init(args=[*given, *arguments], context=context)
+        nodes = [Node('pmcl_node', context=context, namespace=namespace,
+                      automatically_declare_parameters_from_overrides=True)
+                 for namespace in ('', '/arm')]
+        found = [each.get_parameter('source').value for each in nodes]
+        rclpy.shutdown(context=context)
+    assert found == ['posed_views'] * 2
+
+
 def test_no_values_are_no_arguments():
     with parameter_file({'grasp_node': {'grasps': None}}) as arguments:
         assert arguments == []
