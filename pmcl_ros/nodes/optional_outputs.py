@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from rclpy.lifecycle import LifecyclePublisher
 
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.messages.optional.collision_object import CollisionObjects
 from pmcl_ros.messages.optional.detection import estimates_to_detections
 from pmcl_ros.messages.types import message_class
@@ -18,17 +19,18 @@ from pmcl_ros.runtime.errors import BagError, SettingsError
 class OptionalOutputs:
     """Publishes `detections` and `collision_object`, for `set_up` of a node.
 
-    names: distinct, of the models. Raises SettingsError where one is always to be published and
-    its package is not installed.
+    names: distinct, of the models. in_scene: as `there` of `CollisionObjects`, for as long as the
+    node lives: the planning scene outlives a configuration. Raises SettingsError where one is
+    always to be published and its package is not installed.
     """
 
     def __init__(self, node: StageNode, settings: PmclNodeSettings, names: Sequence[str],
-                 models: Sequence[ObjectModel]) -> None:
+                 models: Sequence[ObjectModel], in_scene: dict[str, Header]) -> None:
         self._names, self._models = names, models
         self._detections = _publisher(node, DETECTIONS, settings.detections)
         self._collisions = _publisher(node, COLLISION_OBJECT, settings.collision_object)
         if self._collisions is not None:
-            self._scene = CollisionObjects(message_class, names, models)
+            self._scene = CollisionObjects(message_class, names, models, in_scene)
 
     def publish(self, estimates: Sequence[PoseEstimate]) -> None:
         """Publish what was found in one capture to whoever listens."""

@@ -21,6 +21,7 @@ from pmcl_ros.evidence.build_views import ViewsEvidenceBuilder
 from pmcl_ros.evidence.contour_net import contour_net
 from pmcl_ros.evidence.edges import EdgeVolume, edges_from_likelihood
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
+from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.posed_view import PosedViews
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import mesh_to_marker, no_markers, place_markers, region_to_marker
@@ -65,6 +66,10 @@ class PmclNode(StageNode):
     name = 'pmcl_node'
     settings_class = PmclNodeSettings
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._in_scene: dict[str, Header] = {}  # of MoveIt, in which objects stay
+
     def set_up(self, settings: PmclNodeSettings) -> None:
         """Load the objects and make what searches for them, with a GL context if it needs one."""
         self._settings = settings
@@ -91,7 +96,7 @@ class PmclNode(StageNode):
         else:
             self._set_up_one(settings)
             names, models = [self._model.name], [self._model]
-        self._optional = OptionalOutputs(self, settings, names, models)
+        self._optional = OptionalOutputs(self, settings, names, models, self._in_scene)
         self._of_views = PosedViewsOutputs(self, self._posed, settings)
 
     def _set_up_one(self, settings: PmclNodeSettings) -> None:

@@ -38,7 +38,9 @@ from pmcl_ros.pmcl.prior.region import Box
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import BagError, SettingsError
 
-_PICTURES = 4  # kept
+_PICTURES = 4  # kept, and more as long as these are not larger together:
+_MOST_BYTES = 1 << 27  # a search may take as long as many captures
+_CAPTURES = 256  # of which something is kept
 # Latched; but tf2's listeners are volatile: to them what was sent before they came is not sent.
 _TF = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -113,7 +115,13 @@ class Overlays:
         pinhole: of the volume. It is used for the picture too where no center/camera_info came.
         """
         message = self._pictures.get(header.stamp_ns)
-        if message is None or not self._publisher.get_subscription_count():
+        if not self._publisher.get_subscription_count():
+            return
+        if message is None:
+            if header.stamp_ns < min(self._pictures, default=0):
+                self._node.get_logger().warning(
+                    f'no overlay of capture {header.stamp_ns}: {len(self._pictures)} newer '
+                    'center/image have come since', once=True)
             return
         # The volume may be of a part of the picture, or coarser.
         pinhole = self._cameras.get(header.stamp_ns, pinhole)
@@ -136,7 +144,8 @@ class Overlays:
 def _keep(kept: dict[int, T], message: CameraInfo | Image, value: T) -> None:
     """Add the value of a capture; drop those of old captures."""
     kept[header_from(message.header).stamp_ns] = value
-    while len(kept) > _PICTURES:
+    while len(kept) > _CAPTURES or (len(kept) > _PICTURES and isinstance(message, Image)
+                                    and len(kept) * len(message.data) > _MOST_BYTES):
         del kept[next(iter(kept))]
 
 

@@ -82,7 +82,7 @@ def test_no_detection_where_all_are_lost(models, estimates):
 
 
 def test_a_collision_object_is_the_mesh_at_its_pose(models, estimates):
-    scene = CollisionObjects(classes, NAMES, models)
+    scene = CollisionObjects(classes, NAMES, models, {})
     messages = [wired(each) for each in scene.update(estimates)]
     assert [(each.id, each.type.key) for each in messages] == [
         ('bracket', 'bracket'), ('cup_2', 'cup')]
@@ -99,7 +99,7 @@ def test_a_collision_object_is_the_mesh_at_its_pose(models, estimates):
 
 
 def test_what_was_added_is_removed_once(models, estimates):
-    scene = CollisionObjects(classes, NAMES, models)
+    scene = CollisionObjects(classes, NAMES, models, {})
 
     def told(messages):
         return [(each.id, each.operation) for each in map(wired, messages)]

@@ -102,7 +102,7 @@ def test_who_listens_hears_of_each_capture_and_of_a_reset(monkeypatch):
     monkeypatch.setattr(optional_outputs, 'message_class', STORE.types.__getitem__)
     node = Listener()
     outputs = optional_outputs.OptionalOutputs(
-        node, PmclNodeSettings(), ['cup'], [model_of(cup(), name='cup')])
+        node, PmclNodeSettings(), ['cup'], [model_of(cup(), name='cup')], {})
     found = PoseEstimate(Header(7, 'camera'), np.eye(4), np.eye(6), np.eye(4)[None], np.zeros(1),
                          1.0, False, 'default')
 
@@ -120,3 +120,23 @@ def test_who_listens_hears_of_each_capture_and_of_a_reset(monkeypatch):
     assert told(found) == ([['cup']], [0])
     outputs.clear()
     assert [each.operation for each in node.heard['collision_object']] == [0, 1]
+
+
+def test_what_was_found_before_a_configuration_is_removed_after_it(monkeypatch):
+    monkeypatch.setattr(optional_outputs, 'message_class', STORE.types.__getitem__)
+    node, in_scene = Listener(), {}
+    node.listening = True
+    found = PoseEstimate(Header(7, 'camera'), np.eye(4), np.eye(6), np.eye(4)[None], np.zeros(1),
+                         1.0, False, 'default')
+
+    def configured(*names):
+        return optional_outputs.OptionalOutputs(
+            node, PmclNodeSettings(), names, [model_of(cup(), name=each) for each in names],
+            in_scene)
+
+    configured('cup', 'jar').publish([found, found])
+    configured('cup').publish([replace(found, lost=True)])
+    said = [(each.id, each.operation) for each in node.heard['collision_object']]
+    assert said == [('jar', 1), ('cup', 1)]
+    configured('cup').clear()
+    assert not node.heard['collision_object']

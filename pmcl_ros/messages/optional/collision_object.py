@@ -19,21 +19,23 @@ class CollisionObjects:
     """What MoveIt's planning scene has to be told of the objects: added, or removed again.
 
     names: distinct, the objects' ids in the scene; not empty, which would mean all of the scene.
+    there: what is in the scene already, by its id; kept up to date.
     """
 
     def __init__(self, classes: Callable[[str], Any], names: Sequence[str],
-                 models: Sequence[ObjectModel]) -> None:
+                 models: Sequence[ObjectModel], there: dict[str, Header]) -> None:
         self._classes, self._names, self._models = classes, names, models
         self._kind = classes('moveit_msgs/msg/CollisionObject')
         self._meshes: dict[ObjectModel, Any] = {}  # large: made once, for the first pose
-        self._there: dict[str, Header] = {}
+        self._there = there
 
     def update(self, estimates: Sequence[PoseEstimate]) -> list[Any]:
-        """One message for each object that was found, and for each that is there and was lost.
+        """A message for each object that was found, and for each that is there and was lost.
 
-        MoveIt replaces an object that is added again.
+        So is what is there and no longer listed. MoveIt replaces an object that is added again.
         """
-        messages = []
+        unlisted = self._there.keys() - {*self._names}
+        messages = [self._removal(name, self._there.pop(name)) for name in sorted(unlisted)]
         for name, model, each in zip(self._names, self._models, estimates, strict=True):
             if not each.lost:
                 self._there[name] = each.header
@@ -45,7 +47,7 @@ class CollisionObjects:
     def clear(self) -> list[Any]:
         """Removes what is there."""
         messages = [self._removal(name, header) for name, header in self._there.items()]
-        self._there = {}
+        self._there.clear()
         return messages
 
     def _message(self, name: str, model: ObjectModel, estimate: PoseEstimate) -> Any:

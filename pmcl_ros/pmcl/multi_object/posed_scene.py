@@ -94,7 +94,10 @@ class _Pursuit:
     def run(self, listed: Sequence[int]) -> list[PoseEstimate]:
         """The estimates of the listed objects, by their numbers."""
         self._searches = len(self._localizers) * (1 + len(listed))
-        self.alone = [self._search(number) for number in range(len(self._localizers))]
+        for number in range(len(self._localizers)):
+            # Who stops the search wants the rest of it no more.
+            self.alone.append(replace(self.alone[-1], lost=True) if self._stopped
+                              else self._search(number))
         best = dict(enumerate(self.alone))
         waiting, found = list(range(len(listed))), dict[int, PoseEstimate]()
         while waiting:

@@ -53,6 +53,10 @@ class SceneSearch:
         """The estimates of the listed objects."""
         for number in range(len(self._models)):
             self.alone.append(self._search(number, self._edges, None, _ALONE / len(self._models)))
+            if self._stopped:  # nobody wants the rest
+                lost = replace(self.alone[-1], lost=True)
+                self.alone += [lost] * (len(self._models) - len(self.alone))
+                return [lost] * len(self._listed)
         assigned = self._search_missing(self._candidates.assigned())
         while True:
             estimates = self._estimates(assigned)

@@ -200,6 +200,10 @@ class Tracker:
         weights = Weights(np.where(near, estimate.log_weights, -np.inf))
         poses = estimate.particles[weights.resample(self._settings.track_particles, rng)]
         stamp_ns = estimate.header.stamp_ns
+        if prediction is not None and estimate.mode != FOLLOWED:
+            turned = self._symmetry.rotation_distance(estimate.pose[None], prediction.mean)[0]
+            if turned > MODE_EXTENT[1]:
+                prediction = None  # followed upside down until now, say: it has not turned
         if prediction is None or self.status.state is None or self._action is None:
             return State.at_rest(stamp_ns, poses, camera)
         poses = self._symmetry.nearest_equivalents(poses, prediction.mean)

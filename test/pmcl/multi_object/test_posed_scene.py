@@ -117,6 +117,15 @@ def test_it_stops_when_asked(both):
     assert len(found.estimates) == 2
 
 
+def test_once_stopped_no_further_object_is_searched_for(both, monkeypatch):
+    localize, searched = MultiViewLocalizer.localize, []
+    monkeypatch.setattr(MultiViewLocalizer, 'localize', lambda each, *given, **named: (
+        searched.append(each.model.name), localize(each, *given, **named))[1])
+    found = located([CUP, BOTTLE], both, lambda _: False)
+    assert searched == ['cup']
+    assert all(each.lost for each in found.estimates)
+
+
 def test_the_contour_of_a_pose_is_in_the_pixels_of_the_view(both):
     """Where the map of the view shows it, also of a region in a part of the picture."""
     small = SETTINGS.model_copy(update={'roi_size': (0.02, 0.02, 0.02), 'roi_center': tuple(

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from multi_object_scenes import BOTTLE, CUP, SETTINGS, seen_together, standing
 
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_object.penetration import MAX_PENETRATION, Solid, deepest_penetration
 from pmcl_ros.pmcl.multi_object.scene_estimate import distinct_names
 from pmcl_ros.pmcl.multi_object.scene_localizer import SceneLocalizer
@@ -89,6 +90,17 @@ def test_what_is_seen_a_little_in_something_else_is_moved_out_along_the_line_of_
         found.alone[1].pose[:3, 3] - found.alone[0].pose[:3, 3])
     assert moved[2] > 0.001
     assert np.abs(moved[:2]).max() < 0.2 * moved[2]
+
+
+def test_once_stopped_no_further_object_is_searched_for(overlapping, monkeypatch):
+    localize, searched = Localizer.localize, []
+    monkeypatch.setattr(Localizer, 'localize', lambda each, *given, **named: (
+        searched.append(each), localize(each, *given, **named))[1])
+    with SceneLocalizer([CUP, BOTTLE], SETTINGS) as localizer:
+        found = localizer.localize(overlapping, np.random.default_rng(0), lambda _: False)
+    assert len(searched) == 1
+    assert len(found.alone) == 2
+    assert all(each.lost for each in found.estimates)
 
 
 def test_what_is_impossible_is_told(overlapping):

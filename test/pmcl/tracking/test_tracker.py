@@ -3,6 +3,7 @@
 from copy import deepcopy
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from scipy.spatial.transform import Rotation
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pose_error import pose_error
+from pmcl_ros.geometry.se3 import local, retract
+from pmcl_ros.pmcl.estimate import FOLLOWED, PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.support import share_in_view
@@ -404,3 +407,41 @@ def test_log_likelihoods_are_evidence_as_sure_as_a_posterior(context):
     assert looks[0].evidence > looks[1].evidence
     assert here == pytest.approx(looks[0].scale * looks[0].evidence, rel=0.1)
     assert there == pytest.approx(looks[0].scale * looks[1].evidence, rel=0.1)
+
+
+class _TwoModes:
+    """In the place of a localizer: finds the upright pose, follows whichever mode is nearer."""
+
+    upright = pose_of(Rotation.identity(), np.array([0, 0, 0.4]))
+    flipped = pose_of(Rotation.from_rotvec([0, np.pi, 0]), np.array([0, 0, 0.4]))
+
+    def localize(self, evidence, rng, _):
+        return self._estimate(evidence, evidence.first, 'default', False, rng)
+
+    def follow(self, evidence, prior, rng, *_):
+        first, second = (np.linalg.norm(local(each[None], prior.pose)[0, 3:])
+                         for each in (self.upright, self.flipped))
+        pose = self.upright if first < second else self.flipped
+        return self._estimate(evidence, pose, FOLLOWED, pose is self.flipped and evidence.faint,
+                              rng)
+
+    def log_likelihoods(self, _, poses):
+        return np.array([40.0 if np.allclose(each, self.upright) else 0.0 for each in poses])
+
+    def _estimate(self, evidence, pose, mode, lost, rng):
+        near = retract(pose, rng.normal(size=(64, 6)) * np.repeat([0.001, 0.01], 3))
+        return PoseEstimate(evidence.header, pose, np.diag(np.repeat([1e-6, 1e-4], 3)), near,
+                            np.full(64, -np.log(64)), 100.0, lost, mode, (), 1.0, 1.0)
+
+
+@pytest.mark.parametrize('model', ['constant_pose', 'constant_velocity'])
+def test_an_object_that_was_followed_upside_down_has_not_turned_when_it_is_found(model):
+    modes, rng = _TwoModes(), np.random.default_rng(0)
+    tracker = Tracker(modes, CUP, settings(model))
+    for number in range(12):
+        estimate = tracker.track(SimpleNamespace(
+            header=Header(10 ** 9 + number * PERIOD), faint=number == 4,
+            first=modes.flipped if number == 0 else modes.upright), rng)
+        assert not estimate.lost
+        np.testing.assert_allclose(estimate.pose, modes.flipped if number < 4 else modes.upright)
+        assert np.abs(tracker.status.state.velocities[:, 3:]).max() < 5  # rad/s

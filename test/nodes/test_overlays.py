@@ -1,0 +1,41 @@
+"""Drawings on the picture of a capture whose search has lasted."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pmcl_ros.geometry.header import Header
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.messages.image import picture_from, picture_to_message
+from pmcl_ros.nodes.pmcl_outputs import Overlays
+
+SMALL, LARGE = (48, 64, 3), (2000, 3000, 3)
+
+
+@pytest.fixture
+def drawn():
+    """Overlays of a node with a subscriber; what it publishes and its warnings are in lists."""
+    found, warnings = [], []
+    publisher = SimpleNamespace(get_subscription_count=lambda: 1, publish=found.append)
+    logger = SimpleNamespace(warning=lambda text, once: warnings.append((text, once)))
+    node = SimpleNamespace(publisher=lambda *_: publisher, get_logger=lambda: logger)
+    return Overlays(node), found, warnings
+
+
+@pytest.mark.parametrize(('shape', 'later', 'kept'), [
+    (SMALL, 0, True), (SMALL, 40, True), (LARGE, 3, True), (LARGE, 40, False)])
+def test_a_picture_waits_for_its_search_as_far_as_the_memory_goes(drawn, shape, later, kept):
+    overlays, found, warnings = drawn
+    for number in range(1, 2 + later):
+        overlays.on_picture(picture_to_message(Header(number), np.full(shape, number, np.uint8)))
+    pinhole = Pinhole(shape[1], shape[0], 100, 100, shape[1] / 2, shape[0] / 2)
+    overlays.publish(Header(1), pinhole, lambda picture, _: picture)
+    assert len(found) == kept
+    if kept:
+        assert (picture_from(found[0]) == 1).all()
+        assert not warnings
+    else:
+        (text, once), = warnings
+        assert 'no overlay of capture 1: 7 newer center/image have come since' in text
+        assert once
