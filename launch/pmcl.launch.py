@@ -26,6 +26,10 @@ from pmcl_ros.nodes.graph import GRASPS, NODES, OF_LYTRO, SWEEP, VIEWS, chain
 
 CONFIGURE, ACTIVATE = Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE
 
+# s: DDS forgets a process that was killed after 20. Before that launch_ros asks the dead one for
+# its transition, once, and waits for ever.
+FORGOTTEN = 25.0
+
 
 def node_of(entry, respawn, *parameters, remappings=()):
     """The node of a table entry; all share the file, the namespace and the name of the pose."""
@@ -33,7 +37,7 @@ def node_of(entry, respawn, *parameters, remappings=()):
                          namespace=LaunchConfiguration('namespace'), output='screen',
                          parameters=[LaunchConfiguration('params_file'), *parameters],
                          remappings=[('pose', LaunchConfiguration('pose')), *remappings],
-                         respawn=respawn, respawn_delay=2.0)
+                         respawn=respawn, respawn_delay=FORGOTTEN)
 
 
 def change(node, transition):
