@@ -114,4 +114,4 @@ def test_a_picture_of_one_colour_is_told(light_field, caplog, level):
     build_map(view, SETTINGS)
     assert 'one colour' not in caplog.text
     build_map(replace(view, picture=np.full_like(view.picture, level)), SETTINGS)
-    assert 'a picture is of one colour: is the lens covered, or is it dark?' in caplog.text
+    assert 'of one colour: is the lens covered, is it dark, or are its values' in caplog.text

@@ -95,21 +95,22 @@ def assemble(frames: Sequence[SweepFrame], settings: SweepSettings, frame_id: st
             'and poses belong together?')
     central = int(np.argmin(np.where(layout.inside, layout.away, np.inf)))
     reference = good[central]
-    seen: dict[str, Rectification] = {}
     fitting: list[int] = []
     for number, each in enumerate(good):
+        # Of two float32 maps; they are made again for the frames that are used.
         rectified = Rectification.from_frames(each, reference, settings)
         reason = _unfit(rectified, each, reference, settings)
         if reason:
             left.append(LeftOut(each.name, reason))
         else:
-            seen[each.name] = rectified
             fitting.append(number)
     kept = [good[number] for number in fitting]
     chosen, others = one_for_each_cell(
         kept, Layout(layout.cells[fitting], layout.aside[fitting], layout.away[fitting],
                      layout.shape), fitting.index(central))
     left += others
+    seen = {each.name: Rectification.from_frames(each, reference, settings)
+            for each in chosen.values()}
     return _build(chosen, seen, reference, left, settings, frame_id)
 
 

@@ -129,23 +129,26 @@ class SweepFrame:
         """Image motion of a point at depth `near` during `exposure` s [px]."""
         return self.lens.pinhole.fx * exposure * (self.speed / near + self.angular_speed)
 
-    @cached_property
+    @property
     def brightness(self) -> float:
         """Mean of the camera's values, 1 at white."""
-        return float(self._grey.mean())
+        return self._measured[0]
 
-    @cached_property
+    @property
     def sharpness(self) -> NDArray[np.float64]:
         """(2,) energy of the horizontal and vertical second derivatives over the brightness.
 
         Motion blurs along its own direction only.
         """
-        smooth = cv2.GaussianBlur(self._grey, (0, 0), _SIGMA)
-        bends = (cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2))
-        return np.array([float((each ** 2).mean()) for each in bends]) / max(
-            self.brightness, 1e-6) ** 2
+        return self._measured[1]
 
     @cached_property
-    def _grey(self) -> NDArray[np.float32]:
+    def _measured(self) -> tuple[float, NDArray[np.float64]]:
+        """Brightness and sharpness: at once, as a grey picture is larger than the image."""
         white = 1.0 if self.image.dtype == np.float32 else np.iinfo(self.image.dtype).max
-        return np.asarray(self.image.mean(axis=2, dtype=np.float32) / np.float32(white))
+        grey = np.asarray(self.image.mean(axis=2, dtype=np.float32) / np.float32(white))
+        brightness = float(grey.mean())
+        smooth = cv2.GaussianBlur(grey, (0, 0), _SIGMA)
+        bends = (cv2.Sobel(smooth, cv2.CV_32F, 2, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 2))
+        return brightness, np.array([float((each ** 2).mean()) for each in bends]) / max(
+            brightness, 1e-6) ** 2
