@@ -58,7 +58,9 @@ class GraspNode(StageNode):
         self._done: int | None = None  # the last stamp of which a covariance has come
         # Poses that wait for their covariance, and when they came.
         self._held: deque[tuple[float, Header, NDArray[np.float64]]] = deque()
-        self._last_lost = ''
+        self._handled: int | None = None  # the stamp of the last pose or loss
+        self._reported: int | None = None  # the capture of the localizer's last report
+        self._last_report: tuple[str, str, str] | None = None
         self.active.callback(self._take_markers_away)
         self._arm.start()
         self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both, SMALL)
@@ -100,12 +102,32 @@ class GraspNode(StageNode):
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            if (status.name == self._localizer
-                    and status.level == DiagnosticStatus.WARN
-                    and self._is_lost(status) and status.message != self._last_lost):
-                self._last_lost = status.message
-                self._none(Header(header_from(message.header).stamp_ns,
-                                  self._settings.base_frame), status.message)
+            if status.name == self._localizer:
+                self._on_report(status, header_from(message.header).stamp_ns)
+
+    def _on_report(self, status: DiagnosticStatus, stamp_ns: int) -> None:
+        """Tell a loss once; of a localizer that names no capture it is of the report's stamp."""
+        values = {each.key: each.value for each in status.values}
+        capture, search = values.get('capture', ''), values.get('search', '')
+        report = capture, search, status.message
+        if report == self._last_report:  # it comes again each second
+            return
+        self._last_report, overtaken = report, False
+        if capture.isdecimal():
+            stamp_ns = int(capture)
+            # A pose may overtake the reports of earlier captures, which come on another topic.
+            # After its own report an older capture is a new one: the clock was set back.
+            overtaken = (self._handled is not None and stamp_ns < self._handled
+                         and self._reported != self._handled)
+            self._reported = stamp_ns
+        if status.level != DiagnosticStatus.WARN or not self._is_lost(status) or overtaken:
+            return
+        self._handled = stamp_ns
+        waiting = [each for each in self._held if each[1].stamp_ns > stamp_ns]
+        if count := len(self._held) - len(waiting):
+            self.dropped(f'{count} poses: the object was lost before their covariance came', count)
+        self._held = deque(waiting)
+        self._none(Header(stamp_ns, self._settings.base_frame), status.message)
 
     def _is_lost(self, status: DiagnosticStatus) -> bool:
         """Whether the object is, alone or among several, of which each has a value of its name."""
@@ -118,6 +140,7 @@ class GraspNode(StageNode):
               ) -> None:
         began = time.monotonic()
         self.health.frames_in += 1
+        self._handled = header.stamp_ns
         base = Header(header.stamp_ns, self._settings.base_frame)
         try:
             ranking = self._rank(header, pose, covariance)

@@ -134,6 +134,7 @@ class PmclNode(StageNode):
 
     def start(self) -> None:
         """Listen."""
+        self._searches = 0
         self._forget()
         self._worker.resume()
         self.active.callback(self._take_markers_away)
@@ -253,7 +254,7 @@ class PmclNode(StageNode):
                 found = self._continuities[0].follow(found, camera)
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, found, self._model)
-                self._publish(found, given, latency)
+                self._publish(found, given, latency, self._next_search(given))
                 self._optional.publish([found])
                 self._of_views.publish_chart()  # after the pose, which does not wait for it
             elif self._several is not None:
@@ -262,9 +263,14 @@ class PmclNode(StageNode):
                     in zip(self._continuities, found.estimates, strict=True)))
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, *found.least_sure(self._several.models))
-                self._several.publish(found, given, latency)
+                self._several.publish(found, given, latency, self._next_search(given))
                 self._optional.publish(found.estimates)
                 self._of_views.publish_chart()
+
+    def _next_search(self, given: Evidence | PosedViews) -> dict[str, object]:
+        """What tells a search from all others on /diagnostics."""
+        self._searches += 1
+        return {'capture': given.header.stamp_ns, 'search': self._searches}
 
     def _placed(self, given: Evidence | PosedViews) -> AnyLocalizer[PoseEstimate]:
         """What searches the region that follows from the cameras of the first capture."""
@@ -280,27 +286,27 @@ class PmclNode(StageNode):
 
     # out
 
-    def _publish(self, estimate: PoseEstimate, given: Evidence | PosedViews, latency: float
-                 ) -> None:
+    def _publish(self, estimate: PoseEstimate, given: Evidence | PosedViews, latency: float,
+                 search: dict[str, object]) -> None:
         name, what = self._model.name, f'capture {estimate.header.stamp_ns}'
         if isinstance(given, PosedViews):
             what = f'{len(given.views)} views, {what}'
-        self.health.extra = {'object': name, 'mode': estimate.mode, 'score': estimate.score}
+        values = search | {'object': name, 'mode': estimate.mode, 'score': estimate.score}
         if estimate.modes:
             first, second, *_ = [*(each.weight for each in estimate.modes), 0.0]
-            self.health.extra |= {'support': estimate.support, 'evidence': estimate.evidence,
-                                  'weight': first, 'weight of the runner-up': second}
+            values |= {'support': estimate.support, 'evidence': estimate.evidence,
+                       'weight': first, 'weight of the runner-up': second}
         if np.isfinite(estimate.disagreement):
-            self.health.extra |= {'disagreement': estimate.disagreement,
-                                  'evidence beyond': estimate.beyond,
-                                  'least support': estimate.least_support}
+            values |= {'disagreement': estimate.disagreement,
+                       'evidence beyond': estimate.beyond,
+                       'least support': estimate.least_support}
         if estimate.hidden:
-            self.health.extra['hidden views'] = ' '.join(map(str, estimate.hidden))
+            values['hidden views'] = ' '.join(map(str, estimate.hidden))
         if estimate.evidence_of:
-            self.health.extra['evidence of'] = estimate.evidence_of
+            values['evidence of'] = estimate.evidence_of
         if self._settings.tracking != 'none' or self._posed:
             sigma = position_sigma(estimate.covariance)
-            self.health.extra['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'
+            values['standard deviation [mm]'] = f'{1e3 * sigma:.1f}'
         if self.object_frame is not None:
             self.object_frame.broadcast(estimate)
         if estimate.lost:
@@ -323,6 +329,7 @@ class PmclNode(StageNode):
                     overlay(picture, camera, as_it_appears(
                         self._model, estimate.pose, self._settings.interface), estimate.pose))
             self.done(latency, f'found {name} in {what}')
+        self.health.extra = values  # after the message: a report never has these with an older one
         self._list.publish([name], [estimate])
         if self._markers.get_subscription_count():
             self._marker = self._marker or mesh_to_marker(self._model)

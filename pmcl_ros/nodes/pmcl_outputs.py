@@ -195,13 +195,16 @@ class SeveralObjects:
         """
         return make_scene_localizer(self.models, self._settings, posed)
 
-    def publish(self, scene: SceneEstimate, given: Evidence | PosedViews, latency: float) -> None:
-        """Publish the joint estimate of one capture."""
-        health, stamp = self._node.health, given.header.stamp_ns
-        health.extra = {'objects': len(self.names),
-                        'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
+    def publish(self, scene: SceneEstimate, given: Evidence | PosedViews, latency: float,
+                search: dict[str, object]) -> None:
+        """Publish the joint estimate of one capture.
+
+        search: the values that tell the search from others on /diagnostics.
+        """
+        values = search | {'objects': len(self.names),
+                           'interpenetration [mm]': f'{1e3 * scene.depth:.1f}'}
         for k, (name, each) in enumerate(zip(self.names, scene.estimates, strict=True)):
-            health.extra[name] = 'lost' if each.lost else f'score {each.score:.0f}'
+            values[name] = 'lost' if each.lost else f'score {each.score:.0f}'
             if self.frames:
                 self.frames[k].broadcast(each)
             if each.lost:
@@ -226,7 +229,9 @@ class SeveralObjects:
             placed = [place_markers(mesh, self._box, each) for mesh, each in both]
             self._markers.publish(MarkerArray(markers=[
                 self._box, *(marker for each in placed for marker in each.markers[1:])]))
-        self._report(scene, stamp, latency)
+        self._report(scene, given.header.stamp_ns, latency)
+        self._node.health.extra = values  # after the message, as those of one object
+        self._node.publish_diagnostics()
 
     def _report(self, scene: SceneEstimate, stamp: int, latency: float) -> None:
         lost = [name for name, each in zip(self.names, scene.estimates, strict=True) if each.lost]
@@ -240,4 +245,3 @@ class SeveralObjects:
         if lost:
             self._node.health.warn(f'{text} in capture {stamp}')
             self._node.get_logger().warning(self._node.health.message)
-        self._node.publish_diagnostics()

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import pytest
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray, PoseStamped, PoseWithCovariance, PoseWithCovarianceStamped
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, ROOT, UNCONFIGURED, Process
 from std_msgs.msg import Float32MultiArray
@@ -42,6 +42,16 @@ def with_covariance(pose, covariance=SPREAD, stamp=STAMP, frame='lytro_optical_f
     return PoseWithCovarianceStamped(
         header=header_to_message(Header(stamp, frame)),
         pose=PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance.ravel()))
+
+
+def report(stamp, search, text='lost: no wine_glass in capture', **values):
+    """What pmcl_node says of a search of the capture `stamp`, a second later."""
+    level = DiagnosticStatus.WARN if 'lost' in text else DiagnosticStatus.OK
+    values |= {'capture': stamp, 'search': search}
+    status = DiagnosticStatus(
+        level=level, name='pmcl_node', message=f'{text} {stamp}',
+        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
+    return DiagnosticArray(header=header_to_message(Header(stamp + SECOND, '')), status=[status])
 
 
 class Planner:
@@ -172,6 +182,59 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     warned(user, process, 'poses come without pose_with_covariance: 0.005 m and 0.05 rad')
 
 
+def counts(states):
+    """The last values on /diagnostics of the node."""
+    last = [each.status[0] for each in states if each.status[0].name == 'grasp_node'][-1:]
+    return {each.key: each.value for one in last for each in one.values}
+
+
+def test_a_loss_counts_once_and_not_for_newer_captures(node, user):
+    _, planner = node(arm='fixed')
+    told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+    at = [STAMP + k * SECOND for k in range(7)]
+
+    def found(stamp):
+        planner.both.publish(with_covariance(GLASS, stamp=stamp, frame='base_link'))
+        assert planner.grasps(stamp)['grasps'].poses
+
+    def lost(stamp):
+        assert not planner.grasps(stamp)['grasps'].poses
+
+    found(at[1])
+    told.publish(report(at[1], 1, 'found wine_glass in capture'))
+    found(at[3])
+    told.publish(report(at[2], 2))  # overtaken by the pose of 3
+    told.publish(report(at[3], 3, 'found wine_glass in capture'))
+    told.publish(report(at[4], 4))
+    told.publish(report(at[4], 4))  # each second
+    lost(at[4])
+    # searched again, found, and again, lost with the words of the first time
+    found(at[4])
+    told.publish(report(at[4], 5, 'found wine_glass in capture'))
+    told.publish(report(at[4], 6))
+    lost(at[4])
+    # a capture whose pose has been reported is newer than one before it: the clock was set back
+    found(at[5])
+    told.publish(report(at[5], 7, 'found wine_glass in capture'))
+    told.publish(report(at[0], 8))
+    lost(at[0])
+
+
+def test_a_loss_takes_the_poses_that_wait_for_their_covariance(node, user):
+    _, planner = node(arm='fixed')
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
+    told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+    planner.pose.publish(stamped(GLASS))
+    user.delivered(planner.pose)
+    told.publish(report(STAMP + 1, 2))
+    # On a busy machine grasps of the pose may come before the loss, but not after it.
+    user.wait(lambda: int(counts(states).get('frames in', 0))
+              + int(counts(states).get('dropped', 0)) == 1, 'the pose to be counted')
+    user.wait(lambda: any(header_from(each.header).stamp_ns == STAMP + 1
+                          for each in planner.heard['grasps']), 'the loss')
+    assert not planner.heard['grasps'][-1].poses
+
+
 def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
     """Faster than a covariance is waited for; what is passed over is counted."""
     process, planner = node()
@@ -190,8 +253,7 @@ def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
     warned(user, process, 'poses come without pose_with_covariance')
 
     def counted():
-        last = [each.status[0] for each in states if each.status[0].name == 'grasp_node'][-1:]
-        values = {each.key: each.value for one in last for each in one.values}
+        values = counts(states)
         return bool(values) and (
             int(values['frames in']) + int(values['dropped']) == sent)
 

@@ -151,6 +151,12 @@ def test_a_lost_object_is_told_and_no_pose_is_published(search, user, small_volu
     assert (float(values['support']) < read.least_support
             or float(values['evidence']) < read.profile.least)
     user.wait(lambda: 'lost: no wine_glass in capture 8' in process.log, 'the log')
+    # Another loss of the same capture has the same words and another number.
+    assert (value(states, 'capture'), value(states, 'search')) == ('8', '1')
+    assert user.call(Trigger, '/pmcl_node/localize', Trigger.Request()).success
+    user.wait(lambda: value(states, 'search') == '2', 'the second search')
+    assert value(states, 'capture') == '8'
+    assert told() == [DiagnosticStatus.WARN] * len(told())
     assert user.change('pmcl_node', DEACTIVATE)
     assert poses == []
 

@@ -7,6 +7,7 @@ import pytest
 import rclpy
 import trimesh
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from harness import ACTIVATE, CONFIGURE, Process
 from pmcl_scenes import CAMERA, cup, edges_seen, pose_of
@@ -71,6 +72,7 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
         poses = {name: user.listen(PoseStamped, f'objects/{name}/pose', SMALL) for name in names}
         spreads = [user.listen(PoseWithCovarianceStamped, f'objects/{name}/pose_with_covariance',
                                SMALL) for name in names]
+        states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
         assert '/pose' not in user.publishers_of(NODE)
         publisher = user.publisher(Float32MultiArray, 'dlv/edges', BIG)
         publisher.publish(edges_to_message(seen))
@@ -79,6 +81,13 @@ def test_each_object_has_its_topics_and_a_late_subscriber_gets_the_list(
         user.wait(lambda: late, 'the list')
         assert 'lost: carton' in user.wait(lambda: 'lost' in process.log and process.log,
                                            'the log')
+        told = user.wait(lambda: [each.status[0] for each in states if any(
+            value.key == 'search' for value in each.status[0].values)], 'the report')[0]
+    assert told.level == DiagnosticStatus.WARN
+    values = {each.key: each.value for each in told.values}
+    assert (values['capture'], values['search']) == (str(seen.header.stamp_ns), '1')
+    assert values['carton'] == 'lost'
+    assert values['tea_cup'].startswith('score')
     assert poses['carton'] == []
     for name, truth in (('tea_cup', LEFT), ('tea_cup_2', RIGHT)):
         header, pose = pose_from(poses[name][0])
