@@ -1,5 +1,6 @@
 """PoseEstimate -> grasps: ranks the ways to take the object for each of its poses."""
 
+import re
 import sys
 import time
 from collections import deque
@@ -23,6 +24,7 @@ from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
 from pmcl_ros.nodes.runtime.base import SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.pmcl.multi_object.scene_estimate import distinct_names
 from pmcl_ros.runtime.errors import GraspError, PmclError
 from pmcl_ros.runtime.resources import resolve
 
@@ -63,8 +65,11 @@ class GraspNode(StageNode):
         self._last_report: tuple[str, str, str] | None = None
         self.active.callback(self._take_markers_away)
         self._arm.start()
-        self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both, SMALL)
-        self.subscribe(PoseStamped, 'pose', self._on_pose, SMALL)
+        topics = [
+            self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both,
+                           SMALL).topic_name,
+            self.subscribe(PoseStamped, 'pose', self._on_pose, SMALL).topic_name]
+        self._name = _name_in(topics) or distinct_names([self._model.name])[0]
         if self._settings.localizer:
             namespace = self.get_namespace().rstrip('/')
             self._localizer = f'{namespace}/{self._settings.localizer}'.lstrip('/')
@@ -132,7 +137,7 @@ class GraspNode(StageNode):
     def _is_lost(self, status: DiagnosticStatus) -> bool:
         """Whether the object is, alone or among several, of which each has a value of its name."""
         return status.message.startswith('lost') or any(
-            each.key == self._model.name and each.value == 'lost' for each in status.values)
+            each.key == self._name and each.value == 'lost' for each in status.values)
 
     # out
 
@@ -191,6 +196,12 @@ class GraspNode(StageNode):
     def _take_markers_away(self) -> None:
         if self.context.ok():  # else ROS has been shut down around the node
             self._markers.publish(no_markers())
+
+
+def _name_in(topics: list[str]) -> str:
+    """The object's name among several, as its pose topics (remapped) have it; empty: none has."""
+    names = (re.search(r'/objects/([^/]+)/pose(_with_covariance)?$', each) for each in topics)
+    return next((each[1] for each in names if each), '')
 
 
 def main() -> int:

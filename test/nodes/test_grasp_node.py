@@ -44,10 +44,10 @@ def with_covariance(pose, covariance=SPREAD, stamp=STAMP, frame='lytro_optical_f
         pose=PoseWithCovariance(pose=pose_to_message(pose), covariance=covariance.ravel()))
 
 
-def report(stamp, search, text='lost: no wine_glass in capture', **values):
+def report(stamp, search, text='lost: no wine_glass in capture', values=None):
     """What pmcl_node says of a search of the capture `stamp`, a second later."""
     level = DiagnosticStatus.WARN if 'lost' in text else DiagnosticStatus.OK
-    values |= {'capture': stamp, 'search': search}
+    values = {'capture': stamp, 'search': search} | (values or {})
     status = DiagnosticStatus(
         level=level, name='pmcl_node', message=f'{text} {stamp}',
         values=[KeyValue(key=key, value=str(value)) for key, value in values.items()])
@@ -57,10 +57,11 @@ def report(stamp, search, text='lost: no wine_glass in capture', **values):
 class Planner:
     """What a robot's side says and hears."""
 
-    def __init__(self, user):
+    def __init__(self, user, prefix=''):
         self.user = user
-        self.pose = user.publisher(PoseStamped, 'pose', SMALL)
-        self.both = user.publisher(PoseWithCovarianceStamped, 'pose_with_covariance', SMALL)
+        self.pose = user.publisher(PoseStamped, f'{prefix}pose', SMALL)
+        self.both = user.publisher(PoseWithCovarianceStamped, f'{prefix}pose_with_covariance',
+                                   SMALL)
         self.heard = {topic: user.listen(kind, topic, SMALL) for topic, kind in (
             ('grasps', PoseArray), ('pre_grasps', PoseArray), ('grasp', PoseStamped),
             ('grasps/details', Float32MultiArray), ('pre_grasp', PoseStamped),
@@ -105,6 +106,12 @@ def node(tmp_path, user):
 def warned(user, process, reason):
     user.wait(lambda: reason in process.log or not process.alive(), f'{reason!r} to be told')
     assert 'Traceback' not in process.log
+
+
+def values(states):
+    """The last values on /diagnostics of the node."""
+    last = [each.status[0] for each in states if each.status[0].name == 'grasp_node'][-1:]
+    return {each.key: each.value for one in last for each in one.values}
 
 
 def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
@@ -182,12 +189,6 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     warned(user, process, 'poses come without pose_with_covariance: 0.005 m and 0.05 rad')
 
 
-def counts(states):
-    """The last values on /diagnostics of the node."""
-    last = [each.status[0] for each in states if each.status[0].name == 'grasp_node'][-1:]
-    return {each.key: each.value for one in last for each in one.values}
-
-
 def test_a_loss_counts_once_and_not_for_newer_captures(node, user):
     _, planner = node(arm='fixed')
     told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
@@ -228,11 +229,38 @@ def test_a_loss_takes_the_poses_that_wait_for_their_covariance(node, user):
     user.delivered(planner.pose)
     told.publish(report(STAMP + 1, 2))
     # On a busy machine grasps of the pose may come before the loss, but not after it.
-    user.wait(lambda: int(counts(states).get('frames in', 0))
-              + int(counts(states).get('dropped', 0)) == 1, 'the pose to be counted')
+    user.wait(lambda: int(values(states).get('frames in', 0))
+              + int(values(states).get('dropped', 0)) == 1, 'the pose to be counted')
     user.wait(lambda: any(header_from(each.header).stamp_ns == STAMP + 1
                           for each in planner.heard['grasps']), 'the loss')
     assert not planner.heard['grasps'][-1].poses
+
+
+@pytest.mark.parametrize(('topics', 'file', 'name', 'other'), [
+    ('objects/wine_glass/', 'wine_glass', 'wine_glass', 'wine_glass_2'),
+    ('objects/wine_glass_2/', 'wine_glass', 'wine_glass_2', 'wine_glass'),
+    ('', 'wine-glass', 'wine_glass', 'wine_glass_2')])
+def test_of_several_the_loss_of_its_own_object_counts(
+        tmp_path, user, topics, file, name, other):
+    """Which copy, its pose topics tell; else it has the name that topics can have."""
+    _, gripper, grasps = GraspFile.read(FILE)
+    mesh = tmp_path / f'{file}.obj'
+    mesh.write_bytes((ROOT / 'models' / 'wine_glass.obj').read_bytes())
+    GraspFile.write(tmp_path / 'grasps.yaml', mesh, gripper, grasps[:1])
+    remapped = [part for each in ('pose', 'pose_with_covariance')
+                for part in ('-r', f'{each}:={topics}{each}')]
+    parameters = ['-p', f'grasps:={tmp_path}/grasps.yaml', '-p', 'arm:=fixed']
+    with Process(tmp_path, 'pmcl_ros.nodes.grasp_node', '--ros-args', *parameters,
+                 *(remapped if topics else [])) as process:
+        assert all(user.change('grasp_node', CONFIGURE, ACTIVATE)), process.log
+        planner = Planner(user, topics)
+        told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+        for k, lost in enumerate((other, name)):
+            told.publish(report(STAMP + k, k, f'found jar; lost: {lost} in capture', {
+                'jar': 'score 900', other: 'score 800', name: 'score 900', lost: 'lost'}))
+        assert not planner.grasps(STAMP + 1)['grasps'].poses
+        warned(user, process, f'lost: {name} in capture')
+        assert process.log.count('no grasp: ') == 1
 
 
 def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
@@ -253,9 +281,8 @@ def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
     warned(user, process, 'poses come without pose_with_covariance')
 
     def counted():
-        values = counts(states)
-        return bool(values) and (
-            int(values['frames in']) + int(values['dropped']) == sent)
+        last = values(states)
+        return bool(last) and int(last['frames in']) + int(last['dropped']) == sent
 
     user.wait(counted, 'every pose to be counted')
 
