@@ -150,7 +150,7 @@ class GraspNode(StageNode):
         try:
             ranking = self._rank(header, pose, covariance)
         except PmclError:
-            self._publish(base, Ranking((), {}))
+            self._publish_none(base)
             raise  # logged and counted as an error
         if not ranking.candidates:
             self._none(base, ranking.describe())
@@ -175,8 +175,12 @@ class GraspNode(StageNode):
                                    self._settings.max_age) @ self._mount
         return self._ranker.rank(camera @ pose, rotate_covariance(covariance, camera[:3, :3]))
 
-    def _none(self, header: Header, why: str) -> None:
+    def _publish_none(self, header: Header) -> None:
+        self.health.extra = {'object': self._model.name}  # no best grasp any more
         self._publish(header, Ranking((), {}))
+
+    def _none(self, header: Header, why: str) -> None:
+        self._publish_none(header)
         self.health.warn(why if why.startswith('no grasp') else f'no grasp: {why}')
         self.get_logger().warning(self.health.message)
         self.publish_diagnostics()

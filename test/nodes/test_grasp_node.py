@@ -164,6 +164,7 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     user.wait(lambda: any(each.status[0].name == 'grasp_node'
                           and each.status[0].level == DiagnosticStatus.OK
                           and 'best side' in each.status[0].message for each in states), 'health')
+    assert {'object', 'best grasp', 'probability'} <= values(states).keys()
 
     # lost: none, and it says so
     now, lost = Header(STAMP + SECOND, 'base_link'), DiagnosticStatus(
@@ -177,6 +178,8 @@ def test_poses_become_ranked_grasps_and_lost_objects_none(node, user):
     user.wait(lambda: any(each.status[0].name == 'grasp_node'
                           and each.status[0].level == DiagnosticStatus.WARN
                           for each in states), 'the warning')
+    assert values(states)['object'] == 'wine_glass'
+    assert not {'best grasp', 'probability'} & values(states).keys()
 
     # unsure: none, and it says so
     planner.both.publish(with_covariance(inverse(CAMERA) @ GLASS, 400 * SPREAD))
@@ -289,6 +292,7 @@ def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
 
 def test_what_cannot_be_placed_is_refused(node, user):
     process, planner = node()
+    states = user.listen(DiagnosticArray, '/diagnostics', SMALL)
     seen = inverse(CAMERA) @ GLASS
     for publish, reason in (
             (lambda: None, 'arm_pose: no pose has come'),
@@ -303,9 +307,14 @@ def test_what_cannot_be_placed_is_refused(node, user):
         warned(user, process, reason)
     planner.arm.publish(stamped(ARM))
     user.delivered(planner.arm)
+    planner.both.publish(with_covariance(seen))
+    assert planner.grasps()['grasps'].poses
+    user.wait(lambda: 'best grasp' in values(states), 'the best')
     planner.both.publish(with_covariance(seen, frame='another_camera'))
     assert not planner.grasps()['grasps'].poses
     warned(user, process, "in frame 'another_camera', expected camera_frame")
+    user.wait(lambda: "'another_camera'" in values(states)['last error'], 'the error')
+    assert not {'best grasp', 'probability'} & values(states).keys()
     planner.both.publish(with_covariance(seen))
     assert planner.grasps()['grasps'].poses
 
