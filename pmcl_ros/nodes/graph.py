@@ -144,7 +144,7 @@ TOPICS = (
                'chart of the cameras that it was chosen from, rgb8'),
     TopicEntry('pose/sigma_by_views', _IMAGE, SMALL, (_PMCL,), (),
                'chart of how sure the pose is with each further posed view, rgb8'),
-    TopicEntry('arm_pose', _POSE, SMALL, ('the robot',), (_GRASP,),
+    TopicEntry('arm_pose', _POSE, MANY, ('the robot',), (_GRASP,),
                'mount_parent in base_frame, where arm is topic'),
     TopicEntry('grasps', _POSES, SMALL, (_GRASP,), (), 'gripper poses in base_frame, best first'),
     TopicEntry('pre_grasps', _POSES, SMALL, (_GRASP,), (), 'where each approach begins'),

@@ -4,6 +4,9 @@ import re
 import sys
 import time
 from collections import deque
+from contextlib import ExitStack
+from functools import partial
+from threading import Lock
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -21,19 +24,25 @@ from pmcl_ros.messages.grasp import first_of, grasps_to_messages, grippers_to_ma
 from pmcl_ros.messages.header import header_from
 from pmcl_ros.messages.marker import no_markers
 from pmcl_ros.messages.pose import pose_from, pose_with_covariance_from
-from pmcl_ros.nodes.runtime.base import SMALL, StageNode
+from pmcl_ros.nodes.runtime.base import MANY, SMALL, StageNode
 from pmcl_ros.nodes.runtime.pose_source import PoseNames, pose_source
 from pmcl_ros.nodes.runtime.running import run
+from pmcl_ros.nodes.runtime.worker import Worker
 from pmcl_ros.pmcl.multi_object.scene_estimate import distinct_names
 from pmcl_ros.runtime.errors import GraspError, PmclError
 from pmcl_ros.runtime.resources import resolve
 
 _ARM = PoseNames('arm', 'arm_pose', 'base_frame', 'max_age')
+_ENDED = 'the node was deactivated before grasps were made of it'
 _PATIENCE = 0.5  # s: how much later than its pose a covariance may come
 
 
 class GraspNode(StageNode):
-    """Publishes the grasps of each pose once, best first, or none and says why."""
+    """Publishes the grasps of each pose once, best first, or none and says why.
+
+    Ranking many grasps takes seconds: it is done on a thread of its own, so that no pose of the
+    arm is missed meanwhile. One pose of the object may wait, the newest.
+    """
 
     name = 'grasp_node'
     settings_class = GraspSettings
@@ -44,7 +53,7 @@ class GraspNode(StageNode):
         self._model, self._gripper, grasps = GraspFile.read(resolve(settings.grasps, 'grasps'))
         self._ranker = Ranker(self._model, self._gripper, grasps, settings)
         self._mount = transform(settings.mount_position, settings.mount_rpy)
-        self._arm = pose_source(self, _ARM, settings.arm, settings.base_frame, SMALL)
+        self._arm = pose_source(self, _ARM, settings.arm, settings.base_frame, MANY)
         self.get_logger().info(
             f'{len(grasps)} grasps of {self._model.name}; poses of {self._gripper.parent_link} in '
             f'{settings.base_frame}')
@@ -54,6 +63,10 @@ class GraspNode(StageNode):
         self._best = [self.publisher(PoseStamped, 'grasp', SMALL),
                       self.publisher(PoseStamped, 'pre_grasp', SMALL)]
         self._markers = self.publisher(MarkerArray, 'grasp_markers', SMALL)
+        self._output = Lock()  # held while grasps, or none, are published
+        self._losses = 0
+        self._worker: Worker[ExitStack] = Worker(ExitStack)  # of which the thread alone is wanted
+        self.configured.callback(self._worker.close)
 
     def start(self) -> None:
         """Listen."""
@@ -63,7 +76,9 @@ class GraspNode(StageNode):
         self._handled: int | None = None  # the stamp of the last pose or loss
         self._reported: int | None = None  # the capture of the localizer's last report
         self._last_report: tuple[str, str, str] | None = None
+        self._worker.resume()
         self.active.callback(self._take_markers_away)
+        self.active.callback(self._stop)
         self._arm.start()
         topics = [
             self.subscribe(PoseWithCovarianceStamped, 'pose_with_covariance', self._on_both,
@@ -132,36 +147,54 @@ class GraspNode(StageNode):
         if count := len(self._held) - len(waiting):
             self.dropped(f'{count} poses: the object was lost before their covariance came', count)
         self._held = deque(waiting)
-        self._none(Header(stamp_ns, self._settings.base_frame), status.message)
+        with self._output:
+            self._losses += 1
+            self._none(Header(stamp_ns, self._settings.base_frame), status.message)
 
     def _is_lost(self, status: DiagnosticStatus) -> bool:
         """Whether the object is, alone or among several, of which each has a value of its name."""
         return status.message.startswith('lost') or any(
             each.key == self._name and each.value == 'lost' for each in status.values)
 
-    # out
-
     def _take(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> None:
-        began = time.monotonic()
-        self.health.frames_in += 1
         self._handled = header.stamp_ns
+        replaced = self._worker.offer(partial(self._make_grasps, header, pose, covariance,
+                                              time.monotonic(), self._losses))
+        if replaced is not None:
+            self.dropped(f'capture {replaced.args[0].stamp_ns}: a newer one came before grasps '
+                         'were made of it')
+
+    def _stop(self) -> None:
+        waited = self._worker.stop()
+        if waited is not None:
+            self.dropped(f'capture {waited.args[0].stamp_ns}: {_ENDED}')
+
+    # on the worker's thread
+
+    def _make_grasps(self, header: Header, pose: NDArray[np.float64],
+                     covariance: NDArray[np.float64], began: float, losses: int,
+                     _: object) -> None:
+        """losses: how many there were when the pose came."""
         base = Header(header.stamp_ns, self._settings.base_frame)
-        try:
-            ranking = self._rank(header, pose, covariance)
-        except PmclError:
-            self._publish_none(base)
-            raise  # logged and counted as an error
-        if not ranking.candidates:
-            self._none(base, ranking.describe())
-            return
-        self._publish(base, ranking)
-        self.health.extra = {'object': self._model.name,
-                             'best grasp': ranking.candidates[0].grasp.name,
-                             'probability': f'{ranking.candidates[0].probability:.3f}'}
-        self.done(time.monotonic() - began,
-                  f'{ranking.describe()}, in capture {header.stamp_ns}')
-        self.publish_diagnostics()
+        with self.watched('ranking'):
+            self.health.frames_in += 1
+            try:
+                ranking = self._rank(header, pose, covariance)
+            except PmclError:
+                with self._output:
+                    self._publish_none(base)
+                raise  # logged and counted as an error
+            with self._output:
+                if self._worker.stopping:
+                    self.dropped(f'capture {header.stamp_ns}: {_ENDED}')
+                elif losses != self._losses:
+                    self.dropped(f'capture {header.stamp_ns}: the object was lost before grasps '
+                                 'were made of it')
+                elif not ranking.candidates:
+                    self._none(base, ranking.describe())
+                else:
+                    self._some(base, ranking, time.monotonic() - began)
 
     def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> Ranking:
@@ -174,6 +207,16 @@ class GraspNode(StageNode):
         camera = self._arm.nearest(header.stamp_ns, self._settings.mount_parent,
                                    self._settings.max_age) @ self._mount
         return self._ranker.rank(camera @ pose, rotate_covariance(covariance, camera[:3, :3]))
+
+    # out, on either thread
+
+    def _some(self, header: Header, ranking: Ranking, latency: float) -> None:
+        self._publish(header, ranking)
+        best = ranking.candidates[0]
+        self.health.extra = {'object': self._model.name, 'best grasp': best.grasp.name,
+                             'probability': f'{best.probability:.3f}'}
+        self.done(latency, f'{ranking.describe()}, in capture {header.stamp_ns}')
+        self.publish_diagnostics()
 
     def _publish_none(self, header: Header) -> None:
         self.health.extra = {'object': self._model.name}  # no best grasp any more

@@ -21,7 +21,7 @@ from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.messages.header import header_from, header_to_message
 from pmcl_ros.messages.pose import particles_from, pose_from, pose_to_message
-from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.nodes.runtime.base import BIG, MANY, SMALL
 
 FILE = ROOT / 'config' / 'objects' / 'wine_glass.grasps.yaml'
 SETTINGS = GraspSettings(grasps=str(FILE), arm='topic')
@@ -288,6 +288,49 @@ def test_poses_that_come_fast_give_grasps_all_the_same(node, user):
         return bool(last) and int(last['frames in']) + int(last['dropped']) == sent
 
     user.wait(counted, 'every pose to be counted')
+
+
+def test_no_pose_of_the_arm_is_missed_while_grasps_are_ranked(node, user):
+    process, planner = node(turns=360)  # for a second
+    arm = user.publisher(PoseStamped, 'arm_pose', MANY)
+    arm.publish(stamped(ARM))
+    user.delivered(arm)
+    planner.both.publish(with_covariance(inverse(CAMERA) @ GLASS))
+    user.delivered(planner.both)
+    for k in range(150):  # at 250 Hz
+        arm.publish(stamped(ARM, STAMP + SECOND + k * SECOND // 250))
+    arm.publish(stamped(ARM, STAMP + SECOND, 'odom'))
+    warned(user, process, "arm_pose is in frame 'odom'")  # those before it have been taken
+    planner.both.publish(with_covariance(inverse(CAMERA) @ GLASS, stamp=STAMP + SECOND))
+    user.wait(lambda: any(header_from(each.header).stamp_ns == STAMP + SECOND
+                          for each in planner.heard['grasps']), 'the second grasps')
+    assert all(each.poses for each in planner.heard['grasps'])
+    assert 'the pose nearest to the capture' not in process.log
+
+
+def test_a_loss_while_grasps_are_ranked_has_the_last_word(node, user):
+    process, planner = node(arm='fixed', turns=360)
+    told = user.publisher(DiagnosticArray, '/diagnostics', SMALL)
+    planner.both.publish(with_covariance(GLASS, frame='base_link'))
+    user.delivered(planner.both)
+    told.publish(report(STAMP + 1, 1))
+    # On a busy machine the grasps may come before the loss, but not after it.
+    user.wait(lambda: f'dropped capture {STAMP}: the object was lost' in process.log
+              or f'in capture {STAMP}, in' in process.log, 'the end of the ranking')
+    user.wait(lambda: any(header_from(each.header).stamp_ns == STAMP + 1
+                          for each in planner.heard['grasps']), 'the loss')
+    assert not planner.heard['grasps'][-1].poses
+
+
+def test_deactivate_waits_for_the_ranking_and_keeps_its_grasps_back(node, user):
+    process, planner = node(arm='fixed', turns=360)
+    planner.both.publish(with_covariance(GLASS, frame='base_link'))
+    user.delivered(planner.both)
+    assert all(user.change('grasp_node', DEACTIVATE, CLEANUP)), process.log
+    user.wait(lambda: f'dropped capture {STAMP}: the node was deactivated' in process.log
+              or f'in capture {STAMP}, in' in process.log, 'the end of the ranking')
+    assert 'Traceback' not in process.log
+    assert all(user.change('grasp_node', CONFIGURE, ACTIVATE, DEACTIVATE)), process.log
 
 
 def test_what_cannot_be_placed_is_refused(node, user):

@@ -1,5 +1,6 @@
 """The pose of a frame of the robot at the time of a capture: fixed, from a topic or from /tf."""
 
+from threading import Lock
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -35,7 +36,7 @@ class PoseNames(NamedTuple):
 
 
 class PoseSource(Protocol):
-    """Poses (4, 4) of a child frame in a fixed frame [m] over time.
+    """Poses (4, 4) of a child frame in a fixed frame [m] over time; any thread may ask.
 
     missing: why `interpolated` returned None.
     """
@@ -85,6 +86,7 @@ class TopicPoses:
                  offset: NDArray[np.float64] | None = None) -> None:
         self._node, self._names, self._frame = node, names, frame
         self._qos, self._offset = qos, offset
+        self._lock = Lock()  # held while the buffer is used
         self.missing = self._none = f'no pose of its time, or later, has come on {names.topic}'
 
     def start(self) -> None:
@@ -96,7 +98,8 @@ class TopicPoses:
                 tolerance: float) -> NDArray[np.float64]:
         """As `PoseBuffer.nearest`."""
         try:
-            return self._buffer.nearest(stamp_ns, tolerance)
+            with self._lock:
+                return self._buffer.nearest(stamp_ns, tolerance)
         except PoseUnavailableError as error:
             raise PoseUnavailableError(
                 f"{self._names.topic}: {error} ({self._names.tolerance}): publish it around the "
@@ -106,7 +109,8 @@ class TopicPoses:
     def interpolated(self, stamp_ns: int, child_frame: str,  # noqa: ARG002 -- the topic has one
                      gap: float) -> MovingPose | None:
         """As `PoseBuffer.interpolated`."""
-        return self._buffer.interpolated(stamp_ns, gap)
+        with self._lock:
+            return self._buffer.interpolated(stamp_ns, gap)
 
     def _on_pose(self, message: PoseStamped) -> None:
         header, pose = pose_from(message)
@@ -115,7 +119,9 @@ class TopicPoses:
                             f'{self._names.frame} {self._frame!r}')
             raise MessageError(f'{self.missing}: set one to the other')
         self.missing = self._none
-        self._buffer.add(header.stamp_ns, pose if self._offset is None else pose @ self._offset)
+        placed = pose if self._offset is None else pose @ self._offset
+        with self._lock:
+            self._buffer.add(header.stamp_ns, placed)
 
 
 class TfPoses:
