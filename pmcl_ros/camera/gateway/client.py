@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from pmcl_ros.camera.client import CameraStatus, Picture, retry
 from pmcl_ros.camera.gateway.download import Download, LostError
+from pmcl_ros.camera.gateway.exchange import Exchange, ExchangeAdapter, Exchanges
 from pmcl_ros.camera.gateway.settings import TIME_HEADER, GatewaySettings, check_token
 from pmcl_ros.camera.lfp import LARGEST_RAW, LARGEST_TEXT
 from pmcl_ros.camera.metadata import CameraMetadata
@@ -25,6 +26,8 @@ from pmcl_ros.runtime.settings import explain
 
 _DRIFT = 100e-6  # two quartzes, at worst
 _LARGEST_ANSWER = 1 << 20  # bytes of JSON
+_SLOWEST = 50_000  # bytes/s of an answer on the whole, as of a camera without a gateway
+_LENGTH = re.compile('[0-9]{1,15}')
 _TIME = re.compile('[0-9]{19}')
 _Value = TypeVar('_Value')
 
@@ -89,8 +92,8 @@ class GatewayClient(Closing):
 
     url: as in http://192.168.1.7:5680. token: the content of the gateway's --token-file.
     Methods retry after lost connections for `settings.patience`, then raise LinkError; other
-    errors are CameraError. Nothing is sent before the first call. Stamps are in this machine's
-    clock.
+    errors, such as an answer that takes too long on the whole, are CameraError. Nothing is sent
+    before the first call. Stamps are in this machine's clock.
     """
 
     def __init__(self, url: str, token: str | None = None,
@@ -98,7 +101,10 @@ class GatewayClient(Closing):
         self._url, self._settings = _checked(url), settings or GatewaySettings()
         self._clock = ClockDifference()
         self._closed = threading.Event()
+        self._exchanges = Exchanges()
         self._session = requests.Session()
+        for scheme in ('http://', 'https://'):
+            self._session.mount(scheme, ExchangeAdapter())
         self._session.trust_env = False  # no proxy lies between a robot and its gateway
         self._session.headers['Accept-Encoding'] = 'identity'
         if token is not None:
@@ -161,8 +167,12 @@ class GatewayClient(Closing):
         raise CameraError(f'picture {picture.id} stays on the camera: a gateway deletes none')
 
     def close(self) -> None:
-        """End every connection; calls that wait in other threads raise LinkError soon."""
+        """End every connection; calls that wait in other threads raise LinkError.
+
+        At once where they wait for an answer, within `settings.timeout` where they connect.
+        """
         self._closed.set()
+        self._exchanges.end_all()
         self._session.close()
 
     def _get(self, path: str, read: Callable[[bytes], _Value]) -> _Value:
@@ -184,22 +194,38 @@ class GatewayClient(Closing):
     def _ask(self, method: str, path: str, headers: dict[str, str] | None = None,
              timeout: float | None = None) -> Iterator[requests.Response]:
         """The answer with its body unread; LostError when the connection fails."""
-        self._check_open()
         timeouts = (self._settings.timeout, timeout or self._settings.answer_timeout)
-        asked = time.time_ns()
-        try:
-            with self._session.request(method, self._url + path, headers=headers, stream=True,
-                                       allow_redirects=False, timeout=timeouts) as response:
-                stamp = response.headers.get(TIME_HEADER, '')
-                if not _TIME.fullmatch(stamp):  # its last line
-                    raise LostError(f'{self._url} answers as no gateway of pmcl_ros does, or its '
-                                    'answer was cut short')
-                self._clock = self._clock.updated(asked, int(stamp), time.time_ns())
-                if response.status_code not in (200, 201, 206):
-                    raise _refusal(response)
-                yield response
-        except requests.RequestException as error:
-            raise LostError(f'gateway {self._url}: {str(error)[:500]}') from None
+        with self._exchanges.begin(self._settings.answer_limit) as exchange:
+            self._check_open()
+            asked = time.time_ns()
+            try:
+                with self._session.request(
+                        method, self._url + path, headers=headers, stream=True,
+                        allow_redirects=False, timeout=timeouts) as response:
+                    exchange.set_limit(self._settings.timeout + _length(response) / _SLOWEST)
+                    self._check_answer(response, asked)
+                    yield response
+            except (requests.RequestException, LostError) as error:
+                self._check_open()
+                if exchange.ended:
+                    raise self._late(exchange, f'{method} {path}') from None
+                if isinstance(error, LostError):
+                    raise
+                raise LostError(f'gateway {self._url}: {str(error)[:500]}') from None
+
+    def _check_answer(self, response: requests.Response, asked: int) -> None:
+        stamp = response.headers.get(TIME_HEADER, '')
+        if not _TIME.fullmatch(stamp):  # its last line
+            raise LostError(f'{self._url} answers as no gateway of pmcl_ros does, or its answer '
+                            'was cut short')
+        self._clock = self._clock.updated(asked, int(stamp), time.time_ns())
+        if response.status_code not in (200, 201, 206):
+            raise _refusal(response)
+
+    def _late(self, exchange: Exchange, what: str) -> CameraError:
+        return CameraError(f'gateway {self._url}: {what}: no complete answer within '
+                           f'{round(exchange.limit, 1):g} s; look for a slow link, to it or to '
+                           'its camera')
 
     def _check_open(self) -> None:
         if self._closed.is_set():
@@ -219,6 +245,12 @@ def _checked(url: str) -> str:
     if not right or parts.path.strip('/') or parts.query or parts.fragment or parts.username:
         raise SettingsError(f'{url!r} is no address of a gateway: expected http://HOST:PORT')
     return url.rstrip('/')
+
+
+def _length(response: requests.Response) -> int:
+    """Length of the body, as far as an answer may be long; 0: not said."""
+    length = response.headers.get('Content-Length', '')
+    return min(int(length), LARGEST_RAW) if _LENGTH.fullmatch(length) else 0
 
 
 def _value(response: requests.Response, read: Callable[[bytes], _Value]) -> _Value:
