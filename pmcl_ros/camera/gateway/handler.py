@@ -8,13 +8,15 @@ import json
 import logging
 import re
 import time
+from collections.abc import Callable
 from datetime import datetime, timezone
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO, TypeVar
 from urllib.parse import unquote, urlsplit
 
 from pmcl_ros.camera.gateway.head import HeadError, read_head
+from pmcl_ros.camera.gateway.interim import interim_answers
 from pmcl_ros.camera.gateway.service import BusyError, CachedFile, CapturedPicture
 from pmcl_ros.camera.gateway.settings import TIME_HEADER
 from pmcl_ros.runtime.errors import CameraError, LinkError
@@ -34,6 +36,7 @@ _LAST = (HTTPStatus.BAD_REQUEST, HTTPStatus.UNAUTHORIZED, HTTPStatus.FORBIDDEN,
 _TYPES = {'raw': 'application/octet-stream', 'txt': 'text/plain; charset=utf-8'}
 
 _LOG = logging.getLogger(__name__)
+_Value = TypeVar('_Value')
 
 
 class UnsatisfiableError(ValueError):
@@ -70,9 +73,14 @@ class _RefusedError(Exception):
 
 
 class Handler(BaseHTTPRequestHandler):
-    """One connection."""
+    """One connection.
+
+    interim_pause: seconds between interim answers while the camera works. The robot may be
+    waiting with its shortest timeout, of 10 s.
+    """
 
     server: 'GatewayServer'
+    interim_pause = 4.0
     protocol_version, default_request_version = 'HTTP/1.1', 'HTTP/1.0'
     server_version, sys_version = 'pmcl_gateway', ''
     timeout = _SILENCE
@@ -161,10 +169,10 @@ class Handler(BaseHTTPRequestHandler):
         parts = [unquote(part) for part in self.path.split('?', 1)[0].split('/')[1:]]
         if parts == ['status']:
             self._allow('GET', 'HEAD')
-            self._send_json(HTTPStatus.OK, self._status())
+            self._send_json(HTTPStatus.OK, self._worked(self._status))
         elif parts == ['pictures']:
             self._allow('GET', 'HEAD')
-            pictures = self.server.service.pictures()
+            pictures = self._worked(self.server.service.pictures)
             self._send_json(HTTPStatus.OK, [
                 {'id': each.id, 'shutter_ns': each.shutter_ns} for each in pictures])
         elif parts == ['capture']:
@@ -176,6 +184,13 @@ class Handler(BaseHTTPRequestHandler):
         else:
             raise _RefusedError(HTTPStatus.NOT_FOUND, 'there are GET /status, GET /pictures, '
                                 'POST /capture, GET /pictures/ID/raw and GET /pictures/ID/txt')
+
+    def _worked(self, work: Callable[[], _Value]) -> _Value:
+        """The result of what may wait for the camera; the client hears meanwhile that it does."""
+        if self.request_version < 'HTTP/1.1':  # it knows no interim answers
+            return work()
+        with interim_answers(self.wfile.write, self.interim_pause):
+            return work()
 
     def _allow(self, *methods: str) -> None:
         if self.command not in methods:
@@ -197,10 +212,10 @@ class Handler(BaseHTTPRequestHandler):
             raise _RefusedError(
                 HTTPStatus.BAD_REQUEST, 'send an Idempotency-Key, any word that was not used '
                 'before: the request can be repeated with it without taking a second picture')
-        return _described(self.server.service.capture(key))
+        return _described(self._worked(lambda: self.server.service.capture(key)))
 
     def _send_picture(self, identity: str, kind: str) -> None:
-        found = self.server.service.open(identity, kind)
+        found = self._worked(lambda: self.server.service.open(identity, kind))
         if found is None:
             raise _RefusedError(HTTPStatus.NOT_FOUND, 'no such picture; GET /pictures lists them')
         file, stream = found

@@ -18,8 +18,9 @@ class GatewaySettings(Settings):
     timeout: float = Field(10.0, gt=0, le=600, description='longest wait for a connection, or '
                            'for the next bytes of a picture; an answer that has begun may take '
                            'this time and 1 s for each 50 kB [s]')
-    answer_timeout: float = Field(90.0, gt=0, le=3600, description='longest wait until '
-                                  'the gateway has an answer from its camera [s]')
+    answer_timeout: float = Field(90.0, gt=0, le=3600, description='longest silence '
+                                  'before an answer; the gateway sends a sign of life every few '
+                                  'seconds while its camera works [s]')
     answer_limit: float = Field(900.0, gt=0, le=36_000, description='longest time until an answer '
                                 'begins, however much is sent before it [s]')
     patience: float = Field(20.0, gt=0, le=3600, description='retry until nothing was received '

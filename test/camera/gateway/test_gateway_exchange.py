@@ -60,14 +60,17 @@ ASKS = {'status': GatewayClient.status, 'pictures': GatewayClient.pictures,
 
 
 @pytest.mark.parametrize('ask', ASKS.values(), ids=ASKS)
-@pytest.mark.parametrize(('begin', 'limits', 'seconds'), [
-    (HEAD, {'answer_limit': 0.3}, '0.3'), (BODY, {'timeout': 0.2}, '0.3')], ids=['head', 'body'])
-def test_an_answer_that_drips_ends_at_its_limit(ask, begin, limits, seconds):
+@pytest.mark.parametrize(('begin', 'drop', 'limits', 'seconds'), [
+    (b'', b'HTTP/1.1 100 Continue\r\n\r\n', {'answer_limit': 0.3}, '0.3'),
+    (HEAD, b' ', {'answer_limit': 0.3}, '0.3'), (BODY, b' ', {'timeout': 0.2}, '0.3'),
+], ids=['interim', 'head', 'body'])
+def test_an_answer_that_drips_ends_at_its_limit(ask, begin, drop, limits, seconds):
     if begin is BODY and ask is ASKS['fetch']:
         begin = begin.replace(b'\r\nGateway', b'\r\nETag: "a"\r\nRepr-Digest: sha-256=:'
                               b'47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:\r\nGateway')
     settings = GatewaySettings(**{**LIMITS, **limits})
-    with Dripping(begin) as server, GatewayClient(server.url, None, settings) as client:
+    with Dripping(begin, drop) as server, \
+            GatewayClient(server.url, None, settings) as client:
         with pytest.raises(CameraError, match=f'{server.url}: GET /.*no complete answer within '
                                               f'{seconds} s') as caught:
             ask(client)
