@@ -242,9 +242,7 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
     if len(mesh.faces) > _MANY_FACES:
         _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
                      'the mesh', name, len(mesh.faces))
-    faces = mesh.faces[(mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)]
-    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    _, uses = np.unique(edges @ [len(mesh.vertices), 1], return_counts=True)
+    _, uses = np.unique(mesh.edges_sorted @ [len(mesh.vertices), 1], return_counts=True)
     if (uses == 1).any():
         _LOG.warning('object %r: its mesh is not closed, %.2g %% of the edges belong to one face '
                      'only; close holes of a scan, their rims count as outlines', name,

@@ -10,6 +10,7 @@ import trimesh
 
 from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
+from pmcl_ros.runtime.mesh_repair import repair
 from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 
 _MOST_FACES = 1_000_000
@@ -37,10 +38,10 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))
         if not np.isfinite(mesh.triangles).all():
             raise ObjectModelError('has vertices that are not finite numbers')
+        count = len(mesh.vertices)
+        repair(mesh)
         if not mesh.area > 0:
-            raise ObjectModelError(f'holds {len(mesh.vertices)} vertices but no surface')
-        # Corners that differ in colour or normal alone are one; those of no face are no part.
-        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+            raise ObjectModelError(f'holds {count} vertices but no surface')
         if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume < 0:
             mesh.invert()  # its faces looked inwards
     except PmclError as error:

@@ -328,10 +328,24 @@ def test_a_square_rod_is_not_round(tmp_path, caplog):
     assert 'rotationally symmetric about' not in caplog.text
 
 
-def test_faces_that_collapse_are_no_holes(tmp_path, caplog):
+def test_faces_that_collapse_are_no_part_of_the_mesh(tmp_path, caplog):
     """As some programs write the poles of a sphere."""
     mesh = cup()
-    vertex = int(mesh.faces[0, 0])
-    flat = np.vstack([mesh.faces, [[vertex, vertex, int(mesh.faces[0, 1])]]])
-    ObjectModel.load(save(trimesh.Trimesh(mesh.vertices, flat, process=False), tmp_path))
+    one, other = mesh.faces[0, :2].tolist()
+    stray = len(mesh.vertices)
+    flat = np.vstack([mesh.faces, [[one, one, other], [other, one, other], [stray] * 3]])
+    vertices = np.vstack([mesh.vertices, [1, 1, 1]])
+    model = ObjectModel.load(save(trimesh.Trimesh(vertices, flat, process=False), tmp_path))
+    assert model.closed
+    np.testing.assert_array_equal(model.faces, mesh.faces)
+    np.testing.assert_allclose(model.vertices, mesh.vertices, atol=1e-8)
     assert 'is not closed' not in caplog.text
+
+
+def test_faces_whose_corners_lie_in_a_line_close_the_mesh(tmp_path):
+    """As where one side of an edge was divided."""
+    vertices = [[0, 0, 0], [.1, 0, 0], [0, .1, 0], [0, 0, .1], [.05, 0, 0]]
+    faces = [[0, 2, 1], [0, 4, 3], [4, 1, 3], [0, 3, 2], [1, 2, 3], [0, 1, 4]]
+    path = save(trimesh.Trimesh(vertices, faces, process=False), tmp_path)
+    model = ObjectModel.load(path)
+    assert (len(model.faces), model.closed) == (6, True)
