@@ -1,6 +1,7 @@
 """Mesh files that anybody may have written: bounded before they are parsed."""
 
 import io
+import logging
 import os
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from pmcl_ros.runtime.errors import FileError, ObjectModelError, PmclError
 from pmcl_ros.runtime.mesh_repair import repair
 from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 
+_LOG = logging.getLogger(__name__)
 _MOST_FACES = 1_000_000
 _MOST_BYTES = 2 ** 26
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
@@ -21,7 +23,7 @@ _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others wi
 def read_mesh(path: Path) -> trimesh.Trimesh:
     """The mesh of a file: finite vertices, a surface, not too many faces; else ObjectModelError.
 
-    Faces of a closed one look outwards.
+    It is mended as `repair` says; what was mended is logged.
     """
     kind = path.suffix.lower().removeprefix('.')
     if not os.path.isfile(path):  # which takes any name
@@ -39,17 +41,17 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
         if not np.isfinite(mesh.triangles).all():
             raise ObjectModelError('has vertices that are not finite numbers')
         count = len(mesh.vertices)
-        repair(mesh)
+        mended = repair(mesh)
         if not mesh.area > 0:
             raise ObjectModelError(f'holds {count} vertices but no surface')
-        if mesh.is_watertight and mesh.is_winding_consistent and mesh.volume < 0:
-            mesh.invert()  # its faces looked inwards
     except PmclError as error:
         raise ObjectModelError(f'{path} {error}') from None
     except MemoryError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their parsers raise
         raise ObjectModelError(f'{path} cannot be read as a mesh: {error!r}') from error
+    if mended:
+        _LOG.info('mesh %s: %s', path, ', '.join(mended))
     return mesh
 
 

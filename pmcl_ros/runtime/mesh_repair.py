@@ -1,14 +1,30 @@
 """What meshes often lack where programs and scanners wrote them, mended without a guess."""
 
+from typing import Any
+
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+_MOST_BODIES = 30  # whose nesting is looked at, which takes a pass over the faces for each
 
 
-def repair(mesh: trimesh.Trimesh) -> None:
-    """Merge a mesh's equal corners, and drop the faces that thereby collapse."""
+def repair(mesh: trimesh.Trimesh) -> list[str]:
+    """Mend a mesh in place; what a user should know of that, in words.
+
+    Equal corners become one, and faces that thereby collapse are dropped. The faces of a closed
+    mesh are turned to look outwards: those of each body, those of a body in another one into the
+    cavity that it stands for.
+    """
     # Corners that differ in colour or normal alone are one; those of no face are no part.
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     _drop_collapsed(mesh)
+    if not mesh.is_watertight:
+        return []
+    turned = _turn_outwards(mesh)
+    return [f'turned {turned} of its {len(mesh.faces)} faces outwards'] if turned else []
 
 
 def _drop_collapsed(mesh: trimesh.Trimesh) -> None:
@@ -20,3 +36,71 @@ def _drop_collapsed(mesh: trimesh.Trimesh) -> None:
     if not kept.all():
         mesh.update_faces(kept)
         mesh.remove_unreferenced_vertices()
+
+
+def _turn_outwards(mesh: trimesh.Trimesh) -> int:
+    """Turn faces of a closed mesh; their number."""
+    body, turn = _bodies(mesh)
+    middle = mesh.bounds.mean(axis=0)
+    one, two, three = (mesh.triangles[:, k] - middle for k in range(3))
+    volumes = np.bincount(  # six times that
+        body, np.where(turn, -1.0, 1.0) * (one * np.cross(two, three)).sum(axis=1))
+    if (volumes < 0).any():
+        # A cavity is turned where the body around it is.
+        turn ^= (volumes < 0)[_around(mesh.triangles, body, volumes)][body]
+    if turn.any():
+        mesh.faces = np.where(turn[:, None], mesh.faces[:, ::-1], mesh.faces)
+    return int(turn.sum())
+
+
+def _bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """The body (n,) of each face of a closed mesh, and which to turn for one winding in each.
+
+    trimesh.repair.fix_winding does the latter face by face, and needs networkx.
+    """
+    count = len(mesh.faces)
+    start, end = mesh.face_adjacency_edges.T[:, :, None]
+    forward = [((mesh.faces[side] == start) & (np.roll(mesh.faces[side], -1, axis=1) == end))
+               .any(axis=1) for side in mesh.face_adjacency.T]
+    # Each face is there twice, as it is and turned: those that go together are connected.
+    one, other = mesh.face_adjacency.T
+    apart = count * (forward[0] == forward[1])
+    links = np.hstack([[one, other + apart], [one + count, other + count - apart]])
+    graph = coo_array((np.ones(links.shape[1]), links), shape=(2 * count, 2 * count))
+    as_is, turned = connected_components(graph, directed=False)[1].reshape(2, count)
+    body = np.unique(np.minimum(as_is, turned), return_inverse=True)[1]
+    turn = as_is > turned
+    most = np.bincount(body, turn) > np.bincount(body) / 2  # the fewer are to turn
+    return body, turn ^ most[body]
+
+
+def _around(triangles: NDArray[np.float64], body: NDArray[np.intp], volumes: NDArray[Any]
+            ) -> NDArray[np.intp]:
+    """(k,) the largest body that each body lies in, or itself; of very many, the largest of all.
+    """
+    count = len(volumes)
+    if count > _MOST_BODIES:
+        return np.full(count, np.abs(volumes).argmax())
+    bodies = [triangles[body == each] for each in range(count)]
+    low, high = (np.array([end(each, axis=(0, 1)) for each in bodies]) for end in (np.min, np.max))
+    around = []
+    for inner, surface in enumerate(bodies):
+        boxes = (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
+        holding = [each for each in np.flatnonzero(boxes).tolist()
+                   if _holds(bodies[each], surface[0].mean(axis=0))]
+        around.append(max([inner, *holding], key=np.abs(volumes).__getitem__))
+    return np.array(around)
+
+
+def _holds(triangles: NDArray[np.float64], point: NDArray[np.float64]) -> bool:
+    """Whether a point lies in a closed surface, which then fills the full solid angle.
+
+    Halves of solid angles, by Van Oosterom and Strackee.
+    """
+    away = triangles - point
+    a, b, c = np.moveaxis(away, 1, 0)
+    far_a, far_b, far_c = np.linalg.norm(away, axis=2).T
+    across = (a * np.cross(b, c)).sum(axis=1)
+    along = (far_a * far_b * far_c + (a * b).sum(axis=1) * far_c + (b * c).sum(axis=1) * far_a
+             + (c * a).sum(axis=1) * far_b)
+    return bool(abs(np.arctan2(across, along).sum()) > np.pi)  # 2 pi or 0

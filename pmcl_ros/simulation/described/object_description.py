@@ -200,8 +200,8 @@ def _split(mesh: trimesh.Trimesh, level: float
 
 def _not_closed(what: str, mesh: trimesh.Trimesh) -> ObjectModelError:
     if mesh.is_watertight:
-        return ObjectModelError(f'{what} has faces that look inwards beside others that look '
-                                'outwards: recalculate its normals')
+        return ObjectModelError(f'{what} has no inside: its faces cannot all look outwards; '
+                                'remesh it')
     return ObjectModelError(f'{what} is not closed: fill its holes, with a lid at the mouth')
 
 
