@@ -17,6 +17,7 @@ from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.runtime.errors import FileError, ObjectModelError
 from pmcl_ros.runtime.mesh_file import read_mesh
+from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
 
@@ -242,11 +243,12 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
     if len(mesh.faces) > _MANY_FACES:
         _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
                      'the mesh', name, len(mesh.faces))
-    _, uses = np.unique(mesh.edges_sorted @ [len(mesh.vertices), 1], return_counts=True)
-    if (uses == 1).any():
-        _LOG.warning('object %r: its mesh is not closed, %.2g %% of the edges belong to one face '
-                     'only; close holes of a scan, their rims count as outlines', name,
-                     100 * (uses == 1).mean())
+    share = boundary_share(mesh)
+    if share:
+        _LOG.warning('object %r: its mesh is not closed, %d %% of the edges belong to one face '
+                     'only%s', name, max(1, round(100 * share)),
+                     ', as where faces share no corners: merge close vertices' if is_apart(mesh)
+                     else '; close holes of a scan, their rims count as outlines')
     far, diagonal = float(np.linalg.norm(mesh.bounds.mean(axis=0))), _diagonal(mesh)
     if far > _FARTHEST * diagonal:
         raise ObjectModelError(f'object {name!r}: its origin is {far:.3g} m from the middle of '

@@ -7,24 +7,65 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
+_APART = 0.5  # share of boundary edges: where there are more, faces share no corners
+_NOISE = 1e-6  # of the diagonal: corners so close are one there, and differ by rounding
 _MOST_BODIES = 30  # whose nesting is looked at, which takes a pass over the faces for each
 
 
 def repair(mesh: trimesh.Trimesh) -> list[str]:
     """Mend a mesh in place; what a user should know of that, in words.
 
-    Equal corners become one, and faces that thereby collapse are dropped. The faces of a closed
-    mesh are turned to look outwards: those of each body, those of a body in another one into the
-    cavity that it stands for.
+    Equal corners become one, nearly equal ones too where faces share none, and faces that thereby
+    collapse are dropped. The faces of a closed mesh are turned to look outwards: those of each
+    body, those of a body in another one into the cavity that it stands for.
     """
     # Corners that differ in colour or normal alone are one; those of no face are no part.
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
     _drop_collapsed(mesh)
-    if not mesh.is_watertight:
-        return []
-    turned = _turn_outwards(mesh)
-    return [f'turned {turned} of its {len(mesh.faces)} faces outwards'] if turned else []
+    done = []
+    if is_apart(mesh):
+        count = len(mesh.vertices)
+        _merge_close(mesh)
+        _drop_collapsed(mesh)
+        if len(mesh.vertices) < count:
+            done.append(f'made {len(mesh.vertices)} of its {count} corners, which differed by '
+                        'rounding')
+    turned = _turn_outwards(mesh) if mesh.is_watertight else 0
+    if turned:
+        done.append(f'turned {turned} of its {len(mesh.faces)} faces outwards')
+    return done
+
+
+def boundary_share(mesh: trimesh.Trimesh) -> float:
+    """Share of the edges that belong to one face only: the rims of holes."""
+    if mesh.is_watertight or mesh.is_empty:
+        return 0.0
+    _, uses = np.unique(mesh.edges_sorted @ [len(mesh.vertices), 1], return_counts=True)
+    return float((uses == 1).mean())
+
+
+def is_apart(mesh: trimesh.Trimesh) -> bool:
+    """Whether most edges belong to one face only, as where faces share no corners."""
+    return boundary_share(mesh) > _APART
+
+
+def _merge_close(mesh: trimesh.Trimesh) -> None:
+    """Make one of corners that are closer than rounding."""
+    near = _NOISE * float(np.linalg.norm(mesh.extents))
+    # One of each cell first: then a corner has few others so near, whatever the mesh.
+    cells = ((mesh.vertices - mesh.bounds[0]) / near).astype(np.int64) @ [2 ** 42, 2 ** 21, 1]
+    mesh.update_vertices(*np.unique(cells, return_index=True, return_inverse=True)[1:])
+    pairs = cKDTree(mesh.vertices).query_pairs(near, output_type='ndarray')
+    mesh.update_vertices(*np.unique(_components(pairs.T, len(mesh.vertices)), return_index=True,
+                                    return_inverse=True)[1:])
+
+
+def _components(links: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """(count,) the connected component of each node; links: (2, n) pairs of them."""
+    graph = coo_array((np.ones(links.shape[1]), links), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1])
 
 
 def _drop_collapsed(mesh: trimesh.Trimesh) -> None:
@@ -66,8 +107,7 @@ def _bodies(mesh: trimesh.Trimesh) -> tuple[NDArray[np.intp], NDArray[np.bool_]]
     one, other = mesh.face_adjacency.T
     apart = count * (forward[0] == forward[1])
     links = np.hstack([[one, other + apart], [one + count, other + count - apart]])
-    graph = coo_array((np.ones(links.shape[1]), links), shape=(2 * count, 2 * count))
-    as_is, turned = connected_components(graph, directed=False)[1].reshape(2, count)
+    as_is, turned = _components(links, 2 * count).reshape(2, count)
     body = np.unique(np.minimum(as_is, turned), return_inverse=True)[1]
     turn = as_is > turned
     most = np.bincount(body, turn) > np.bincount(body) / 2  # the fewer are to turn

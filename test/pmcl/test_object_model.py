@@ -301,7 +301,11 @@ def test_any_axis_through_the_origin_is_found(tmp_path, caplog):
 
 @pytest.mark.parametrize(('change', 'told'), [
     (lambda mesh: mesh.apply_translation([0.3, 0, 0]), 'its origin is 0.3'),
-    (lambda mesh: mesh.update_faces(np.arange(len(mesh.faces)) % 10 > 0), 'is not closed'),
+    (lambda mesh: mesh.update_faces(np.arange(len(mesh.faces)) % 10 > 0), 'is not closed, 21 %'),
+    (lambda mesh: mesh.update_faces(np.arange(len(mesh.faces)) > 0), 'is not closed, 1 %'),
+    (lambda mesh: (mesh.unmerge_vertices(), mesh.vertices.__imul__(
+        np.random.default_rng(0).uniform(1, 1.001, mesh.vertices.shape))),
+     'is not closed, 100 % of the edges belong to one face only, as where faces share no corners'),
 ])
 def test_what_a_scan_brings_along_is_told(tmp_path, caplog, change, told):
     mesh = cup()

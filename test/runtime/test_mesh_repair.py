@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from pmcl_ros.runtime.mesh_repair import repair
+from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart, repair
 
 
 def ball(radius, x=0.0, is_inverted=False):
@@ -67,3 +67,43 @@ def test_open_meshes_stay_as_they_are():
     faces = mesh.faces.copy()
     assert repair(mesh) == []
     np.testing.assert_array_equal(mesh.faces, faces)
+
+
+def soup(mesh, noise, size=1.0):
+    """Its triangles, each with corners of its own that are off by a share of the diagonal."""
+    corners = mesh.triangles.reshape(-1, 3) * size
+    off = noise * np.linalg.norm(np.ptp(corners, axis=0))
+    corners = corners + np.random.default_rng(0).uniform(-off, off, corners.shape)
+    return trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
+
+
+@pytest.mark.parametrize('size', [0.1, 1.0, 1e3])
+def test_corners_that_differ_by_rounding_are_one(size):
+    mesh = soup(ball(0.05), 1e-7, size)
+    assert is_apart(mesh)
+    told = repair(mesh)
+    assert (len(mesh.vertices), len(mesh.faces)) == (162, 320)
+    assert mesh.is_volume
+    assert mesh.volume == pytest.approx(LARGE * size ** 3, rel=1e-4)
+    assert len(told) == 1
+    assert told[0].startswith('made 162 of its ')
+
+
+def test_corners_that_are_farther_apart_stay_apart():
+    mesh = soup(ball(0.05), 1e-4)
+    assert repair(mesh) == []
+    assert (len(mesh.vertices), len(mesh.faces)) == (960, 320)
+    assert boundary_share(mesh) == 1
+    assert is_apart(mesh)
+
+
+def test_a_hole_of_a_fine_mesh_leaves_its_corners_as_they_are():
+    mesh = ball(0.05)
+    faces = mesh.faces.copy()
+    faces[0, 0] = 162
+    near = mesh.vertices[mesh.faces[0, 0]] * (1 + 1e-6)
+    mesh = trimesh.Trimesh(np.vstack([mesh.vertices, near]), faces, process=False)
+    assert repair(mesh) == []
+    assert len(mesh.vertices) == 163
+    assert not is_apart(mesh)
+    assert boundary_share(mesh) == pytest.approx(4 / 482)

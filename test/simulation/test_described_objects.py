@@ -408,6 +408,11 @@ def test_what_is_massive_must_be_closed(describe):
     open_top.update_faces(open_top.triangles_center[:, 2] < HEIGHT - 1e-6)
     with pytest.raises(ObjectModelError, match='its mesh is not closed'):
         describe(open_top, {'material': 'opaque'})
+    soup = _revolved(CYLINDER)
+    soup.unmerge_vertices()
+    soup.vertices *= np.random.default_rng(0).uniform(1, 1.001, soup.vertices.shape)
+    with pytest.raises(ObjectModelError, match='its faces share no corners: merge close vertices'):
+        describe(soup, {'material': 'opaque'})
 
 
 def test_up_may_be_long(describe):

@@ -13,6 +13,7 @@ from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
 from pmcl_ros.runtime.errors import ObjectModelError
 from pmcl_ros.runtime.mesh_file import read_mesh
+from pmcl_ros.runtime.mesh_repair import is_apart
 from pmcl_ros.runtime.settings import read_yaml
 from pmcl_ros.simulation.described import offsets, profiles
 from pmcl_ros.simulation.described.substances import liquid_of, medium_of
@@ -202,6 +203,9 @@ def _not_closed(what: str, mesh: trimesh.Trimesh) -> ObjectModelError:
     if mesh.is_watertight:
         return ObjectModelError(f'{what} has no inside: its faces cannot all look outwards; '
                                 'remesh it')
+    if is_apart(mesh):
+        return ObjectModelError(f'{what} is not closed, its faces share no corners: merge close '
+                                'vertices')
     return ObjectModelError(f'{what} is not closed: fill its holes, with a lid at the mouth')
 
 
