@@ -10,6 +10,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from pmcl_ros.geometry.revolution_axis import ANGLES, moved_by, revolution_axis
 from pmcl_ros.geometry.se3 import rotations_about
@@ -26,6 +28,7 @@ _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to
 _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
 _MANY_FACES = 100_000
+_BIT = 0.01  # of the area of the largest part: less is dust in a scan, a cap is more
 _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -236,7 +239,8 @@ def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: s
 
 
 def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
-    """Warn of what scans bring along and a search suffers from: many faces, holes, a far origin.
+    """Warn of what scans bring along and a search suffers from: many faces, holes, loose bits, a
+    far origin.
 
     Raises ObjectModelError for an origin so far away that poses about it say nothing.
     """
@@ -249,6 +253,8 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
                      'only%s', name, max(1, round(100 * share)),
                      ', as where faces share no corners: merge close vertices' if is_apart(mesh)
                      else '; close holes of a scan, their rims count as outlines')
+    if not is_apart(mesh):
+        _tell_bits(mesh, name)
     far, diagonal = float(np.linalg.norm(mesh.bounds.mean(axis=0))), _diagonal(mesh)
     if far > _FARTHEST * diagonal:
         raise ObjectModelError(f'object {name!r}: its origin is {far:.3g} m from the middle of '
@@ -257,3 +263,25 @@ def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
         _LOG.warning('object %r: its origin is %.3g m from the middle of its mesh, which measures '
                      '%.3g m; region and pose are those of the origin: better move it into the '
                      'mesh', name, far, diagonal)
+
+
+def _tell_bits(mesh: trimesh.Trimesh, name: str) -> None:
+    """Warn of small parts outside the box of the largest one, as of dust in a scan."""
+    links = coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=2 * [len(mesh.vertices)])
+    part = connected_components(links, directed=False)[1][mesh.faces[:, 0]]
+    areas = np.bincount(part, mesh.area_faces)
+    if len(areas) == 1:
+        return
+    low, high = np.full((len(areas), 3), np.inf), np.full((len(areas), 3), -np.inf)
+    np.minimum.at(low, part, mesh.triangles.min(axis=1))
+    np.maximum.at(high, part, mesh.triangles.max(axis=1))
+    most = areas.argmax()
+    outside = ((high < low[most]) | (low > high[most])).any(axis=1)
+    bits = np.flatnonzero(outside & (areas < _BIT * areas[most]))
+    if len(bits):
+        sizes = (high - low).max(axis=1)
+        largest = bits[sizes[bits].argmax()]
+        place = ', '.join(f'{each:.3g}' for each in (low + high)[largest] / 2)
+        _LOG.warning('object %r: loose parts count as parts of it: %d of up to %.2g m, the '
+                     'largest at (%s) m; delete those that are none', name, len(bits),
+                     sizes[largest], place)

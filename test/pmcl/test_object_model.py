@@ -316,6 +316,23 @@ def test_what_a_scan_brings_along_is_told(tmp_path, caplog, change, told):
     assert told in caplog.text
 
 
+def test_loose_bits_of_a_scan_are_told_once(tmp_path, caplog):
+    bits = [trimesh.creation.icosphere(1, radius).apply_translation([0.12, y, 0.05])
+            for y, radius in ((0, 0.002), (0.02, 0.003), (-0.02, 0.001))]
+    ObjectModel.load(save(trimesh.util.concatenate([cup(), *bits]), tmp_path))
+    warnings = [each.getMessage() for each in caplog.records if each.levelname == 'WARNING']
+    assert warnings == ["object 'thing': loose parts count as parts of it: 3 of up to 0.006 m, "
+                        'the largest at (0.12, 0.02, 0.05) m; delete those that are none']
+
+
+@pytest.mark.parametrize('part', [
+    trimesh.creation.cylinder(0.012, 0.01).apply_translation([0, 0, 0.2]),  # a cap
+    trimesh.creation.icosphere(1, 0.001).apply_translation([0, 0, 0.05])], ids=['cap', 'bubble'])
+def test_caps_and_what_is_inside_are_no_loose_bits(tmp_path, caplog, part):
+    ObjectModel.load(save(trimesh.util.concatenate([cup(), part]), tmp_path))
+    assert 'loose' not in caplog.text
+
+
 def test_an_origin_far_away_is_refused(tmp_path):
     mesh = cup()
     mesh.apply_translation([3.0, 0, 0])
