@@ -403,6 +403,31 @@ def test_a_surface_with_no_inside_is_no_object(describe):
         describe(trimesh.Trimesh(corners, faces, process=False), GLASS)
 
 
+def _handle(x):
+    return trimesh.creation.box((0.03, 0.01, 0.04)).apply_translation([x, 0, 0.04])
+
+
+@pytest.mark.parametrize(('x', 'overlap'), [(0.035, 0.01), (0.05, 0)])
+@pytest.mark.parametrize('cavity', [0, 0.02])
+def test_bodies_that_overlap_are_one(describe, x, overlap, cavity):
+    """As a mug in CAD, whose handle reaches into its body."""
+    hole = trimesh.creation.box([cavity] * 3).apply_translation([0, 0, 0.04])
+    hole.invert()
+    parts = [_box(), _handle(x), *([hole] if cavity else [])]
+    thing = describe(trimesh.util.concatenate(parts), {'material': 'glass', 'solid': True})
+    assert _total(thing, 1) == pytest.approx(
+        _box().volume + (0.03 - overlap) * 0.01 * 0.04 - cavity ** 3, rel=1e-5)
+
+
+def test_the_wall_of_bodies_that_overlap_goes_around_both(describe):
+    thing = describe(trimesh.util.concatenate([_box(), _handle(0.035)]), GLASS)
+    solid, = thing.solids
+    for origin in ([-0.1, 1e-4, 0.0402], [-0.1, 1e-4, 0.07]):
+        found = _crossings(solid, np.array(origin), np.array([1.0, 0, 0])) - 0.1
+        end = 0.05 if origin[2] < 0.06 else 0.03
+        np.testing.assert_allclose(found, [-0.03, WALL - 0.03, end - WALL, end], atol=2e-5)
+
+
 def test_what_is_massive_must_be_closed(describe):
     open_top = _revolved(CYLINDER)
     open_top.update_faces(open_top.triangles_center[:, 2] < HEIGHT - 1e-6)

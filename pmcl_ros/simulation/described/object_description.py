@@ -140,7 +140,7 @@ class _Description:
                 ) -> list[Frusta | Triangles]:
         look = self.appearance
         self._check_closed()
-        outer = trimesh.Trimesh(vertices, self.model.faces, process=False)
+        outer = offsets.united(trimesh.Trimesh(vertices, self.model.faces, process=False))
         if not is_hollow:
             return [Triangles(np.array(outer.triangles), 0, _BODY)]
         is_open = look.mouth is not None and look.mouth.open

@@ -88,14 +88,18 @@ def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh
              or each.bounding_box()[5] > mouth]
     if not parts:
         raise ObjectModelError(f'a wall of {wall:g} m leaves no cavity; {_GIVE}')
-    mesh = max(parts, key=kernel.Manifold.volume).to_mesh64()
-    return trimesh.Trimesh(mesh.vert_properties, mesh.tri_verts, process=False)
+    return _mesh(max(parts, key=kernel.Manifold.volume))
 
 
 def _solid(mesh: trimesh.Trimesh) -> Any:
     kernel = manifold()
     return kernel.Manifold(kernel.Mesh64(np.array(mesh.vertices, float),
                                          np.array(mesh.faces, np.uint64)))
+
+
+def _mesh(solid: Any) -> trimesh.Trimesh:
+    mesh = solid.to_mesh64()
+    return trimesh.Trimesh(mesh.vert_properties, mesh.tri_verts, process=False)
 
 
 def lifted(inner: trimesh.Trimesh, mouth: float | None) -> trimesh.Trimesh:
@@ -116,6 +120,28 @@ def _lid(mesh: trimesh.Trimesh, mouth: float | None) -> NDArray[np.bool_]:
                                f'mouth: {{z: {mesh.bounds[1, 2]:.4g}, open: true}}, or add a lid '
                                'to the mesh')
     return np.asarray(lid)
+
+
+def united(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
+    """A closed mesh with its bodies, which may overlap, made one, less its cavities.
+
+    Raises ObjectModelError where that fails.
+    """
+    bodies = mesh.split(only_watertight=False)
+    solid = [each for each in bodies if each.volume > 0]
+    if len(solid) < 2:
+        return mesh
+    cavities = [each for each in bodies if each.volume < 0]
+    for each in cavities:
+        each.invert()
+    kernel = manifold()
+    body, empty = (kernel.Manifold.batch_boolean([_solid(each) for each in parts],
+                                                 kernel.OpType.Add)
+                   for parts in (solid, cavities))
+    made = _mesh(body - empty)
+    if not made.is_volume:
+        raise ObjectModelError('its parts overlap: unite them')
+    return made
 
 
 def above(mesh: trimesh.Trimesh, height: float) -> trimesh.Trimesh:
