@@ -235,6 +235,15 @@ def test_an_offset_of_a_smooth_mesh_keeps_its_distance(describe):
     assert outer - inner == pytest.approx(WALL, abs=5e-5)
 
 
+def test_faces_at_a_sharp_edge_may_be_narrower_than_the_wall(describe):
+    fine, wall = _box(), 0.006
+    for _ in range(4):
+        fine = fine.subdivide()
+    thing = describe(fine, {**GLASS, 'wall': wall})
+    cavity = (BOX[0] - 2 * wall) * (BOX[1] - 2 * wall) * (BOX[2] - wall)
+    assert _total(thing, 1) == pytest.approx(fine.volume - cavity, rel=1e-5)
+
+
 @pytest.mark.parametrize('fineness', [1, 4])  # more faces than are eroded as they are
 def test_roundings_may_be_narrower_than_the_wall(describe, fineness):
     ball = trimesh.creation.icosphere(fineness, 0.001).vertices

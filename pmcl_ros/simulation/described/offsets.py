@@ -36,6 +36,9 @@ def cavity_of(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trime
     """
     _lid(outer, mouth)
     moved = _moved(outer, wall, mouth)
+    if moved is None:
+        # At sharp edges, faces narrower than the wall turn over; a simpler mesh has none there.
+        moved = _moved(_mesh(_solid(outer).simplify(_SIMPLER * wall)), wall, mouth)
     return _eroded(outer, wall, mouth) if moved is None else moved
 
 
