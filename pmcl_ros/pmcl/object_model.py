@@ -20,6 +20,7 @@ from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.runtime.errors import FileError, ObjectModelError
 from pmcl_ros.runtime.mesh_file import read_mesh
 from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
+from pmcl_ros.runtime.resources import SCHEME, resolve
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
 
@@ -42,7 +43,8 @@ class _ContinuousSymmetry(Settings):
 class ObjectSettings(Settings):
     """An object's YAML file. Symmetries as in BOP's models_info.json."""
 
-    mesh: str = Field(description='path of the mesh, relative to this file')
+    mesh: str = Field(description='path of the mesh, relative to this file, or '
+                      'package://pmcl_ros/...')
     scale: float = Field(1.0, gt=0, description='metres per unit of the mesh; where it is left '
                          'out, a mesh that is far too large for metres is taken as millimetres')
     symmetries_continuous: list[_ContinuousSymmetry] | None = Field(
@@ -106,7 +108,7 @@ class ObjectModel:
         """
         path = Path(path)
         settings = _described(path)
-        mesh = read_mesh(path.parent / settings.mesh)
+        mesh = read_mesh(_mesh_path(path, settings))
         scale = _scale_of(mesh, settings, path)
         if 'scale' not in settings.model_fields_set:
             _tell_size(mesh, scale, path)
@@ -145,8 +147,8 @@ class ObjectModel:
         if not _SMALLEST <= diagonal <= _LARGEST:
             raise ObjectModelError(
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
-                f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh: '
-                '0.001 for millimetres')
+                f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh'
+                + (': 0.001 for millimetres' if diagonal > _LARGEST else ''))
         _check_scan(mesh, name)
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
@@ -171,7 +173,7 @@ def mesh_file(path: Path | str) -> tuple[Path, float]:
     """The mesh file of an object, and metres per unit of it; raises as `ObjectModel.load`."""
     path = Path(path)
     settings = _described(path)
-    mesh = path.parent / settings.mesh
+    mesh = _mesh_path(path, settings)
     return mesh, _scale_of(read_mesh(mesh), settings, path)
 
 
@@ -180,6 +182,15 @@ def _described(path: Path) -> ObjectSettings:
     if path.suffix.lower() in _DESCRIBED:
         return ObjectSettings.make(read_yaml(path), str(path))
     return ObjectSettings(mesh=path.name)
+
+
+def _mesh_path(path: Path, settings: ObjectSettings) -> Path:
+    if settings.mesh.startswith(SCHEME):
+        return resolve(settings.mesh, 'mesh')
+    if '://' in settings.mesh:
+        raise ObjectModelError(f'{path}: mesh: {settings.mesh} is not looked up; write the path '
+                               'of the mesh, relative to this file')
+    return path.parent / settings.mesh
 
 
 def _scale_of(mesh: trimesh.Trimesh, settings: ObjectSettings, path: Path) -> float:
@@ -191,7 +202,7 @@ def _scale_of(mesh: trimesh.Trimesh, settings: ObjectSettings, path: Path) -> fl
         raise ObjectModelError(
             f'{path}: nothing says the unit of the mesh, whose diagonal of {diagonal:.4g} cannot '
             f'be metres; write {_line(path, 0.001)} if it is in millimetres, scale: 0.01 if it is '
-            'in centimetres')
+            'in centimetres, scale: 0.0254 if it is in inches')
     return 0.001
 
 

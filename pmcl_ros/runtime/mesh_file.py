@@ -3,6 +3,7 @@
 import io
 import logging
 import os
+import re
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pmcl_ros.runtime.mesh_size import MeshSize, mesh_size
 _LOG = logging.getLogger(__name__)
 _MOST_FACES = 1_000_000
 _MOST_BYTES = 2 ** 26
+_COMMA = re.compile(rb'(?:^|\n)[ \t]*+v(?:ertex)?+[ \t]++-?\d++,\d')  # in OBJ, and STL in text
 _KINDS = 'stl', 'obj', 'ply', 'off', 'glb'  # of meshes; trimesh reads others with more libraries
 
 
@@ -36,6 +38,7 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     except FileError as error:
         raise ObjectModelError(str(error)) from None
     try:
+        _check_content(data)
         _check_size(mesh_size(data, kind))
         mesh = _whole(trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False))
         if not np.isfinite(mesh.triangles).all():
@@ -53,6 +56,16 @@ def read_mesh(path: Path) -> trimesh.Trimesh:
     if mended:
         _LOG.info('mesh %s: %s', path, ', '.join(mended))
     return mesh
+
+
+def _check_content(data: bytes) -> None:
+    """Raise ObjectModelError for what is often there in place of a mesh."""
+    if not data:
+        raise ObjectModelError('is empty')
+    if data.startswith(b'version https://git-lfs'):
+        raise ObjectModelError('only says where Git LFS keeps the mesh: git lfs pull fetches it')
+    if _COMMA.search(data):
+        raise ObjectModelError('has commas in its decimals: write them with points')
 
 
 def _check_size(size: MeshSize) -> None:

@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pmcl_ros.runtime.errors import ObjectModelError
+
 _COUNT = rb'(\d{1,18})'
 _BETWEEN = rb'(?:\s|#[^\n]*+\n)*+'  # white space and comments
 _OFF = re.compile(_BETWEEN + rb'\w*OFF' + _BETWEEN + _COUNT + rb'\s++' + _COUNT)
@@ -30,18 +32,27 @@ class MeshSize(NamedTuple):
 def mesh_size(data: bytes, kind: str) -> MeshSize:
     """Of a whole file. kind: stl, obj, ply, off or glb. A polygon counts as one face.
 
-    Raises ValueError, LookupError, TypeError or struct.error where it is no such file.
+    Raises ObjectModelError, ValueError, LookupError, TypeError or struct.error where it is no such
+    file.
     """
     return {'stl': _stl, 'obj': _obj, 'ply': _ply, 'off': _off, 'glb': _glb}[kind](data)
 
 
 def _stl(data: bytes) -> MeshSize:
+    faces = more = 0
     if len(data) >= _STL_HEAD:
         faces, = struct.unpack_from('<I', data, _STL_HEAD - 4)
-        if len(data) == _STL_HEAD + _STL_FACE * faces:
+        more = len(data) - _STL_HEAD - _STL_FACE * faces
+        if more == 0:
             return MeshSize(_TRIANGLE * faces, faces)
-    corners = data.lower().count(b'vertex')
-    return MeshSize(corners, corners // _TRIANGLE)
+    text = data.lower()
+    if b'facet' in text:
+        corners = text.count(b'vertex')
+        return MeshSize(corners, corners // _TRIANGLE)
+    if more == 0 or b'\0' not in data:  # which the numbers of a binary file have
+        raise ObjectModelError('is no STL')
+    what = 'is cut short: its header tells' if more < 0 else 'is longer than its header tells:'
+    raise ObjectModelError(f'{what} {faces} faces')
 
 
 def _obj(data: bytes) -> MeshSize:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pmcl_ros
 from pmcl_ros.runtime.errors import SettingsError
 
-_SCHEME = 'package://pmcl_ros/'
+SCHEME = 'package://pmcl_ros/'
 
 
 def resolve(path: str, parameter: str) -> Path:
@@ -18,7 +18,7 @@ def resolve(path: str, parameter: str) -> Path:
     """
     if not path:
         raise SettingsError(f'parameter {parameter!r} is empty; set it to a path')
-    if not path.startswith(_SCHEME):
+    if not path.startswith(SCHEME):
         found = Path(path).expanduser()
         if not found.exists():
             raise SettingsError(f'parameter {parameter!r}: there is no {found.absolute()}')
@@ -45,7 +45,7 @@ def calibration_file(name: str, parameter: str = 'calibration') -> Path:
     """
     if not name or Path(name).name != name or Path(name).suffix or Path(name).is_file():
         return resolve(name, parameter)
-    folders = [cameras_folder(), *candidates(f'{_SCHEME}config/cameras')]
+    folders = [cameras_folder(), *candidates(f'{SCHEME}config/cameras')]
     known = {each.stem: each for folder in reversed(folders) for each in folder.glob('*.yaml')}
     if name not in known:
         raise SettingsError(
@@ -57,7 +57,7 @@ def calibration_file(name: str, parameter: str = 'calibration') -> Path:
 
 def candidates(path: str) -> list[Path]:
     """Where `package://pmcl_ros/...` may be, the first that exists counts (`resolve`)."""
-    return [folder / path.removeprefix(_SCHEME) for folder in _folders()]
+    return [folder / path.removeprefix(SCHEME) for folder in _folders()]
 
 
 def _folders() -> list[Path]:

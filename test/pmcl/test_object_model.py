@@ -148,7 +148,8 @@ def test_the_unit_that_nobody_says_is_guessed_and_told(tmp_path, caplog, said, u
 
 def test_a_unit_that_may_be_two_is_asked_for(tmp_path):
     centimetres = cup().apply_scale(100)
-    with pytest.raises(ObjectModelError, match=r'thing\.yaml.*scale: 0\.001.*scale: 0\.01 if'):
+    with pytest.raises(ObjectModelError, match=r'thing\.yaml.*scale: 0\.001.*scale: 0\.01 if.*'
+                       r'scale: 0\.0254 if it is in inches'):
         ObjectModel.load(save(centimetres, tmp_path))
     with pytest.raises(ObjectModelError, match=r'write scale: 0\.001.*scale: 0\.01 if'):
         ObjectModel.load(describe(tmp_path, centimetres))
@@ -219,13 +220,12 @@ def test_missing_files_are_named(tmp_path):
 
 
 @pytest.mark.parametrize(('name', 'content', 'message'), [
-    ('empty.obj', b'', 'cannot be read as a mesh|no surface'),
     ('points.obj', b'v 0 0 0\nv .1 0 0\nv 0 .1 0\n', 'cannot be read as a mesh|no surface'),
     ('flat.obj', b'v 0 0 0\nv .1 0 0\nv .2 0 0\nf 1 2 3\n', 'no surface'),
     ('index.obj', b'v 0 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 9\n', 'cannot be read as a mesh'),
     ('nan.obj', b'v nan 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n', 'not finite numbers'),
     ('infinite.obj', b'v inf 0 0\nv .1 0 0\nv 0 .1 0\nf 1 2 3\n', 'not finite numbers'),
-    ('garbage.stl', bytes(range(256)) * 3, 'cannot be read as a mesh|no surface'),
+    ('garbage.stl', bytes(range(256)) * 3, 'is cut short: its header tells 1397903696 faces'),
     ('garbage.ply', bytes(range(256)) * 3, 'cannot be read as a mesh'),
     ('garbage.glb', bytes(range(256)) * 3, 'cannot be read as a mesh'),
     ('picture.png', b'\x89PNG\r\n', 'cannot be read as a mesh'),
@@ -237,7 +237,8 @@ def test_missing_files_are_named(tmp_path):
     ('count.ply', b'ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\n'
      b'property float x\nproperty float y\nproperty float z\nelement face 1\n'
      b'property list uchar int vertex_indices\nend_header\n', 'has 4000000000 vertices'),
-    ('count.stl', bytes(80) + b'\xff\xff\xff\x7f' + bytes(50), 'cannot be read|no faces'),
+    ('count.stl', bytes(80) + b'\xff\xff\xff\x7f' + bytes(50),
+     'is cut short: its header tells 2147483647 faces'),
 ])
 def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
     path = tmp_path / name
@@ -245,6 +246,45 @@ def test_files_that_hold_no_mesh_are_refused(tmp_path, name, content, message):
     with pytest.raises(ObjectModelError, match=message) as caught:
         ObjectModel.load(path)
     assert name in str(caught.value)
+
+
+BINARY = trimesh.creation.box((0.03, 0.05, 0.11)).export(file_type='stl')
+POINTER = b'version https://git-lfs.github.com/spec/v1\noid sha256:abc\nsize 123\n'
+
+
+@pytest.mark.parametrize(('name', 'content', 'message'), [
+    ('cut.stl', BINARY[:-60], 'is cut short: its header tells 12 faces'),
+    ('long.stl', BINARY + bytes(2), 'is longer than its header tells: 12 faces'),
+    ('page.stl', b'<!DOCTYPE html><html><body>Not found</body></html>' * 10, 'is no STL'),
+    ('short.stl', BINARY[:60], 'is no STL'),
+    ('solid.stl', b'solid thing\nendsolid thing\n', 'is no STL'),
+    *((f'pointer.{kind}', POINTER, 'only says where Git LFS keeps the mesh: git lfs pull fetches '
+       'it') for kind in ('stl', 'obj', 'glb')),
+    *((f'empty.{kind}', b'', 'is empty') for kind in ('stl', 'obj', 'ply', 'off', 'glb')),
+    ('comma.obj', b'v 0,1 0 0\nv 0 0,1 0\nv 0 0 0,1\nf 1 2 3\n',
+     'has commas in its decimals: write them with points'),
+    ('comma.stl', b'solid\nfacet normal 0,0 0,0 1,0\nouter loop\n  vertex 0,1 0,0 0,0\n',
+     'has commas in its decimals: write them with points'),
+])
+def test_files_that_are_damaged_are_told_plainly(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(ObjectModelError) as caught:
+        ObjectModel.load(tmp_path / name)
+    assert str(caught.value) == f'{tmp_path / name} {message}'
+
+
+def test_a_mesh_of_the_package_is_named_as_in_ros(tmp_path):
+    path = tmp_path / 'glass.yaml'
+    path.write_text('mesh: package://pmcl_ros/models/wine_glass.obj')
+    np.testing.assert_array_equal(ObjectModel.load(path).vertices,
+                                  ObjectModel.load(MODELS / 'wine_glass.obj').vertices)
+    assert mesh_file(path)[0].samefile(MODELS / 'wine_glass.obj')
+    path.write_text('mesh: package://pmcl_ros/models/none.obj')
+    with pytest.raises(SettingsError, match=r'models/none\.obj is in none of'):
+        ObjectModel.load(path)
+    path.write_text('mesh: package://others/glass.obj')
+    with pytest.raises(ObjectModelError, match=r'glass\.yaml.* relative to this file'):
+        ObjectModel.load(path)
 
 
 @pytest.mark.parametrize('kind', ['stl', 'obj', 'ply', 'off', 'glb'])
@@ -270,8 +310,10 @@ def test_a_part_that_is_there_a_thousand_times(tmp_path):
 @pytest.mark.parametrize('scale', [1e-300, 1e-6, 0.03, 60, 1e9, 1e300])
 def test_absurd_sizes_are_refused(tmp_path, scale):
     path = describe(tmp_path, cup(), scale=scale)
-    with pytest.raises(ObjectModelError, match=r'diagonal of .* m, expected 0\.005 to 5\.0 m'):
+    with pytest.raises(ObjectModelError, match=r'diagonal of .* m, expected 0\.005 to 5\.0 m'
+                       ) as caught:
         ObjectModel.load(path)
+    assert ('0.001 for millimetres' in str(caught.value)) == (scale > 1)
 
 
 def test_a_mesh_too_fine_to_render_is_refused(tmp_path):
