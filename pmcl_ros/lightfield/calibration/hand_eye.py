@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import inverse, local, pose_of, retract
@@ -24,7 +24,8 @@ FEWEST = 6  # pictures
 _LEAST_SPREAD = np.deg2rad(8)  # of the rotations about the second of their axes, rms
 _UNLIKELY = 1e-4  # chance of a picture whose arm pose or board fits so badly
 _FIRST_SIGMA = np.repeat([1e-3, 2e-3], 3)  # m, rad: of the arm, where nothing is told
-_ROUNDS = 20  # of estimating the arm's errors
+_ROUNDS = 60  # of estimating the arm's errors
+_FREEDOM = 3  # of Student's t-distribution: the less, the less a wrong picture counts
 _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
 _OTHERWISE = (
@@ -33,6 +34,7 @@ _OTHERWISE = (
     'is --fixed-camera given for a camera beside the arm, and only for it?')
 _ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
+_BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # what `_board_pose` gives
 
 
 @dataclass(frozen=True)
@@ -85,14 +87,15 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
     while True:
         _check(kept, left_out)
         seen = [_board_pose(each, board, pinhole) for each in kept]
-        found, squares = _fitted(kept, seen, sigma, fixed_camera)
-        worst = int(squares.argmax())
-        fits = chi2.sf(squares[worst], 6) * len(kept) > _UNLIKELY
+        chances = _chances(kept, seen, sigma, fixed_camera)
+        worst = int(chances.argmin())
+        fits = chances[worst] * len(kept) > _UNLIKELY
         enough = len(left_out) >= len(pictures) // 4
         if (fits or enough) and (why := _mismatch(kept, np.array([each[0] for each in seen]),
                                                   fixed_camera)):
             raise LightFieldError(why)
         if fits:
+            found, _ = _fitted(kept, seen, sigma, fixed_camera)
             return replace(found, left_out=tuple(left_out))
         if enough:
             raise LightFieldError(
@@ -119,8 +122,7 @@ def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
             'it by 30 degrees and more about two')
 
 
-def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole
-                ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def _board_pose(picture: BoardPicture, board: NDArray[np.float64], pinhole: Pinhole) -> _BoardPose:
     """Board to camera (4, 4); derivatives (2 m, 6) of the corners by `retract`; rms [px]."""
     still = np.zeros(4)
     _, turn, place = cv2.solvePnP(board, picture.corners, pinhole.matrix, still,
@@ -194,10 +196,27 @@ def _mismatch(pictures: Sequence[BoardPicture], seen: NDArray[np.float64], fixed
             'positions of mount_to_base in metres, and is --square the side of a square?')
 
 
-def _fitted(pictures: Sequence[BoardPicture],
-            boards: Sequence[tuple[NDArray[np.float64], NDArray[np.float64], float]],
-            told: tuple[float, float] | None, fixed: bool) -> tuple[HandEye, NDArray[np.float64]]:
-    """The fit to all pictures, and (n,) squares of their residuals in standard deviations."""
+def _chances(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
+             told: tuple[float, float] | None, fixed: bool) -> NDArray[np.float64]:
+    """(n,) chances of a right picture to fit as badly as each does."""
+    # In a Gaussian fit wrong pictures move the result, and where the arm's errors are estimated
+    # make these large, until they fit themselves; in one with heavy tails they count for little.
+    squares = _fitted(pictures, boards, told, fixed, heavy_tails=True)[1]
+    if told is not None:
+        return np.asarray(stats.chi2.sf(squares, 6))
+    # Errors that are estimated, from few pictures say, make large squares likelier: Fisher's
+    # distribution, not chi-squared. The median makes the scale that of most pictures.
+    scale = max(np.median(squares) / stats.chi2.median(6), 1)
+    return np.asarray(stats.f.sf(squares / scale / 6, 6, 6 * len(pictures) - 12))
+
+
+def _fitted(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
+            told: tuple[float, float] | None, fixed: bool, heavy_tails: bool = False
+            ) -> tuple[HandEye, NDArray[np.float64]]:
+    """The fit to all pictures, and (n,) squares of their residuals in standard deviations.
+
+    heavy_tails: errors have Student's t-distribution, in place of a Gaussian one.
+    """
     arm = np.array([each.mount_to_base for each in pictures])
     mounts = inverse(arm) if fixed else arm
     seen = np.array([each[0] for each in boards])
@@ -208,32 +227,35 @@ def _fitted(pictures: Sequence[BoardPicture],
     starts = mounts @ closed_form @ seen
     board = starts[len(starts) // 2]
     sigma = _FIRST_SIGMA if told is None else np.repeat(told, 3)
-    camera = closed_form
+    camera, weights = closed_form, np.ones(len(mounts))
     for _ in range(_ROUNDS):
         camera, board, jacobian, whitened, motions, gains = _solved(
-            camera, board, mounts, seen, corners, sigma, fixed)
-        if told is not None:
-            break
-        # Variances of the arm by expectation maximisation.
-        second = np.square(motions) + gains
-        free = len(motions) * 6 / max(len(motions) * 6 - 12, 1)
-        before = sigma
-        sigma = np.repeat(np.sqrt(free * np.array(
-            [second[:, :3].mean(), second[:, 3:].mean()])).clip(1e-6), 3)
-        if np.allclose(sigma, before, rtol=0.01):
+            camera, board, mounts, seen, corners, sigma, fixed, weights)
+        squares = np.square(whitened).sum(axis=1) / weights
+        before = *sigma, *weights
+        if heavy_tails:
+            weights = (_FREEDOM + 6) / (_FREEDOM + squares)
+        if told is None:
+            # Variances of the arm, by expectation maximisation.
+            second = weights[:, None] * np.square(motions) + gains
+            free = len(motions) * 6 / max(len(motions) * 6 - 12, 1)
+            sigma = np.repeat(np.sqrt(free * np.array(
+                [second[:, :3].mean(), second[:, 3:].mean()])).clip(1e-6), 3)
+        if np.allclose([*sigma, *weights], before, rtol=0.01):
             break
     covariance = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]
     found = HandEye(camera, covariance, board, closed_form, (float(sigma[0]), float(sigma[3])),
                     tuple(each.name for each in pictures), pixels, motions)
-    return found, np.square(whitened).sum(axis=1)
+    return found, squares
 
 
 def _solved(camera: NDArray[np.float64], board: NDArray[np.float64], mounts: NDArray[np.float64],
             seen: NDArray[np.float64], corners: NDArray[np.float64], sigma: NDArray[np.float64],
-            fixed: bool) -> tuple[NDArray[np.float64], ...]:
+            fixed: bool, weights: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
     """Camera, board; derivatives (6 n, 12), whitened residuals (n, 6); motions and variances.
 
-    The last two: (n, 6) of the arm's motions that fit best, and of what is left of their prior.
+    weights: (n,) that the covariances of the pictures are divided by. The last two: (n, 6) of the
+    arm's motions that fit best, and of what is left of their prior.
     """
     def expected(step: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 4, 4) board to camera."""
@@ -252,7 +274,7 @@ def _solved(camera: NDArray[np.float64], board: NDArray[np.float64], mounts: NDA
         by_arm.append(local(moved, still) / _STEP)
     arm = np.stack(by_arm, axis=-1)
     spread = corners + arm @ (np.square(sigma)[:, None] * arm.transpose(0, 2, 1))
-    white = np.linalg.inv(np.linalg.cholesky(spread))
+    white = np.linalg.inv(np.linalg.cholesky(spread / weights[:, None, None]))
 
     def residuals(step: NDArray[np.float64]) -> NDArray[np.float64]:
         off = local(seen, expected(step))

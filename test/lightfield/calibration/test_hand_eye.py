@@ -80,6 +80,37 @@ def test_a_picture_that_does_not_fit_is_named_and_left_out():
     assert np.linalg.norm(off[:3]) < 0.003
 
 
+def with_moved_arm(arm, rng, count):
+    """The pictures, `count` of them with the arm 50 mm and 5 degrees elsewhere; their names."""
+    wrong = rng.choice(len(arm.pictures), count, replace=False)
+    pictures = [*arm.pictures]
+    for number in wrong:
+        ways = rng.normal(size=(2, 3))
+        step = (ways / np.linalg.norm(ways, axis=1, keepdims=True)
+                * [[0.05], [np.deg2rad(5)]]).reshape(1, 6)
+        pictures[number] = replace(pictures[number], mount_to_base=retract(
+            pictures[number].mount_to_base[None], step)[0])
+    return pictures, {pictures[each].name for each in wrong}
+
+
+@pytest.mark.parametrize('told', [False, True], ids=['estimated', 'told'])
+@pytest.mark.parametrize(('count', 'wrong'), [(12, 2), (12, 3), (20, 3)])
+def test_several_wrong_pictures_do_not_hide_each_other(count, wrong, told):
+    for seed in range(2):
+        arm = simulated_arm(np.random.default_rng(seed), count)
+        pictures, names = with_moved_arm(arm, np.random.default_rng(100 + seed), wrong)
+        found = hand_eye(pictures, arm.board, arm.pinhole, arm.sigma if told else None)
+        assert {*found.left_out} == names
+        assert len(found.left_out) == wrong
+        assert np.linalg.norm(local(arm.camera[None], found.camera)[0, :3]) < 0.002
+
+
+def test_no_right_picture_of_six_is_left_out():
+    # By a chi-squared distribution one would be: as if the arm's errors were told.
+    arm = simulated_arm(np.random.default_rng(1053), 6)
+    assert hand_eye(arm.pictures, arm.board, arm.pinhole).left_out == ()
+
+
 def test_too_few_pictures_and_parallel_axes_are_refused():
     arm = simulated_arm(np.random.default_rng(7))
     with pytest.raises(LightFieldError, match=r'5 pictures with a board; .* needs 6, better 20'):
