@@ -30,8 +30,9 @@ _STEP = 1e-6  # m, rad: of derivatives
 _MISMATCH = np.deg2rad(15)  # in the median: by so much no arm's turns differ from the boards'
 _OTHERWISE = (
     'the arm turned otherwise than the boards in the pictures: is mount_to_base the pose of the '
-    'link in the base (not of the base in the link), are the poses those of these pictures, and '
-    'is --fixed-camera given for a camera beside the arm, and only for it?')
+    'link in the base (not of the base in the link), are the poses those of these pictures, did '
+    'the board stay as it was, and is --fixed-camera given for a camera beside the arm, and only '
+    'for it?')
 _ALIKE = 0.95  # correlation of two motions, one of which is a multiple of the other
 _SCALES = 1 / 1.1, 1.1  # of the board, beyond which its squares or the arm's unit are others
 _BoardPose = tuple[NDArray[np.float64], NDArray[np.float64], float]  # what `_board_pose` gives
@@ -74,7 +75,8 @@ class HandEye:
 
 def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinhole: Pinhole,
              sigma: tuple[float, float] | None = None, fixed_camera: bool = False) -> HandEye:
-    """Fit the hand-eye transform. Pictures that do not fit are left out, one after the other.
+    """Fit the hand-eye transform. Pictures that do not fit are left out: first those in which the
+    board turned by another angle than the arm, then one after the other.
 
     board: (m, 3) its corners [m]. sigma: standard deviations of the arm's poses on each axis [m,
     rad]; None: estimated. fixed_camera: it stands beside the arm, which holds the board.
@@ -82,20 +84,39 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
     where all rotations of the arm have one axis: they do not tell where the camera is; and where
     the arm turned otherwise than the boards, or moved by a multiple of what they say.
     """
-    kept = [*pictures]
+    for each in pictures:
+        check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
+    _check(pictures, ())
+    try:
+        return _agreed([*pictures], [_board_pose(each, board, pinhole) for each in pictures],
+                       sigma, fixed_camera)
+    except np.linalg.LinAlgError:
+        raise LightFieldError("no camera fits the boards and the arm's poses: the equations are "
+                              'singular; take pictures with other turns of the arm') from None
+
+
+def _agreed(kept: list[BoardPicture], boards: list[_BoardPose],
+            sigma: tuple[float, float] | None, fixed: bool) -> HandEye:
+    """The fit to the pictures that fit each other. Takes the others out of both lists."""
+    most = len(kept) // 4
     left_out: list[str] = []
+    for number in _turned_otherwise(kept, boards)[::-1]:
+        left_out.insert(0, kept.pop(number).name)
+        del boards[number]
+    if len(left_out) > most:
+        names = ', '.join(left_out[:8]) + ', ...' * (len(left_out) > 8)
+        raise LightFieldError(f'in {len(left_out)} of {len(left_out) + len(kept)} pictures '
+                              f'({names}) {_OTHERWISE}')
     while True:
         _check(kept, left_out)
-        seen = [_board_pose(each, board, pinhole) for each in kept]
-        chances = _chances(kept, seen, sigma, fixed_camera)
+        chances = _chances(kept, boards, sigma, fixed)
         worst = int(chances.argmin())
         fits = chances[worst] * len(kept) > _UNLIKELY
-        enough = len(left_out) >= len(pictures) // 4
-        if (fits or enough) and (why := _mismatch(kept, np.array([each[0] for each in seen]),
-                                                  fixed_camera)):
+        enough = len(left_out) >= most
+        if (fits or enough) and (why := _mismatch(kept, boards, fixed)):
             raise LightFieldError(why)
         if fits:
-            found, _ = _fitted(kept, seen, sigma, fixed_camera)
+            found, _ = _fitted(kept, boards, sigma, fixed)
             return replace(found, left_out=tuple(left_out))
         if enough:
             raise LightFieldError(
@@ -103,11 +124,25 @@ def hand_eye(pictures: Sequence[BoardPicture], board: NDArray[np.float64], pinho
                 f'{", ".join([*left_out, kept[worst].name])}; are the poses those of the link, '
                 'taken at rest, and is sigma what the arm can do?')
         left_out.append(kept.pop(worst).name)
+        del boards[worst]
+
+
+def _turned_otherwise(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose]
+                      ) -> NDArray[np.intp]:
+    """Numbers of pictures whose boards turned by other angles than the arm, as one upside down.
+
+    Wherever the camera is, board and arm turn by the same angle from picture to picture.
+    """
+    moved, turned = _motions(np.array([each.mount_to_base for each in pictures]),
+                             np.array([each[0] for each in boards]))
+    arm, board = (Rotation.from_matrix(each[:, :3, :3]).magnitude() for each in (moved, turned))
+    first, second = np.triu_indices(len(pictures), 1)
+    off = np.full((len(pictures), len(pictures)), np.nan)
+    off[first, second] = off[second, first] = np.abs(arm - board)
+    return np.flatnonzero(np.nanmedian(off, axis=1) > _MISMATCH)
 
 
 def _check(pictures: Sequence[BoardPicture], left_out: Sequence[str]) -> None:
-    for each in pictures:
-        check_pose(each.mount_to_base, f'{each.name}: mount_to_base')
     without = f', {", ".join(left_out)} being left out' if left_out else ''
     if len(pictures) < FEWEST:
         raise LightFieldError(f'{len(pictures)} pictures with a board{without}; a hand-eye '
@@ -168,13 +203,14 @@ def _motions(mounts: NDArray[np.float64], seen: NDArray[np.float64]
     return inverse(mounts[second]) @ mounts[first], seen[second] @ inverse(seen[first])
 
 
-def _mismatch(pictures: Sequence[BoardPicture], seen: NDArray[np.float64], fixed: bool) -> str:
+def _mismatch(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose], fixed: bool) -> str:
     """Why pictures and arm, outliers left out, are not of one another; '' where they can be.
 
-    seen: (n, 4, 4) board to camera. Each pair of pictures tells a motion of either.
+    Each pair of pictures tells a motion of either.
     """
     arm = np.array([each.mount_to_base for each in pictures])
     mounts = inverse(arm) if fixed else arm
+    seen = np.array([each[0] for each in boards])
     moved, turned = _motions(mounts, seen)
     rotation = park_martin(mounts, seen)[:3, :3]
     by_board = Rotation.from_matrix(rotation @ turned[:, :3, :3] @ rotation.T)
@@ -239,8 +275,8 @@ def _fitted(pictures: Sequence[BoardPicture], boards: Sequence[_BoardPose],
             # Variances of the arm, by expectation maximisation.
             second = weights[:, None] * np.square(motions) + gains
             free = len(motions) * 6 / max(len(motions) * 6 - 12, 1)
-            sigma = np.repeat(np.sqrt(free * np.array(
-                [second[:, :3].mean(), second[:, 3:].mean()])).clip(1e-6), 3)
+            variances = free * np.array([second[:, :3].mean(), second[:, 3:].mean()])
+            sigma = np.repeat(np.sqrt(variances.clip(1e-12)), 3)
         if np.allclose([*sigma, *weights], before, rtol=0.01):
             break
     covariance = np.linalg.inv(jacobian.T @ jacobian)[:6, :6]

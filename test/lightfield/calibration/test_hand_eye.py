@@ -105,6 +105,34 @@ def test_several_wrong_pictures_do_not_hide_each_other(count, wrong, told):
         assert np.linalg.norm(local(arm.camera[None], found.camera)[0, :3]) < 0.002
 
 
+def with_reversed_boards(arm, rng, count):
+    """The pictures, the board upside down in `count` of them; their names."""
+    wrong = rng.choice(len(arm.pictures), count, replace=False)
+    pictures = [replace(each, corners=each.corners[::-1]) if number in wrong else each
+                for number, each in enumerate(arm.pictures)]
+    return pictures, {pictures[each].name for each in wrong}
+
+
+@pytest.mark.parametrize('fixed', [False, True], ids=['on the arm', 'beside it'])
+@pytest.mark.parametrize('wrong', [1, 2, 3])
+def test_boards_seen_upside_down_are_left_out(wrong, fixed):
+    for seed in range(4):
+        arm = simulated_arm(np.random.default_rng(seed), fixed_camera=fixed)
+        pictures, names = with_reversed_boards(arm, np.random.default_rng(9 + seed), wrong)
+        found = hand_eye(pictures, arm.board, arm.pinhole, None, fixed)
+        assert {*found.left_out} == names
+        assert np.linalg.norm(local(arm.camera[None], found.camera)[0, :3]) < 0.002
+
+
+def test_more_boards_upside_down_than_a_quarter_are_named_and_refused():
+    arm = simulated_arm(np.random.default_rng(0))
+    pictures, names = with_reversed_boards(arm, np.random.default_rng(9), 6)
+    with pytest.raises(LightFieldError) as refused:
+        hand_eye(pictures, arm.board, arm.pinhole)
+    assert str(refused.value).startswith(
+        f'in 6 of 20 pictures ({", ".join(sorted(names))}) the arm turned otherwise')
+
+
 def test_no_right_picture_of_six_is_left_out():
     # By a chi-squared distribution one would be: as if the arm's errors were told.
     arm = simulated_arm(np.random.default_rng(1053), 6)
