@@ -10,6 +10,7 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli.base import FORCE, STDERR, Needed
+from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import local
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import BoardPicture, HandEye, hand_eye
@@ -79,29 +80,35 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool) -> HandEye
     without = [each.file for each in of.views if each.mount_to_base is None]
     if without:
         raise LightFieldError(f'{path}: {without[0]} has no mount_to_base, the pose of the link')
-    views = posed_views.views_of(of, path.parent, str(path), Reduction())
+    pinholes = {of.cameras[each.camera].pinhole for each in of.views if each.camera}
+    _check_one(path, pinholes)
+    sigmas = {(1e-3 * each.sigma_mm, float(np.deg2rad(each.sigma_deg))) for each in of.views}
+    sigma = min(sigmas) if all(min(each) > 0 for each in sigmas) else None
+    if sigma is not None and len(sigmas) > 1:
+        raise LightFieldError(f'{path}: sigma_mm and sigma_deg must be the same at all views, not '
+                              f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     pictures = []
-    for entry, view in zip(of.views, track(views, console=STDERR, description='boards',
-                                           transient=True), strict=True):
-        grey = view.displayed().mean(axis=2).astype(np.uint8)
-        seen = board.seen(grey)
+    for entry in track(of.views, console=STDERR, description='boards', transient=True):
+        # One at a time: corners are small, all pictures at once need not fit in memory.
+        view, = posed_views.views_of(of.model_copy(update={'views': [entry]}), path.parent,
+                                     f'{path}: {entry.file}', Reduction())
+        pinholes.add(view.pinhole)  # a light field has its own
+        _check_one(path, pinholes)
+        seen = board.seen(view.displayed().mean(axis=2).astype(np.uint8))
         if seen is None:
             click.echo(f'{entry.file}: no complete board', err=True)
             continue
         mount = np.array(entry.mount_to_base, float).reshape(4, 4)
         pictures.append(BoardPicture(entry.file, seen, mount))
-    pinholes = {view.pinhole for view in views}
-    if len(pinholes) > 1:
-        raise LightFieldError(f'{path} has pictures of {len(pinholes)} cameras; give those of one')
-    sigmas = {view.sigma for view in views}
-    sigma = views[0].sigma if all(min(each) > 0 for each in sigmas) else None
-    if sigma is not None and len(sigmas) > 1:
-        raise LightFieldError(f'{path}: sigma_mm and sigma_deg must be the same at all views, not '
-                              f'{", ".join(map(_told, sorted(sigmas)[:3]))}')
     try:
-        return hand_eye(pictures, board.points, views[0].pinhole, sigma, fixed_camera)
+        return hand_eye(pictures, board.points, pinholes.pop(), sigma, fixed_camera)
     except LightFieldError as error:
         raise LightFieldError(f'{path}: {error}') from None
+
+
+def _check_one(path: Path, pinholes: set[Pinhole]) -> None:
+    if len(pinholes) > 1:
+        raise LightFieldError(f'{path} has pictures of {len(pinholes)} cameras; give those of one')
 
 
 def _told(sigma: tuple[float, float]) -> str:

@@ -10,10 +10,12 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.cli import main
+from pmcl_ros.cli.cameras.hand_eye import calibrated
 from pmcl_ros.geometry.se3 import inverse, local, retract, transform
 from pmcl_ros.lightfield.calibration.boards import Checkerboard
 from pmcl_ros.lightfield.calibration.hand_eye import hand_eye, park_martin
 from pmcl_ros.lightfield.calibration.simulated_arm import simulated_arm
+from pmcl_ros.lightfield.readers import posed_views
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 
 BOARD = Checkerboard(10, 7, 0.02)
@@ -246,6 +248,24 @@ def test_the_command_finds_the_boards_and_writes_what_nodes_read(taken, tmp_path
     off = local(camera[None], found)[0]
     assert np.linalg.norm(off[:3]) < 1e-3
     assert np.linalg.norm(off[3:]) < np.deg2rad(0.15)
+
+
+def test_the_memory_for_one_picture_is_enough(taken, monkeypatch):
+    folder, camera = taken
+    monkeypatch.setattr(posed_views, 'MOST_BYTES', 12 * 640 * 480)
+    found = calibrated(folder, BOARD, False)
+    assert len(found.names) == 12
+    assert np.linalg.norm(local(camera[None], found.camera)[0, :3]) < 1e-3
+
+
+def test_pictures_of_two_cameras_are_refused_before_they_are_read(taken, tmp_path):
+    folder, _ = taken
+    values = yaml.safe_load((folder / 'views.yaml').read_text())
+    values['cameras']['d'] = values['cameras']['c'] | {'fx': 500.0}
+    values['views'][3]['camera'] = 'd'
+    (tmp_path / 'views.yaml').write_text(yaml.safe_dump(values))
+    with pytest.raises(LightFieldError, match='has pictures of 2 cameras; give those of one'):
+        calibrated(tmp_path, BOARD, False)
 
 
 def test_what_is_missing_is_said(taken, tmp_path):
