@@ -13,7 +13,8 @@ from pydantic import Field
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from pmcl_ros.geometry.revolution_axis import ANGLES, moved_by, revolution_axis
+from pmcl_ros.geometry.moved_surface import moved_by
+from pmcl_ros.geometry.revolution_axis import ANGLES, revolution_axis
 from pmcl_ros.geometry.se3 import rotations_about
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
@@ -243,7 +244,7 @@ def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[
 def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
                     ) -> None:
     """Warn if declared motions move the surface: that may be meant, as with a small mark."""
-    off, _ = moved_by(mesh, motions)
+    off = moved_by(mesh, motions)
     if off > 0.02 * float(np.linalg.norm(mesh.extents)):
         _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
                      'apart count as one', name, what, 1e3 * off)

@@ -15,6 +15,7 @@ from pmcl_ros.simulation.described.object_description import load_object
 from pmcl_ros.simulation.described.profiles import eased, hollowed, outline, volume
 from pmcl_ros.simulation.scenes.materials import AIR, Clear, Opaque
 from pmcl_ros.simulation.scenes.shapes.revolution import Frusta
+from pmcl_ros.simulation.scenes.shapes.triangles import Triangles
 from pmcl_ros.simulation.scenes.shapes.vessels import outer_mesh, random_vessel
 
 RADIUS, HEIGHT, WALL = 0.03, 0.08, 0.0025
@@ -224,6 +225,20 @@ def test_a_box_holds_a_liquid(describe, is_open):
     assert _total(thing, 1) == pytest.approx(_total(plain, 1), rel=1e-4)
     if not is_open:
         assert _total(thing, 3) == pytest.approx(inner * (HEIGHT - WALL - 0.05), rel=1e-4)
+
+
+@pytest.mark.parametrize(('sides', 'surface'), [(6, Triangles), (8, Triangles), (48, Frusta)])
+def test_a_vase_with_sides_keeps_them(describe, sides, surface):
+    vase = trimesh.creation.cylinder(RADIUS, HEIGHT, sections=sides)
+    thing = describe(vase.apply_translation([0, 0, HEIGHT / 2]), GLASS)
+    assert (thing.axis is None) == (surface is Triangles)
+    solid, = thing.solids
+    assert isinstance(solid.surface, surface)
+    if surface is Triangles:  # glass between two prisms
+        slim = np.cos(np.pi / sides)
+        area = sides * slim * np.sin(np.pi / sides) * RADIUS ** 2
+        inner = area * (1 - WALL / (RADIUS * slim)) ** 2
+        assert _total(thing, 1) == pytest.approx(area * HEIGHT - inner * (HEIGHT - WALL), rel=1e-4)
 
 
 def test_an_offset_of_a_smooth_mesh_keeps_its_distance(describe):

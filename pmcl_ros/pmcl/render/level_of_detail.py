@@ -1,6 +1,6 @@
 """Fewer faces for the same outline: what a z-buffer cannot resolve need not be drawn."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -8,14 +8,11 @@ import fast_simplification  # type: ignore[import-untyped]
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
+from pmcl_ros.geometry.faces import Faces
 from pmcl_ros.pmcl.object_model import ObjectModel
-from pmcl_ros.runtime.kernels import compiled
 
 _FEWEST = 1000  # faces that are not worth simplifying, and the first try
-_PIECES = 64  # of the model's diameter: faces are cut to such pieces, to be found by their centres
-_NEAR = 16  # pieces whose faces are tried for the nearest
 _ROUNDS = 3
 _FINER = 16  # a model of so many to its radius shows what refraction bends
 _FEW = 4000  # points that a try must pass first
@@ -34,7 +31,7 @@ def simplified(model: ObjectModel, tolerance: float) -> ObjectModel:
     if wanted >= 0.7 * len(model.faces):
         return model
     own = trimesh.Trimesh(model.vertices, model.faces, process=False)
-    known = Faces.from_mesh(own, model.diameter)
+    known = Faces.from_mesh(own)
     while wanted < 0.7 * len(model.faces):
         mesh = _collapsed(model, wanted)
         if len(mesh.faces) < 0.7 * len(model.faces) and _within(own, known, mesh, tolerance):
@@ -73,7 +70,7 @@ def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:
     return trimesh.Trimesh(vertices, faces, process=False)
 
 
-def _within(own: trimesh.Trimesh, faces: 'Faces', mesh: trimesh.Trimesh, tolerance: float
+def _within(own: trimesh.Trimesh, faces: Faces, mesh: trimesh.Trimesh, tolerance: float
             ) -> bool:
     """Whether vertices and centres of faces of both are within `tolerance` [m] of the other.
 
@@ -83,7 +80,7 @@ def _within(own: trimesh.Trimesh, faces: 'Faces', mesh: trimesh.Trimesh, toleran
     there, here = _points(mesh), _points(own)
     if faces.distances(there[::few]).max() > tolerance or faces.distances(there).max() > tolerance:
         return False
-    others = Faces.from_mesh(mesh, faces.diameter)
+    others = Faces.from_mesh(mesh)
     few = max(1, len(here) // _FEW)
     return (others.distances(here[::few]).max() <= tolerance
             and others.distances(here).max() <= tolerance)
@@ -91,77 +88,3 @@ def _within(own: trimesh.Trimesh, faces: 'Faces', mesh: trimesh.Trimesh, toleran
 
 def _points(mesh: trimesh.Trimesh) -> NDArray[np.float64]:
     return np.concatenate([mesh.vertices, mesh.triangles_center])
-
-
-@dataclass(frozen=True)
-class Faces:
-    """Triangles (m, 3, 3) and a tree of their pieces' centres, `owner` (k,) their faces.
-
-    diameter: of the model [m].
-    """
-
-    triangles: NDArray[np.float64]
-    tree: cKDTree
-    owner: NDArray[np.int64]
-    diameter: float
-
-    @classmethod
-    def from_mesh(cls, mesh: trimesh.Trimesh, diameter: float) -> 'Faces':
-        """Of a mesh."""
-        subdivide: Any = trimesh.remesh.subdivide_to_size
-        vertices, faces, owner = subdivide(
-            mesh.vertices, mesh.faces, diameter / _PIECES, max_iter=20, return_index=True)
-        return cls(np.ascontiguousarray(mesh.triangles, np.float64),
-                   cKDTree(vertices[faces].mean(axis=1)), np.asarray(owner, np.int64),
-                   diameter)
-
-    def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n,) upper bounds of the distance of points (n, 3), exact but for strange meshes [m]."""
-        points = np.ascontiguousarray(points)  # as most are: one kernel serves all
-        near = self.owner[self.tree.query(points, k=min(_NEAR, len(self.owner)))[1]]
-        return np.asarray(_to_faces(points, self.triangles, near))
-
-
-@compiled()
-def _to_faces(points, triangles, near):  # type: ignore[no-untyped-def]
-    """(n,) distance of points (n, 3) to the nearest of the triangles `near` (n, k)."""
-    result = np.zeros(len(points))
-    for n in range(len(points)):
-        least = np.inf
-        for k in range(near.shape[1]):
-            least = min(least, _to_face(points[n], triangles[near[n, k]]))
-        result[n] = np.sqrt(least)
-    return result
-
-
-@compiled(inlined=True, inner=True)
-def _to_face(point, triangle):  # type: ignore[no-untyped-def]
-    """Square of the distance from a point to a triangle (3, 3)."""
-    a, b, c = triangle[0], triangle[1], triangle[2]
-    uu, uv, vv, pu, pv = 0.0, 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        ab, ac, ap = b[k] - a[k], c[k] - a[k], point[k] - a[k]
-        uu, uv, vv = uu + ab * ab, uv + ab * ac, vv + ac * ac
-        pu, pv = pu + ap * ab, pv + ap * ac
-    area = uu * vv - uv * uv
-    if area > 0:
-        u, v = (vv * pu - uv * pv) / area, (uu * pv - uv * pu) / area
-        if u >= 0 and v >= 0 and u + v <= 1:  # straight above the face
-            square = 0.0
-            for k in range(3):
-                square += (point[k] - a[k] - u * (b[k] - a[k]) - v * (c[k] - a[k])) ** 2
-            return square
-    return min(_to_edge(point, a, b), _to_edge(point, b, c), _to_edge(point, c, a))
-
-
-@compiled(inlined=True, inner=True)
-def _to_edge(point, a, b):  # type: ignore[no-untyped-def]
-    """Square of the distance from a point to a straight edge."""
-    along, square, off = 0.0, 0.0, 0.0
-    for k in range(3):
-        along += (point[k] - a[k]) * (b[k] - a[k])
-        square += (b[k] - a[k]) ** 2
-    part = min(max(along / square, 0.0), 1.0) if square > 0 else 0.0
-    for k in range(3):
-        off += (point[k] - a[k] - part * (b[k] - a[k])) ** 2
-    return off

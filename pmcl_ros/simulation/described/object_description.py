@@ -7,7 +7,8 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from pmcl_ros.geometry.revolution_axis import ANGLES, moved_by
+from pmcl_ros.geometry.moved_surface import moved_by
+from pmcl_ros.geometry.revolution_axis import ANGLES
 from pmcl_ros.geometry.se3 import least_turn, pose_of, rotations_about
 from pmcl_ros.pmcl.appearance import Appearance
 from pmcl_ros.pmcl.object_model import ObjectModel, ObjectSettings, mesh_file
@@ -108,8 +109,8 @@ class _Description:
         look, mouth = self.appearance, self.appearance.mouth
         outer = profiles.outline(vertices, self.model.faces)
         mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
-        off, noise = moved_by(mesh, _TURNS)
-        if self.model.closed and off > max(_ROUND * outer[:, 0].max(), noise):
+        off = moved_by(mesh, _TURNS)
+        if self.model.closed and off > _ROUND * outer[:, 0].max():
             try:
                 return self._meshed(vertices, is_hollow)  # it has a handle, say
             except ObjectModelError as error:

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from pmcl_scenes import bracket, cup, model_of, random_poses
 from scipy.ndimage import distance_transform_edt
 
@@ -12,7 +10,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.pmcl.contour_evidence import scene
 from pmcl_ros.pmcl.localizer import FINEST_DETAIL
 from pmcl_ros.pmcl.prior.region import Region
-from pmcl_ros.pmcl.render.level_of_detail import Faces, simplified
+from pmcl_ros.pmcl.render.level_of_detail import simplified
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.simulation.sequence import Sequence
@@ -87,18 +85,3 @@ def test_a_tolerance_that_allows_nothing_leaves_the_model():
 def test_it_is_done_once():
     model = model_of(MESHES['bracket'])
     assert simplified(model, 2e-4) is simplified(model, 2e-4)
-
-
-@settings(max_examples=5, deadline=None)  # trimesh takes its time
-@given(st.integers(0, 10_000))
-def test_distances_to_faces_are_those_of_trimesh(seed):
-    rng = np.random.default_rng(seed)
-    mesh = trimesh.creation.icosphere(1, 0.05)
-    mesh.vertices += rng.normal(0, 0.01, mesh.vertices.shape)
-    points = rng.normal(0, 0.05, (40, 3))
-    expected = trimesh.proximity.closest_point_naive(mesh, points)[1]
-    found = Faces.from_mesh(mesh, 0.1).distances(points)
-    assert (found >= expected - 1e-12).all()
-    # What is far from all faces may be given to one that is nearly as near.
-    close = expected < 0.005
-    np.testing.assert_allclose(found[close], expected[close], atol=1e-9)
