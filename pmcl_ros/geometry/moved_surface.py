@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pmcl_ros.geometry.faces import Faces
 
 _POINTS = 4000  # of the surface, and about as many vertices at most: they stick out
-_FEW = 40  # every so many-th is tried first: most motions are no symmetry
+_STEPS = 200, 20, 1  # every so many-th is tried first: most motions are no symmetry
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Surface:
         limit: [m]; beyond it the result is infinite, and comes early.
         """
         farthest = 0.0
-        for step in (_FEW, 1):
+        for step in _STEPS:
             for each in motions:
                 moved = self.points[::step] @ each[:3, :3].T + each[:3, 3]
                 farthest = max(farthest, self.faces.farthest(moved))

@@ -124,7 +124,8 @@ class PoseEstimate:
                     f'evidence, {self.least_support:.2f} are needed')
         if self.modes and self.modes[0].weight < self.least_weight:
             return (f'; lost as other poses are as likely: this one has '
-                    f'{100 * self.modes[0].weight:.0f} % of the posterior')
+                    f'{100 * self.modes[0].weight:.0f} % of the posterior; has it a symmetry to '
+                    'declare?')
         return ''
 
 

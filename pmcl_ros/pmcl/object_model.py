@@ -13,6 +13,7 @@ from pydantic import Field
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from pmcl_ros.geometry.mesh_symmetries import discrete_symmetries
 from pmcl_ros.geometry.moved_surface import moved_by
 from pmcl_ros.geometry.revolution_axis import ANGLES, revolution_axis
 from pmcl_ros.geometry.se3 import rotations_about
@@ -31,6 +32,7 @@ _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
 _MANY_FACES = 100_000
 _BIT = 0.01  # of the area of the largest part: less is dust in a scan, a cap is more
+_NO_BALL = 0.05  # share of its radius by which the surface of no ball differs less
 _FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
@@ -51,10 +53,11 @@ class ObjectSettings(Settings):
     symmetries_continuous: list[_ContinuousSymmetry] | None = Field(
         None, max_length=1, description='axis (in the mesh frame) about which any rotation leaves '
         'the object as it is; an empty list: none; left out: found from the mesh')
-    symmetries_discrete: list[_Matrix] = Field(
-        [], description='rigid motions in the mesh frame that leave the object as it is: 4x4 '
+    symmetries_discrete: list[_Matrix] | None = Field(
+        None, description='rigid motions in the mesh frame that leave the object as it is: 4x4 '
         'matrices, each 16 numbers row by row, their translations in units of the mesh; those '
-        'that follow from them need not be given')
+        'that follow from them need not be given; an empty list: none; left out: found from the '
+        'mesh')
     appearance: Appearance | None = Field(
         None, description='what the object is made of; simulated pictures need it, and of a clear '
         'object no depth of the surface is looked for')
@@ -151,6 +154,7 @@ class ObjectModel:
                 f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh'
                 + (': 0.001 for millimetres' if diagonal > _LARGEST else ''))
         _check_scan(mesh, name)
+        _check_ball(mesh, name)
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
@@ -158,11 +162,14 @@ class ObjectModel:
             _LOG.info('object %r: %s', name, 'no rotational symmetry found' if axis is None else
                       f'rotationally symmetric about {axis.tolist()}, found from its mesh')
         reach = float(np.linalg.norm(vertices, axis=1).max())
-        discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
-        if len(discrete) > 1:
-            _LOG.info('object %r: %d discrete symmetries, the identity among them', name,
-                      len(discrete))
-            _check_declared(mesh, discrete, 'discrete symmetries move', name)
+        if settings.symmetries_discrete is None:
+            discrete = _found_group(mesh, axis, name)
+        else:
+            discrete = symmetry_group(settings.symmetries_discrete, axis, scale, reach, name)
+            if len(discrete) > 1:
+                _LOG.info('object %r: %d discrete symmetries, the identity among them', name,
+                          len(discrete))
+                _check_declared(mesh, discrete, 'discrete symmetries move', name)
         if axis is not None and settings.symmetries_continuous is not None:
             _check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
                             'axis of symmetry moves', name)
@@ -241,6 +248,22 @@ def _declared_axis(symmetries: list[_ContinuousSymmetry], name: str) -> NDArray[
     return axis / length
 
 
+def _found_group(mesh: trimesh.Trimesh, axis: NDArray[np.float64] | None, name: str
+                 ) -> NDArray[np.float64]:
+    """(k, 4, 4) discrete symmetries as of `Symmetry`, of the mesh: told, as they may be unwanted.
+    """
+    try:
+        group = discrete_symmetries(mesh, axis, name)
+    except ObjectModelError:
+        _LOG.info('object %r: its mesh is nearly round, with too many discrete symmetries for a '
+                  'list of them, so none is taken', name)
+        return np.eye(4)[None]
+    if len(group) > 1:
+        _LOG.info('object %r: %d discrete symmetries found from its mesh, the identity among '
+                  'them; write symmetries_discrete: [] if they are none', name, len(group))
+    return group
+
+
 def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
                     ) -> None:
     """Warn if declared motions move the surface: that may be meant, as with a small mark."""
@@ -248,6 +271,15 @@ def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: s
     if off > 0.02 * float(np.linalg.norm(mesh.extents)):
         _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
                      'apart count as one', name, what, 1e3 * off)
+
+
+def _check_ball(mesh: trimesh.Trimesh, name: str) -> None:
+    """Warn of what looks the same from all sides: no list of symmetries here can say that."""
+    points = np.concatenate([mesh.vertices, mesh.triangles_center])
+    radii = np.linalg.norm(points - mesh.bounds.mean(axis=0), axis=1)
+    if np.ptp(radii) < _NO_BALL * radii.max():
+        _LOG.warning('object %r: it is a ball, whose orientation nothing tells and no symmetry '
+                     'here can declare: it may be lost where it is in plain view', name)
 
 
 def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:

@@ -1,4 +1,5 @@
 import json
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -380,6 +381,103 @@ def test_an_origin_far_away_is_refused(tmp_path):
     mesh.apply_translation([3.0, 0, 0])
     with pytest.raises(ObjectModelError, match=r'its origin is 3 m from the middle of its mesh'):
         ObjectModel.load(save(mesh, tmp_path))
+
+
+def prism(sides):
+    return trimesh.creation.cylinder(0.03, 0.1, sections=sides)
+
+
+def tumbler():
+    return trimesh.creation.revolve([(0, 0), (0.025, 0), (0.032, 0.1), (0, 0.1)], sections=32)
+
+
+TETRAHEDRON = trimesh.Trimesh(0.03 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]),
+                              [[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+OBLIQUE = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.01, 0.02, 0])
+
+
+@pytest.mark.parametrize(('mesh', 'count'), [
+    (trimesh.creation.box((0.05, 0.06, 0.1)), 4), (trimesh.creation.box((0.05, 0.05, 0.1)), 8),
+    (trimesh.creation.box((0.05, 0.05, 0.05)), 24), (TETRAHEDRON, 12),
+    (trimesh.creation.icosahedron().apply_scale(0.04), 60), (prism(3), 6), (prism(6), 12),
+    (prism(7), 14), (trimesh.creation.cone(0.03, 0.1, sections=7), 7),
+    (trimesh.creation.cone(0.03, 0.1, sections=5), 5),
+    (trimesh.creation.cylinder(0.03, 0.1, sections=48).apply_transform(np.diag([1, 0.7, 1, 1])),
+     4), (bracket(), 1), (mug(), 2)],
+    ids=['box', 'square box', 'cube', 'tetrahedron', 'icosahedron', 'triangle', 'hexagon',
+         'heptagon', 'pyramid of 7 sides', 'pyramid', 'ellipse', 'bracket', 'mug'])
+def test_motions_that_leave_the_mesh_as_it_is_are_found(tmp_path, caplog, mesh, count):
+    """Wherever the mesh lies, they are a group and keep the set of its corners."""
+    with caplog.at_level(logging.INFO):
+        for place in (np.eye(4), OBLIQUE):
+            moved = mesh.copy().apply_transform(place)
+            model = ObjectModel.load(save(moved, tmp_path))
+            assert (model.axis, len(model.discrete)) == (None, count)
+            products = (model.discrete[:, None] @ model.discrete).reshape(-1, 4, 4)
+            apart = np.abs(products[:, None] - model.discrete).max(axis=(2, 3)).min(axis=1)
+            assert apart.max() < 1e-5
+            np.testing.assert_array_equal(model.discrete[0], np.eye(4))
+            if len(mesh.vertices) < 100:
+                images = moved.vertices @ model.discrete[:, :3, :3].swapaxes(1, 2) + (
+                    model.discrete[:, None, :3, 3])
+                off = np.linalg.norm(images[:, :, None] - moved.vertices, axis=3).min(axis=2)
+                assert off.max() < 1e-5
+    told = [each.getMessage() for each in caplog.records if 'symmetries_discrete' in each.msg]
+    assert len(told) == (2 if count > 1 else 0)
+    assert all(f'{count} discrete symmetries found from its mesh' in each
+               and 'write symmetries_discrete: []' in each for each in told)
+
+
+@pytest.mark.parametrize('sections', [12, 25, 32])
+@pytest.mark.parametrize('origin', [0, 0.05, -0.05])
+@pytest.mark.parametrize('turn', [np.eye(4), OBLIQUE], ids=['upright', 'oblique'])
+def test_a_cylinder_can_be_turned_round(tmp_path, sections, origin, turn):
+    mesh = prism(sections).apply_translation([0, 0, origin])
+    turn = turn.copy()
+    turn[:3, 3] = 0
+    model = ObjectModel.load(save(mesh.apply_transform(turn), tmp_path))
+    assert abs(model.axis @ turn[:3, 2]) == pytest.approx(1, abs=1e-6)
+    assert len(model.discrete) == 2
+    other = model.discrete[1]
+    np.testing.assert_allclose(other[:3, :3] @ model.axis, -model.axis, atol=1e-9)
+    np.testing.assert_allclose(other[:3, 3], 2 * origin * turn[:3, 2], atol=1e-5)
+
+
+@pytest.mark.parametrize('mesh', [cup(), tumbler()], ids=['cup', 'tumbler'])
+def test_a_vessel_cannot_be_turned_round(tmp_path, mesh):
+    assert len(ObjectModel.load(save(mesh, tmp_path)).discrete) == 1
+
+
+def test_a_description_says_that_there_is_no_symmetry(tmp_path, caplog):
+    for mesh in (trimesh.creation.box((0.05, 0.06, 0.1)), prism(32)):
+        path = describe(tmp_path, mesh, symmetries_discrete=[])
+        assert len(ObjectModel.load(path).discrete) == 1
+    # What is round, and said not to be, gets no turns by small angles instead.
+    for sections, count in ((12, 24), (16, 1), (48, 1), (49, 1), (64, 1)):
+        caplog.clear()
+        path = describe(tmp_path, prism(sections), symmetries_continuous=[])
+        with caplog.at_level(logging.INFO):
+            model = ObjectModel.load(path)
+        assert (model.axis, len(model.discrete)) == (None, count)
+        assert ('its mesh is nearly round, with too many' in caplog.text) == (count == 1)
+
+
+@pytest.mark.parametrize(('name', 'count'), [
+    ('models/shaker.obj', 1), ('models/wine_glass.obj', 1), ('config/objects/bottle.yaml', 1),
+    ('config/objects/tumbler.yaml', 1), ('config/objects/block.yaml', 4),
+    ('config/objects/block.stl', 4)])
+def test_symmetries_of_the_shipped_objects(name, count):
+    model = ObjectModel.load(MODELS.parent / name)
+    assert len(model.discrete) == count
+    assert (model.axis is None) == (count == 4)
+
+
+def test_a_ball_is_told_to_be_one(tmp_path, caplog):
+    ObjectModel.load(save(trimesh.creation.box((0.05, 0.05, 0.05)), tmp_path))
+    assert 'it is a ball' not in caplog.text
+    ball = trimesh.creation.icosphere(3, 0.03).apply_translation([0.01, 0, 0])
+    ObjectModel.load(save(ball, tmp_path))
+    assert 'it is a ball, whose orientation nothing tells' in caplog.text
 
 
 def test_a_square_rod_is_not_round(tmp_path, caplog):

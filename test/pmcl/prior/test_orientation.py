@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pmcl_scenes import COARSE, bracket, cup, depth_of, edges_seen, model_of, random_poses
+from pmcl_scenes import CAMERA, COARSE, bracket, cup, depth_of, edges_seen, model_of, random_poses
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 
@@ -17,6 +18,7 @@ from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.pmcl.particle_filter import particle_filter
 from pmcl_ros.pmcl.prior.orientation import Orientation
 from pmcl_ros.pmcl.prior.region import Region, with_region
@@ -194,6 +196,27 @@ def test_a_search_finds_the_object_that_is_turned_as_told(two_cups):
         assert orientation.allows(each.pose[None, :3, :3], 1e-6).all()
     with Localizer(CUP, given_by((1.1, 2.0), AWAY, CUP, **QUICK)[0]) as localizer:
         assert error_of(localizer.localize(edges, rng(0)), lying) < 0.005
+
+
+@pytest.mark.parametrize('tilt', [(0.0, 0.5), (2.6, np.pi)], ids=['upright', 'upside down'])
+def test_of_equal_poses_the_one_is_told_that_is_turned_as_told(context, tmp_path, tilt):
+    """A box, which looks the same upside down, and whose symmetries are found from its mesh."""
+    trimesh.creation.box((0.03, 0.05, 0.08)).export(tmp_path / 'box.ply')
+    box = ObjectModel.load(tmp_path / 'box.ply')
+    assert len(box.discrete) == 4
+    truth = np.eye(4)
+    truth[:3, :3] = Rotation.from_euler('zx', [30, 105], degrees=True).as_matrix()
+    truth[:3, 3] = 0, 0.01, 0.42
+    edges = edges_seen(depth_of(context, box, truth, CAMERA, 4), CAMERA, DEPTHS, 0.2 * box.radius,
+                       strength=2.0)
+    edges = replace(edges, tensor=edges.tensor + np.array([0.05, 0.05, 0], np.float32))
+    with Localizer(box, given_by(tilt, AWAY, box, proposals=24, particles=96)[0]) as localizer:
+        estimate = localizer.localize(edges, np.random.default_rng(0))
+    assert not estimate.lost
+    error = pose_error(estimate.pose, truth, box.symmetry)
+    assert error.translation < 0.006
+    assert error.rotation < np.deg2rad(8)
+    assert tilt[0] <= tilts(estimate.pose[None, :3, :3], AWAY) <= tilt[1]
 
 
 def test_a_search_in_several_views_finds_what_is_turned_as_told(two_cups):
