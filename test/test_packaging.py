@@ -23,7 +23,7 @@ BY_PIP = {'numba', 'trimesh', 'fast-simplification', 'moderngl', 'rosbags', 'pyd
 KEYS = {'opencv-python-headless': 'opencv', 'PyYAML': 'yaml'}
 # Modules of Python's packages: those with other names than their package, and what these bring.
 MODULES = {'cv2', 'yaml', 'annotated_types', 'pydantic_core', 'markupsafe', 'drjit', 'keras',
-           'google'}
+           'google', 'urllib3'}
 # Of ROS, only where it is installed, and names of types in bags: docs/howto/pipelines.md.
 OPTIONAL = {'vision_msgs', 'moveit_msgs', 'object_recognition_msgs', 'shape_msgs', 'tf2_msgs'}
 # What MoveIt brings, for examples that ask it, and rclpy, for its actions.
