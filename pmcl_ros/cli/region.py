@@ -25,8 +25,8 @@ _OPTIONS = (
                  '--roi: what stands on a table in view, by a point of it and its normal, which '
                  'points up, in the frame of --roi [m]; between --depths, if given.'),
     click.option('--tilt', type=click.FloatRange(0, 180), nargs=2, metavar='LEAST MOST',
-                 help='Angles between --up and the z axis of the object that are possible: 0 30 '
-                 'of what stands, 70 110 of what lies [deg].'),
+                 help='Angles between --up and what is up of the object that are possible: 0 '
+                 '30 of what stands, 70 110 of what lies [deg].'),
     click.option('--up', type=float, nargs=3, metavar='X Y Z', help='Direction that --tilt is to, '
                  'in the frame of --roi; by default the normal of --table.'))
 

@@ -93,7 +93,7 @@ class GraspSettings(Settings):
         (-_QUARTER_TURN, 0.0, -_QUARTER_TURN), description='its roll, pitch, yaw as in URDF '
         '[rad]; the default looks along x of mount_parent, its z up')
     max_age: float = Field(0.1, gt=0, description='largest time between a capture and a pose '
-                           'of the arm [s]')
+                           'of the arm [s]; tf2 interpolates over any')
     arm_sigma: float = Field(0.002, ge=0, description='standard deviation of the position of the '
                              'gripper, from arm and mount, on each axis [m]')
     assumed_sigma: tuple[_Length, _Length] = Field(

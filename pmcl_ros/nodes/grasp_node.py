@@ -178,12 +178,13 @@ class GraspNode(StageNode):
         """losses: how many there were when the pose came."""
         base = Header(header.stamp_ns, self._settings.base_frame)
         with self.watched('ranking'):
-            self.health.frames_in += 1
             try:
                 ranking = self._rank(header, pose, covariance)
             except PmclError:
+                self.health.frames_in += 1
                 with self._output:
-                    self._publish_none(base)
+                    if losses == self._losses and not self._worker.stopping:
+                        self._publish_none(base)
                 raise  # logged and counted as an error
             with self._output:
                 if self._worker.stopping:
@@ -191,10 +192,12 @@ class GraspNode(StageNode):
                 elif losses != self._losses:
                     self.dropped(f'capture {header.stamp_ns}: the object was lost before grasps '
                                  'were made of it')
-                elif not ranking.candidates:
-                    self._none(base, ranking.describe())
                 else:
-                    self._some(base, ranking, time.monotonic() - began)
+                    self.health.frames_in += 1
+                    if ranking.candidates:
+                        self._some(base, ranking, time.monotonic() - began)
+                    else:
+                        self._none(base, ranking.describe())
 
     def _rank(self, header: Header, pose: NDArray[np.float64], covariance: NDArray[np.float64]
               ) -> Ranking:

@@ -76,6 +76,7 @@ class ObjectModel:
     closed: the mesh is watertight with outward faces.
     discrete: (k, 4, 4) as of `Symmetry`.
     clear: it is said to be of a clear material: its surface shows what is behind it.
+    declared_up: (3,) direction in the mesh's frame that is said to point up when it stands.
     """
 
     name: str
@@ -85,6 +86,20 @@ class ObjectModel:
     closed: bool
     discrete: NDArray[np.float64] = field(default_factory=lambda: np.eye(4)[None])
     clear: bool = False
+    declared_up: NDArray[np.float64] | None = None
+
+    @cached_property
+    def up(self) -> NDArray[np.float64]:
+        """(3,) unit vector that points up when the object stands.
+
+        As declared; else along the axis of symmetry, its largest part positive; else z.
+        """
+        if self.declared_up is not None:
+            up = self.declared_up / np.abs(self.declared_up).max()  # whose squares may overflow
+            return np.asarray(up / np.linalg.norm(up))
+        if self.axis is not None:
+            return np.asarray(self.axis * np.sign(self.axis[np.abs(self.axis).argmax()]))
+        return np.array([0, 0, 1.0])
 
     @cached_property
     def symmetry(self) -> Symmetry:
@@ -173,8 +188,10 @@ class ObjectModel:
         if axis is not None and settings.symmetries_continuous is not None:
             _check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
                             'axis of symmetry moves', name)
+        look = settings.appearance
         return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
-                   settings.appearance is not None and settings.appearance.is_clear)
+                   look is not None and look.is_clear,
+                   None if look is None or look.up is None else np.array(look.up))
 
 
 def mesh_file(path: Path | str) -> tuple[Path, float]:

@@ -58,9 +58,10 @@ class PmclSettings(Settings):
         (0.0, 0.0, 0.0), description='direction to which roi_tilt is, frame of roi_center; zeros: '
         'the normal of roi_table')
     roi_tilt: tuple[_Angle, _Angle] = Field(
-        (0.0, _HALF_TURN), description='least and largest angle between roi_up and the z axis of '
-        'the mesh, or the axis of symmetry of an object that has one: 0 and 0.5 of what stands, '
-        '1.2 and 1.9 of what lies; what looks the same upside down may be either way up [rad]')
+        (0.0, _HALF_TURN), description='least and largest angle between roi_up and what is up of '
+        'the object (up of its appearance, else its axis of symmetry, else the z axis of its '
+        'mesh): 0 and 0.5 of what stands, 1.2 and 1.9 of what lies; what looks '
+        'the same upside down may be either way up [rad]')
     renderer: BackEnd = Field(
         'auto', description='what draws and scores poses: gl (compute shaders), numba (the '
         'processor, without OpenGL), or auto: gl where OpenGL runs on a GPU, else numba. Posed '

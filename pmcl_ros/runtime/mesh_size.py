@@ -46,8 +46,8 @@ def _stl(data: bytes) -> MeshSize:
         if more == 0:
             return MeshSize(_TRIANGLE * faces, faces)
     text = data.lower()
-    if b'facet' in text:
-        corners = text.count(b'vertex')
+    corners = text.count(b'vertex')
+    if corners or b'facet' in text:
         return MeshSize(corners, corners // _TRIANGLE)
     if more == 0 or b'\0' not in data:  # which the numbers of a binary file have
         raise ObjectModelError('is no STL')

@@ -141,8 +141,8 @@ class GatewayClient(Closing):
 
         progress: of the .RAW.
         """
-        path, slow = f'/pictures/{quote(picture.id, safe="")}', self._settings.answer_timeout
-        body = self._download(f'{path}/txt', Download(f'{picture.id}, text,', LARGEST_TEXT), slow)
+        path = f'/pictures/{quote(picture.id, safe="")}'
+        body = self._download(f'{path}/txt', Download(f'{picture.id}, text,', LARGEST_TEXT))
         try:
             text = body.decode('utf-8')
         except UnicodeDecodeError:
@@ -155,9 +155,7 @@ class GatewayClient(Closing):
             if progress is not None:
                 progress(got, total)
 
-        # The gateway has fetched both files by now, and answers at once.
-        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, report),
-                             self._settings.timeout)
+        raw = self._download(f'{path}/raw', Download(picture.id, LARGEST_RAW, report))
         if len(raw) != expected:
             raise CameraError(f'{picture.id} has {len(raw)} bytes, its metadata says {expected}')
         return raw, text
@@ -181,9 +179,9 @@ class GatewayClient(Closing):
                 return _value(response, read)
         return self._retry(attempt)
 
-    def _download(self, path: str, download: Download, timeout: float) -> bytes:
+    def _download(self, path: str, download: Download) -> bytes:
         def attempt() -> bytes:
-            with self._ask('GET', path, download.headers, timeout) as response:
+            with self._ask('GET', path, download.headers) as response:
                 return download.take(response)
         return self._retry(attempt, lambda: download.most)
 
@@ -191,10 +189,10 @@ class GatewayClient(Closing):
         return Picture(found.id, found.shutter_ns - self._clock.ahead_ns)
 
     @contextmanager
-    def _ask(self, method: str, path: str, headers: dict[str, str] | None = None,
-             timeout: float | None = None) -> Iterator[requests.Response]:
+    def _ask(self, method: str, path: str, headers: dict[str, str] | None = None
+             ) -> Iterator[requests.Response]:
         """The answer with its body unread; LostError when the connection fails."""
-        timeouts = (self._settings.timeout, timeout or self._settings.answer_timeout)
+        timeouts = self._settings.timeout, self._settings.answer_timeout
         with self._exchanges.begin(self._settings.answer_limit) as exchange:
             self._check_open()
             asked = time.time_ns()
@@ -202,7 +200,9 @@ class GatewayClient(Closing):
                 with self._session.request(
                         method, self._url + path, headers=headers, stream=True,
                         allow_redirects=False, timeout=timeouts) as response:
-                    exchange.set_limit(self._settings.timeout + _length(response) / _SLOWEST)
+                    # Silence ends it first, as a lost connection, after which it is retried.
+                    exchange.answers(self._settings.timeout, 2 * self._settings.timeout
+                                     + _length(response) / _SLOWEST)
                     self._check_answer(response, asked)
                     yield response
             except (requests.RequestException, LostError) as error:

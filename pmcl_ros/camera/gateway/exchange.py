@@ -40,6 +40,13 @@ class Exchange:
             self._timer.daemon = True
             self._timer.start()
 
+    def answers(self, silence: float, limit: float) -> None:
+        """The answer has begun: longest time until its next bytes, and until its end [s]."""
+        with self._lock, contextlib.suppress(OSError):
+            if self._socket is not None:
+                self._socket.settimeout(silence)  # urllib3 sets it anew for each answer
+        self.set_limit(limit)
+
     def uses(self, connected: socket.socket) -> None:
         """Set the socket of the exchange; it is shut down if the exchange has ended."""
         with self._lock:

@@ -75,12 +75,12 @@ class _RefusedError(Exception):
 class Handler(BaseHTTPRequestHandler):
     """One connection.
 
-    interim_pause: seconds between interim answers while the camera works. The robot may be
-    waiting with its shortest timeout, of 10 s.
+    interim_pause: seconds between interim answers while the camera works: a robot waits for 90 in
+    silence, for 900 on the whole, and some versions of Python's http.client skip 99 of them.
     """
 
     server: 'GatewayServer'
-    interim_pause = 4.0
+    interim_pause = 20.0
     protocol_version, default_request_version = 'HTTP/1.1', 'HTTP/1.0'
     server_version, sys_version = 'pmcl_gateway', ''
     timeout = _SILENCE

@@ -5,8 +5,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
-# Any client of HTTP/1.1 expects any number of them, and skips them (RFC 9110, 15.2). Of all the
-# interim answers only this one is skipped by all versions of Python's http.client.
+# A client of HTTP/1.1 skips them (RFC 9110, 15.2), but may refuse very many. Of all the interim
+# answers only this one is skipped by all versions of Python's http.client.
 _CONTINUE = b'HTTP/1.1 100 Continue\r\n\r\n'
 
 

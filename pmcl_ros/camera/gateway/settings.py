@@ -17,7 +17,7 @@ class GatewaySettings(Settings):
 
     timeout: float = Field(10.0, gt=0, le=600, description='longest wait for a connection, or '
                            'for the next bytes of a picture; an answer that has begun may take '
-                           'this time and 1 s for each 50 kB [s]')
+                           'twice this time and 1 s for each 50 kB [s]')
     answer_timeout: float = Field(90.0, gt=0, le=3600, description='longest silence '
                                   'before an answer; the gateway sends a sign of life every few '
                                   'seconds while its camera works [s]')

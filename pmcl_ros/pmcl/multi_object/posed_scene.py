@@ -49,7 +49,8 @@ class PosedSceneLocalizer(Closing):
                  progress: Progress | None = None) -> SceneEstimate:
         """The poses of the listed objects in the reference frame.
 
-        progress: called with 0..1; returning False ends the search with the poses found so far.
+        progress: called with 0..1; returning False ends the search: what is not found by then is
+        lost.
         Raises as `MultiViewLocalizer.localize`.
         """
         search = _Pursuit(self._localizers, self._objects.solids, evidence, rng,

@@ -52,7 +52,8 @@ class SceneLocalizer(Closing):
                  progress: Progress | None = None) -> SceneEstimate:
         """The poses of the listed objects in one capture.
 
-        progress: called with 0..1; returning False ends the search with the poses found so far.
+        progress: called with 0..1; returning False ends the search: what is not found by then is
+        lost.
         Raises LocalizationError for edges made of a likelihood, else what `Localizer.localize`
         raises.
         """

@@ -30,12 +30,11 @@ class Orientation:
     def from_settings(cls, settings: PmclSettings, model: ObjectModel) -> 'Orientation | None':
         """In the frame of the region of interest; None where any orientation is possible.
 
-        The axis is the z of the mesh, or the axis of symmetry, its direction nearest to that.
+        The axis is `ObjectModel.up`.
         """
         if not settings.is_oriented:
             return None
-        axis = np.array([0, 0, 1.0]) if model.axis is None else model.axis
-        axes = model.symmetry.discrete[:, :3, :3] @ (-axis if axis[2] < 0 else axis)
+        axes = model.symmetry.discrete[:, :3, :3] @ model.up
         up = np.array(settings.roi_up)
         return cls(axes, up / np.linalg.norm(up), *settings.roi_tilt)
 

@@ -69,7 +69,7 @@ class _Description:
                 f'{path} does not say what the object is made of: write in its YAML file '
                 f'appearance: {{material: glass, wall: 0.0025, '
                 f'{_mouth(model.vertices[:, 2].max())}}}')
-        return cls(path, appearance, model, _upright(appearance, model))
+        return cls(path, appearance, model, _upright(model.up))
 
     def made(self) -> SceneObject:
         look, model = self.appearance, self.model
@@ -215,14 +215,8 @@ def _mouth(top: float) -> str:
     return f'mouth: {{z: {round(top, 6) + 0:.4g}, open: true}}'
 
 
-def _upright(look: Appearance, model: ObjectModel) -> NDArray[np.float64]:
-    """(3, 3) turns the direction that is up to z."""
-    up = np.array([0, 0, 1.0])
-    if look.up is not None:
-        up = np.array(look.up) / np.abs(look.up).max()  # whose squares may overflow
-        up /= np.linalg.norm(up)
-    elif model.axis is not None:
-        up = model.axis * np.sign(model.axis[np.abs(model.axis).argmax()])
+def _upright(up: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, 3) turns the direction (3,) that is up to z."""
     if up[2] > 1 - 1e-12:
         return np.eye(3)
     if up[2] < -1 + 1e-12:

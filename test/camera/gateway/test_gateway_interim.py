@@ -16,9 +16,9 @@ from pmcl_ros.camera.gateway.service import Cache, Service
 from pmcl_ros.camera.gateway.settings import GatewaySettings
 from pmcl_ros.runtime.errors import CameraError, LinkError
 
-SILENCE = 1.0  # s
+SILENCE = 2.0  # s
 # Patience for no second attempt, which would find what the first has waited for.
-SETTINGS = GatewaySettings(timeout=SILENCE, answer_timeout=SILENCE, patience=0.001)
+SETTINGS = GatewaySettings(timeout=60.0, answer_timeout=SILENCE, patience=0.001)
 RAW = bytes(SIDE * SIDE * 3 // 2)
 CONTINUE = b'HTTP/1.1 100 Continue\r\n\r\n'
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pmcl_scenes import CAMERA, COARSE, bracket, cup, depth_of, edges_seen, model_of, random_poses
@@ -99,6 +100,17 @@ def test_another_frame_makes_no_difference():
     np.testing.assert_array_equal(
         orientation.seen_from(camera).allows(camera[:3, :3].T @ rotations),
         orientation.allows(rotations))
+
+
+def test_the_angle_is_to_what_is_declared_to_be_up(tmp_path):
+    (tmp_path / 'bracket.yaml').write_text(yaml.safe_dump({
+        'mesh': 'bracket.stl', 'appearance': {'material': 'glass', 'up': [0, 2, 0]}}))
+    trimesh.Trimesh(BRACKET.vertices, BRACKET.faces).export(tmp_path / 'bracket.stl')
+    model = ObjectModel.load(tmp_path / 'bracket.yaml')
+    _, orientation = given_by((0.1, 0.9), model=model)
+    rotations = Rotation.random(300, 8).as_matrix()
+    angles = tilts(rotations, axis=(0, 1, 0))
+    np.testing.assert_array_equal(orientation.allows(rotations), (angles >= 0.1) & (angles <= 0.9))
 
 
 def test_the_axis_is_that_of_the_symmetry_and_either_way_where_both_look_the_same():
