@@ -6,13 +6,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.moved_surface import Surface
-from pmcl_ros.geometry.revolution_axis import principal_axes
+from pmcl_ros.geometry.revolution_axis import SAME, principal_axes
 from pmcl_ros.geometry.se3 import pose_of, rotation_angle
 from pmcl_ros.geometry.symmetry import symmetry_group
 from pmcl_ros.runtime.errors import ObjectModelError
 
-_OFF = 0.005  # share of the diagonal by which a symmetry may take the surface off itself
 _FOLDS = 9, 8, 7, 6, 5, 4, 3, 2  # parts of a full turn: a prism of more sides is round
+_ALL = 9 * 8 * 7 * 5  # a fold of which all of them are divisors
 _APART = 0.04  # rad: what is found nearer to a known rotation is that, less exactly
 _LEAST = 0.4  # rad: turns of a prism of 15 sides, the last that is told not to be quite round
 _SAME = 0.9998  # cosine: of directions 1 degree apart, one is tried
@@ -28,21 +28,25 @@ def discrete_symmetries(mesh: trimesh.Trimesh, axis: NDArray[np.float64] | None,
     mesh: in metres. axis: (3,) unit vector through the origin, about which it is rotationally
         symmetric: half a turn across it may be found beside. None: turns about axes through the
         centroid, along principal axes, corners, between two of these, and along normals of faces.
-    They take points of the surface off it by 0.5 % of the diagonal at most. Raises
-    ObjectModelError, with the name, when they make no group, or one of what is nearly round.
+    They take points of the surface off it by 0.5 % of the diagonal at most; those that move it
+    least count where others make no group with them. Raises ObjectModelError, with the name, of
+    what is round without an axis being told.
     """
     vertices = np.asarray(mesh.vertices, np.float64)
     reach = float(np.linalg.norm(vertices, axis=1).max())
-    found = _across(mesh, axis) if axis is not None else _about_centroid(mesh)
+    found = _across(mesh, axis) if axis is not None else _about_centroid(mesh, name)
     generators: list[list[float]] = []
     group = symmetry_group([], axis, 1.0, reach, name)
     for motion in found:
-        if rotation_angle(group, motion).min() > _APART:
+        if rotation_angle(group, motion).min() <= _APART:
+            continue
+        try:
+            larger = symmetry_group([*generators, motion.ravel().tolist()], axis, 1.0, reach, name)
+        except ObjectModelError:
+            continue  # it is none, but of a mesh that is nearly more symmetric than it is
+        if rotation_angle(larger[1:], larger[0]).min() >= _LEAST:
             generators.append(motion.ravel().tolist())
-            group = symmetry_group(generators, axis, 1.0, reach, name)
-    if len(group) > 1 and rotation_angle(group[1:], group[0]).min() < _LEAST:
-        raise ObjectModelError(f'object {name!r}: small turns leave its mesh as it is, as if it '
-                               'were round')
+            group = larger
     return group
 
 
@@ -62,7 +66,7 @@ def _across(mesh: trimesh.Trimesh, axis: NDArray[np.float64]) -> NDArray[np.floa
     return motion[:int(Surface.from_mesh(mesh).moved_by(motion, limit) <= limit)]
 
 
-def _about_centroid(mesh: trimesh.Trimesh) -> list[NDArray[np.float64]]:
+def _about_centroid(mesh: trimesh.Trimesh, name: str) -> list[NDArray[np.float64]]:
     """Turns (4, 4) about axes through the centroid, those first that move the surface least."""
     surface, limit = Surface.from_mesh(mesh), _limit(mesh)
     middle, principal = principal_axes(mesh)
@@ -77,12 +81,15 @@ def _about_centroid(mesh: trimesh.Trimesh) -> list[NDArray[np.float64]]:
             if (moved := surface.moved_by(motion[None], limit)) <= limit:
                 found.append((moved, motion))
                 fold *= each
+        if fold == _ALL:
+            raise ObjectModelError(f'object {name!r}: any turn about {direction.round(3).tolist()}'
+                                   ' leaves its mesh as it is: it is round')
     return [motion for _, motion in sorted(found, key=lambda each: each[0])]
 
 
 def _limit(mesh: trimesh.Trimesh) -> float:
     """How far a symmetry may take the surface off itself [m]."""
-    return _OFF * float(np.linalg.norm(mesh.extents))
+    return SAME * float(np.linalg.norm(mesh.extents))
 
 
 def _candidates(mesh: trimesh.Trimesh, middle: NDArray[np.float64],

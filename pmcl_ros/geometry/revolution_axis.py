@@ -14,6 +14,9 @@ _LOG = logging.getLogger(__name__)
 # Shares of the largest radius by which a surface of revolution may be off itself, and by which it
 # is told: regular prisms of 10 sides and more may, those of up to 15 are told.
 _OUT_OF_ROUND, _TOLD = 0.05, 0.02
+# Share of the diagonal within which symmetries are told apart: what is slender, a pencil say, is
+# round as far as anybody can tell.
+SAME = 0.005
 
 
 def revolution_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | None:
@@ -22,23 +25,25 @@ def revolution_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | N
     mesh: in metres. None: there is no such axis.
 
     z, x and y are tried first, then the principal axes of the surface. The surface turned about
-    the axis may be off itself by 5 % of its largest radius. Warns where that is more than 2 %, and
-    of an axis that is not through the origin. name: of the object, for that.
+    the axis may be off itself by 5 % of its largest radius, or by 0.5 % of its diagonal. Warns
+    where that is more than 2 % of the radius, and of an axis that is not through the origin. name:
+    of the object, for that.
     """
     surface = Surface.from_mesh(mesh)
     middle, principal = principal_axes(mesh)
+    same = SAME * float(np.linalg.norm(mesh.extents))
 
     def off(axis: NDArray[np.float64], through: NDArray[np.float64]) -> tuple[float, float]:
         """How far its turns are off it [m], infinite if too far; that as a share of the radius."""
         radius = float(np.linalg.norm(np.cross(surface.points - through, axis), axis=1).max())
         turns = rotations_about(axis, np.array(ANGLES))
         turns[:, :3, 3] = through - turns[:, :3, :3] @ through
-        moved = surface.moved_by(turns, _OUT_OF_ROUND * radius)
+        moved = surface.moved_by(turns, max(_OUT_OF_ROUND * radius, same))
         return moved, moved / radius
 
     for axis in [*np.eye(3)[[2, 0, 1]], *principal]:
         moved, share = off(axis, np.zeros(3))
-        if share > _OUT_OF_ROUND:
+        if not np.isfinite(moved):
             continue
         if share > _TOLD:
             _LOG.warning('object %r: turned about %s its surface is %.1f mm off itself; write '
@@ -46,7 +51,7 @@ def revolution_axis(mesh: trimesh.Trimesh, name: str) -> NDArray[np.float64] | N
                          1e3 * moved)
         return np.asarray(axis)
     for axis in principal:
-        if off(axis, middle)[1] <= _OUT_OF_ROUND:
+        if np.isfinite(off(axis, middle)[0]):
             beside = (middle - (middle @ axis) * axis).round(5) + 0
             _LOG.warning(
                 'object %r: it is rotationally symmetric about %s, but %.3g m beside the origin, '

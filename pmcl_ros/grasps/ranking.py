@@ -109,6 +109,7 @@ class Ranker:
         grasp, turn = np.nonzero(good)
         # Rounded, in a stable order: noise must not decide between equal grasps.
         order = np.argsort(-np.round((probability * comfort)[good], 9), kind='stable')
+        order = order[_distinct(poses[grasp, turn][order])]
         return Ranking(tuple(
             Candidate(self._grasps[g], _upright(poses[g, t], outwards[g, t]),
                       float(probability[g, t]), float(comfort[g, t]))
@@ -116,9 +117,15 @@ class Ranker:
             refused)
 
     def _turned(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(grasps, turns, 4, 4) the equivalent grasps in the base frame."""
-        axis = self._model.axis
+        """(grasps, turns, 4, 4) the equivalent grasps in the base frame, by all symmetries."""
         own = np.stack([each.pose for each in self._grasps])
+        return np.concatenate([self._turned_about_axis(each, own)
+                               for each in pose @ self._model.discrete], axis=1)
+
+    def _turned_about_axis(self, pose: NDArray[np.float64], own: NDArray[np.float64]
+                           ) -> NDArray[np.float64]:
+        """(grasps, turns, 4, 4) of grasps (grasps, 4, 4) in the object's frame."""
+        axis = self._model.axis
         if axis is None:
             return (pose @ own)[:, None]
         outwards = pose[:3, :3].T @ (pose[:3, 3] - self._settings.shoulder)
@@ -181,6 +188,17 @@ def _aligning(grasp: NDArray[np.float64], axis: NDArray[np.float64],
     if np.linalg.norm(across) < _LEVEL:
         across, ahead = np.cross(axis, np.cross(grasp[:3, 1], axis)), np.cross(axis, ahead)
     return float(np.arctan2(np.cross(axis, across) @ ahead, across @ ahead))
+
+
+def _distinct(poses: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Numbers of the first of equal poses (n, 4, 4), by symmetries and what a file lists.
+
+    Half a turn about x changes nothing (`_upright`), nor does the sign of y.
+    """
+    closing = poses[:, :3, 1]
+    squares = closing[:, :, None] * closing[:, None]
+    keys = np.concatenate([poses[:, :3, 3], poses[:, :3, 0], squares.reshape(-1, 9)], axis=1)
+    return np.sort(np.unique(np.round(keys, 6) + 0.0, axis=0, return_index=True)[1])
 
 
 def _upright(pose: NDArray[np.float64], outwards: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pmcl_ros.runtime.settings import Settings
@@ -72,6 +74,16 @@ class Appearance(Settings):
     def is_clear(self) -> bool:
         """Whether it shows what is behind it, as it does not scatter light."""
         return self.material not in _SCATTERING and not self.roughness
+
+    @property
+    def has_ends(self) -> bool:
+        """Whether it says which end is up, whatever the outside looks like."""
+        return bool(self.up or self.liquid or (self.mouth and self.mouth.open))
+
+    @property
+    def declared_up(self) -> NDArray[np.float64] | None:
+        """(3,) `up`, of any length."""
+        return None if self.up is None else np.array(self.up, np.float64)
 
     @model_validator(mode='after')
     def _consistent(self) -> 'Appearance':

@@ -189,9 +189,11 @@ class ObjectModel:
             _check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
                             'axis of symmetry moves', name)
         look = settings.appearance
-        return cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
-                   look is not None and look.is_clear,
-                   None if look is None or look.up is None else np.array(look.up))
+        made = cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
+                   look is not None and look.is_clear, None if look is None else look.declared_up)
+        if settings.symmetries_discrete is None and look is not None and look.has_ends:
+            _check_ends(made)
+        return made
 
 
 def mesh_file(path: Path | str) -> tuple[Path, float]:
@@ -279,6 +281,14 @@ def _found_group(mesh: trimesh.Trimesh, axis: NDArray[np.float64] | None, name: 
         _LOG.info('object %r: %d discrete symmetries found from its mesh, the identity among '
                   'them; write symmetries_discrete: [] if they are none', name, len(group))
     return group
+
+
+def _check_ends(model: ObjectModel) -> None:
+    """Warn where the outside tells no ends of an object that has two, its mouth say."""
+    if ((model.discrete[:, :3, :3] @ model.up) @ model.up < -0.5).any():
+        _LOG.warning('object %r: its outside looks the same upside down, so the pose may be '
+                     'either way up; say how it is turned (--tilt, roi_tilt), or write '
+                     'symmetries_discrete: []', model.name)
 
 
 def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str

@@ -213,7 +213,7 @@ class SimulatedRobot(Node):
 
     def _error(self, pose: NDArray[np.float64]) -> tuple[float, float]:
         """Of a pose of the object [mm], [degrees]."""
-        off = pose_error(pose, self._cell.thing, Symmetry(self._model.axis))
+        off = pose_error(pose, self._cell.thing, self._model.symmetry)
         return 1e3 * off.translation, float(np.rad2deg(off.rotation))
 
     def _note(self, **what: object) -> None:

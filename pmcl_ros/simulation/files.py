@@ -158,7 +158,7 @@ def _described(target: Target) -> dict[str, Any]:
         'symmetries_discrete': target.discrete[1:].reshape(-1, 16).tolist()}
     if target.appearance is not None:
         values['appearance'] = target.appearance.model_dump(
-            include={'material', 'roughness'}, exclude_none=True)
+            include={'material', 'roughness', 'up'}, exclude_none=True)
     return values
 
 

@@ -5,11 +5,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.se3 import rotations_about, transform
+from pmcl_ros.grasps.grasp import Grasp
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings, GripperSettings
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import GraspError
 
 FETCH, SETTINGS = GripperSettings(), GraspSettings()
@@ -143,6 +146,23 @@ def test_an_object_without_symmetry_is_taken_as_it_lies(vessels, made):
         expected = (pose @ each.grasp.pose)[:3, :3]
         assert min(Rotation.from_matrix(expected @ flip).inv().__mul__(turn).magnitude()
                    for flip in (np.eye(3), np.diag([1.0, -1, -1]))) < 1e-9
+
+
+def test_whichever_of_the_equal_poses_is_told_a_box_is_grasped_alike(tmp_path):
+    path = tmp_path / 'box.stl'
+    trimesh.creation.box((0.05, 0.06, 0.1)).export(path)
+    model = ObjectModel.load(path)
+    top = Grasp.from_axes('top', 'top', np.array([0, 0, 0.04]), np.array([0, 0, -1.0]),
+                          np.array([1.0, 0, 0]), 0.05, 0.09)
+    below = replace(top, name='below', pose=np.diag([1.0, -1, -1, 1]) @ top.pose)  # the same one
+    pose = transform((0.6, 0, 0.7))
+    assert len(model.discrete) == 4
+    for support, wanted in ((True, [[0, 0, -1]]), (False, [[0, 0, -1], [0, 0, 1]])):
+        rank = Ranker(model, FETCH, [top, below], GraspSettings(support=support)).rank
+        for each in model.discrete:
+            approaches = [one.pose[:3, 0].round(9).tolist()
+                          for one in rank(pose @ each, SURE).candidates]
+            assert sorted(approaches) == wanted  # none is told twice
 
 
 def test_a_grasp_that_touches_is_named(vessels, made):

@@ -443,6 +443,28 @@ def test_a_cylinder_can_be_turned_round(tmp_path, sections, origin, turn):
     np.testing.assert_allclose(other[:3, 3], 2 * origin * turn[:3, 2], atol=1e-5)
 
 
+@pytest.mark.parametrize(('sides', 'radius', 'length', 'part', 'axis', 'count'), [
+    (6, 0.004, 0.18, 1, [0, 0, 1], 2), (8, 0.01, 0.16, 1, [0, 0, 1], 2),
+    (9, 0.015, 0.2, 1, [0, 0, 1], 2), (64, 0.035, 0.25, 0.94, None, 4),
+    (64, 0.01, 0.2, 0.93, [0, 0, 1], 2), (6, 0.01, 0.1, 1, None, 12)],
+    ids=['pencil', 'rod', 'stick', 'oval can', 'oval rod', 'nut'])
+def test_a_slender_object_is_as_symmetric_as_can_be_told(tmp_path, sides, radius, length, part,
+                                                         axis, count):
+    mesh = trimesh.creation.cylinder(radius, length, sections=sides)
+    model = ObjectModel.load(save(mesh.apply_transform(np.diag([1, part, 1, 1])), tmp_path))
+    assert (None if model.axis is None else model.axis.tolist()) == axis
+    assert len(model.discrete) == count
+
+
+@pytest.mark.parametrize(('look', 'told'), [
+    ({'wall': 0.002, 'mouth': {'z': 0.05, 'open': True}}, True), ({'solid': True}, False),
+    ({'solid': True, 'up': [0, 0, 1]}, True)])
+def test_an_outside_that_does_not_tell_the_ends_apart_is_warned_of(tmp_path, caplog, look, told):
+    path = describe(tmp_path, prism(32), appearance={'material': 'glass', **look})
+    assert len(ObjectModel.load(path).discrete) == 2
+    assert ('its outside looks the same upside down' in caplog.text) == told
+
+
 @pytest.mark.parametrize('mesh', [cup(), tumbler()], ids=['cup', 'tumbler'])
 def test_a_vessel_cannot_be_turned_round(tmp_path, mesh):
     assert len(ObjectModel.load(save(mesh, tmp_path)).discrete) == 1

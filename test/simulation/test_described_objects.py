@@ -414,7 +414,7 @@ def test_faces_that_look_inwards_are_turned(describe, caplog):
     assert [_total(describe(each, GLASS), 1) for each in (inverted, mixed)] == (
         pytest.approx([_total(describe(_box(), GLASS), 1)] * 2))
     assert [each.getMessage().rpartition(': ')[2] for each in caplog.records
-            if 'turned' in each.getMessage()] == ['turned 12 of its 12 faces outwards',
+            if 'outwards' in each.getMessage()] == ['turned 12 of its 12 faces outwards',
                                                   'turned 1 of its 12 faces outwards']
 
 

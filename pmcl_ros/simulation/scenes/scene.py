@@ -90,8 +90,10 @@ class Target:
 
     def model(self, name: str) -> ObjectModel:
         """It as a search knows it."""
+        look = self.appearance
         return ObjectModel(name, self.vertices, self.faces, self.axis, True, self.discrete,
-                           self.appearance is not None and self.appearance.is_clear)
+                           look is not None and look.is_clear,
+                           None if look is None else look.declared_up)
 
 
 @dataclass(frozen=True)

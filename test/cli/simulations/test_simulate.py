@@ -81,7 +81,7 @@ def test_captures_show_the_object_where_the_truth_says(tumbler: Path, renderer: 
 
 @pytest.mark.parametrize(('look', 'clear'), [
     ({'material': 'glass'}, True), ({'material': 'glass', 'roughness': 0.1}, False),
-    ({'material': 'frosted'}, False)])
+    ({'material': 'frosted'}, False), ({'material': 'glass', 'up': [0, 0, -1]}, True)])
 @pytest.mark.parametrize('declared', [
     {}, {'symmetries_continuous': []},
     {'symmetries_discrete': [np.diag([1.0, -1, -1, 1]).ravel().tolist()]},
@@ -99,6 +99,7 @@ def test_captures_keep_symmetry_and_material(tmp_path: Path, look: dict[str, Any
     capture, = find_captures(tmp_path / 'out')
     told, kept = ObjectModel.load(rod), ObjectModel.load(capture.model)
     assert told.clear is kept.clear is clear
+    np.testing.assert_allclose(kept.up, told.up)
     none = 'symmetries_continuous' in declared
     assert (kept.axis is None) == (told.axis is None) == none
     if told.axis is not None and kept.axis is not None:
