@@ -10,18 +10,15 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from pmcl_ros.geometry.mesh_symmetries import discrete_symmetries
-from pmcl_ros.geometry.moved_surface import moved_by
 from pmcl_ros.geometry.revolution_axis import ANGLES, revolution_axis
 from pmcl_ros.geometry.se3 import rotations_about
 from pmcl_ros.geometry.symmetry import Symmetry, symmetry_group
 from pmcl_ros.pmcl.appearance import Appearance
+from pmcl_ros.pmcl.mesh_checks import check_ball, check_declared, check_scan
 from pmcl_ros.runtime.errors import FileError, ObjectModelError
 from pmcl_ros.runtime.mesh_file import read_mesh
-from pmcl_ros.runtime.mesh_repair import boundary_share, is_apart
 from pmcl_ros.runtime.resources import SCHEME, resolve
 from pmcl_ros.runtime.settings import Settings, read_yaml
 from pmcl_ros.runtime.text_file import read_json
@@ -30,10 +27,6 @@ _LOG = logging.getLogger(__name__)
 _SMALLEST, _LARGEST = 0.005, 5.0  # m: diagonals of what a robot can be asked to find on a table
 _UNUSUAL = 1.0  # m: from here on a mesh in "metres" is asked about
 _CENTIMETRES = 50.0  # units: a mesh larger than metres can be, but smaller than this, may be in cm
-_MANY_FACES = 100_000
-_BIT = 0.01  # of the area of the largest part: less is dust in a scan, a cap is more
-_NO_BALL = 0.05  # share of its radius by which the surface of no ball differs less
-_FARTHEST = 10  # diagonals: of the origin from the middle of the mesh
 _DESCRIBED = '.yaml', '.yml'  # files of objects, which name a mesh
 _Matrix = Annotated[tuple[float, ...], Field(min_length=16, max_length=16)]
 
@@ -168,8 +161,8 @@ class ObjectModel:
                 f'mesh {name!r} has a diagonal of {diagonal:.4g} m, expected {_SMALLEST} to '
                 f'{_LARGEST} m; in an object YAML, scale says the metres per unit of the mesh'
                 + (': 0.001 for millimetres' if diagonal > _LARGEST else ''))
-        _check_scan(mesh, name)
-        _check_ball(mesh, name)
+        check_scan(mesh, name)
+        check_ball(mesh, name)
         if settings.symmetries_continuous is not None:
             axis = _declared_axis(settings.symmetries_continuous, name)
         else:
@@ -184,10 +177,10 @@ class ObjectModel:
             if len(discrete) > 1:
                 _LOG.info('object %r: %d discrete symmetries, the identity among them', name,
                           len(discrete))
-                _check_declared(mesh, discrete, 'discrete symmetries move', name)
+                check_declared(mesh, discrete, 'discrete symmetries move', name)
         if axis is not None and settings.symmetries_continuous is not None:
-            _check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
-                            'axis of symmetry moves', name)
+            check_declared(mesh, rotations_about(axis, np.array(ANGLES)),
+                           'axis of symmetry moves', name)
         look = settings.appearance
         made = cls(name, vertices, faces, axis, bool(mesh.is_volume), discrete,
                    look is not None and look.is_clear, None if look is None else look.declared_up)
@@ -289,70 +282,3 @@ def _check_ends(model: ObjectModel) -> None:
         _LOG.warning('object %r: its outside looks the same upside down, so the pose may be '
                      'either way up; say how it is turned (--tilt, roi_tilt), or write '
                      'symmetries_discrete: []', model.name)
-
-
-def _check_declared(mesh: trimesh.Trimesh, motions: NDArray[np.float64], what: str, name: str
-                    ) -> None:
-    """Warn if declared motions move the surface: that may be meant, as with a small mark."""
-    off = moved_by(mesh, motions)
-    if off > 0.02 * float(np.linalg.norm(mesh.extents)):
-        _LOG.warning('object %r: its declared %s its surface by up to %.1f mm; poses that far '
-                     'apart count as one', name, what, 1e3 * off)
-
-
-def _check_ball(mesh: trimesh.Trimesh, name: str) -> None:
-    """Warn of what looks the same from all sides: no list of symmetries here can say that."""
-    points = np.concatenate([mesh.vertices, mesh.triangles_center])
-    radii = np.linalg.norm(points - mesh.bounds.mean(axis=0), axis=1)
-    if np.ptp(radii) < _NO_BALL * radii.max():
-        _LOG.warning('object %r: it is a ball, whose orientation nothing tells and no symmetry '
-                     'here can declare: it may be lost where it is in plain view', name)
-
-
-def _check_scan(mesh: trimesh.Trimesh, name: str) -> None:
-    """Warn of what scans bring along and a search suffers from: many faces, holes, loose bits, a
-    far origin.
-
-    Raises ObjectModelError for an origin so far away that poses about it say nothing.
-    """
-    if len(mesh.faces) > _MANY_FACES:
-        _LOG.warning('object %r: %d faces make a search take minutes, 20,000 are enough; simplify '
-                     'the mesh', name, len(mesh.faces))
-    share = boundary_share(mesh)
-    if share:
-        _LOG.warning('object %r: its mesh is not closed, %d %% of the edges belong to one face '
-                     'only%s', name, max(1, round(100 * share)),
-                     ', as where faces share no corners: merge close vertices' if is_apart(mesh)
-                     else '; close holes of a scan, their rims count as outlines')
-    if not is_apart(mesh):
-        _tell_bits(mesh, name)
-    far, diagonal = float(np.linalg.norm(mesh.bounds.mean(axis=0))), _diagonal(mesh)
-    if far > _FARTHEST * diagonal:
-        raise ObjectModelError(f'object {name!r}: its origin is {far:.3g} m from the middle of '
-                               f'its mesh, which measures {diagonal:.3g} m; move it into the mesh')
-    if far > diagonal:
-        _LOG.warning('object %r: its origin is %.3g m from the middle of its mesh, which measures '
-                     '%.3g m; region and pose are those of the origin: better move it into the '
-                     'mesh', name, far, diagonal)
-
-
-def _tell_bits(mesh: trimesh.Trimesh, name: str) -> None:
-    """Warn of small parts outside the box of the largest one, as of dust in a scan."""
-    links = coo_array((np.ones(len(mesh.edges)), mesh.edges.T), shape=2 * [len(mesh.vertices)])
-    part = connected_components(links, directed=False)[1][mesh.faces[:, 0]]
-    areas = np.bincount(part, mesh.area_faces)
-    if len(areas) == 1:
-        return
-    low, high = np.full((len(areas), 3), np.inf), np.full((len(areas), 3), -np.inf)
-    np.minimum.at(low, part, mesh.triangles.min(axis=1))
-    np.maximum.at(high, part, mesh.triangles.max(axis=1))
-    most = areas.argmax()
-    outside = ((high < low[most]) | (low > high[most])).any(axis=1)
-    bits = np.flatnonzero(outside & (areas < _BIT * areas[most]))
-    if len(bits):
-        sizes = (high - low).max(axis=1)
-        largest = bits[sizes[bits].argmax()]
-        place = ', '.join(f'{each:.3g}' for each in (low + high)[largest] / 2)
-        _LOG.warning('object %r: loose parts count as parts of it: %d of up to %.2g m, the '
-                     'largest at (%s) m; delete those that are none', name, len(bits),
-                     sizes[largest], place)
