@@ -1,6 +1,7 @@
 """NPZ files: what their arrays would take is known before any is read."""
 
 import math
+import re
 import zipfile
 from pathlib import Path
 from typing import IO, Any
@@ -12,8 +13,10 @@ from pmcl_ros.runtime.errors import FileError, PmclError
 
 _MOST_ARRAYS = 1000
 _KINDS = 'biufcSU'  # of numbers and text: no objects
-_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0}
+_LENGTH_BYTES = {(1, 0): 2, (2, 0): 4}  # of a header's length, by the format's version
+_MOST_HEADER = 10_000  # bytes, as in NumPy
+_HEADER = re.compile(r"\{'descr': '([^']+)', 'fortran_order': (True|False), "
+                     r"'shape': \(((?:\d+, ?)*\d*)\),? *\}\s*")
 
 
 def read_arrays(path: Path | str, most: int) -> dict[str, NDArray[Any]]:
@@ -45,11 +48,8 @@ def read_arrays(path: Path | str, most: int) -> dict[str, NDArray[Any]]:
 
 
 def _array(stream: IO[bytes], member: zipfile.ZipInfo) -> NDArray[Any]:
-    with_header = np.lib.format.read_magic(stream)
-    if with_header not in _HEADERS:
-        raise FileError(f'{member.filename} is of version {with_header}')
-    shape, fortran, kind = _HEADERS[with_header](stream)
-    if kind.kind not in _KINDS or any(side < 0 for side in shape):
+    shape, fortran, kind = _header(stream, member)
+    if kind.kind not in _KINDS:
         raise FileError(f'{member.filename} holds {kind} of shape {shape}, expected numbers')
     size = math.prod(shape) * kind.itemsize
     # What is left of the member: what its header says must be what it has.
@@ -66,3 +66,26 @@ def _array(stream: IO[bytes], member: zipfile.ZipInfo) -> NDArray[Any]:
     if stream.read(1):  # at its end its checksum is checked
         raise FileError(f'{member.filename} has more bytes than its shape {shape} takes')
     return values.view(kind).reshape(shape, order='F' if fortran else 'C')
+
+
+def _header(stream: IO[bytes], member: zipfile.ZipInfo
+            ) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """(Shape, Fortran order, type) of an array: the NPY format of NumPy's `numpy.lib.format`.
+
+    NumPy reads it with `ast.literal_eval`. CPython 3.11 fails in that now and then where two
+    threads read, or one compiles (https://github.com/python/cpython/issues/106905).
+    """
+    version = np.lib.format.read_magic(stream)
+    if version not in _LENGTH_BYTES:
+        raise FileError(f'{member.filename} is of version {version}')
+    length = int.from_bytes(stream.read(_LENGTH_BYTES[version]), 'little')
+    if length > _MOST_HEADER:
+        raise FileError(f'{member.filename} has a header of {length} bytes, at most '
+                        f'{_MOST_HEADER} are read')
+    header = stream.read(length).decode('latin1')
+    found = _HEADER.fullmatch(header)
+    if found is None:
+        raise FileError(f'{member.filename} is no array of numbers: its header is {header!r:.200}')
+    kind, fortran, shape = found.groups()
+    return (tuple(int(side) for side in shape.replace(',', ' ').split()), fortran == 'True',
+            np.dtype(kind))
