@@ -13,7 +13,7 @@ from harness import PATIENCE, ROOT, Process
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
-from std_msgs.msg import String
+from std_msgs.msg import Float32MultiArray, String
 from std_srvs.srv import Trigger
 
 from pmcl_ros.messages import bags
@@ -51,9 +51,11 @@ def test_bags_recorded_at_one_stage_replay_into_the_next(tmp_path, user, bag_par
           Process(tmp_path, *nodes) as chain):
         user.wait(lambda: 'active: ' in chain.log or not chain.alive(), 'the nodes')
         poses = user.listen(PoseStamped, 'pose', SMALL)
+        # The map may come after the pose, which edges gave.
+        maps = user.listen(Float32MultiArray, 'dlv/contour_map', BIG)
         # the node and the recorder
         with Process(tmp_path, REPLAY, WINE_GLASS, '--subscribers', 2):
-            user.wait(lambda: poses, 'a pose')
+            user.wait(lambda: poses and maps, 'a pose and a map')
         # The pose may be there before the recorder has all that it was made from, 52 MB of views.
         user.wait(lambda: megabytes(recorder) > 85, 'all of it to be recorded')
         ended(recorder)
