@@ -137,6 +137,16 @@ class LearnedViews(Settings):
     disagreement: float = Field(
         gt=0, le=100, description='median square by which views are off, relative to what the '
         'model error of one view lets expect, where that model error holds [1]')
+    displacement: float = Field(
+        0.0, ge=0, le=10, description='standard deviation of where contours are found in all '
+        'views alike, outwards [px]')
+
+    def displaced(self, views: float) -> float:
+        """Standard deviation of the displacement that views share, beside the model error [px].
+
+        views: independent ones; in those of about one place it is a part of that error.
+        """
+        return self.displacement * math.sqrt(1 - _alike(views))
 
     def share(self, views: float, disagreement: float) -> float:
         """Variance of the model error, relative to that of one view.

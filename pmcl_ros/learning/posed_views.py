@@ -24,9 +24,10 @@ from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import LocalizationError
 
-# While these are learned: nothing is lost, and the model error is that of one view.
+# While these are learned: nothing is lost, and the model error is that of one view. A displacement
+# is about what contour maps show.
 _NONE = LearnedViews(least_evidence=-1e9, least_support=-1e9, support_slope=0, beyond_slope=0,
-                     error_share=1, error_views=1000, disagreement=1)
+                     error_share=1, error_views=1000, disagreement=1, displacement=0.35)
 # Share, views and disagreement are within a factor of e of these, as far as is known before (one
 # standard deviation): few scenes hardly tell the first two apart.
 _FIRST = 0.3, 3.0, 0.3
@@ -54,7 +55,8 @@ class ViewsDeviation:
     """Deviation (d,) of a true pose from the one found, and what explains it.
 
     noise: (d, d) covariance of the posterior without a model error. error: (d, d) by that of one
-    view. views: independent ones, disagreement: of these (`LearnedViews.share`).
+    view. views: independent ones, disagreement: of these (`LearnedViews.share`). displacement: of
+    the contours from those of the true pose [px].
     """
 
     deviation: NDArray[np.float64]
@@ -62,6 +64,7 @@ class ViewsDeviation:
     error: NDArray[np.float64]
     views: float
     disagreement: float
+    displacement: float
 
     def spread(self, numbers: LearnedViews) -> NDArray[np.float64]:
         """(d, d) covariance by noise and model error."""
@@ -124,15 +127,16 @@ def _deviation(example: ViewsExample, pose: NDArray[np.float64]) -> ViewsDeviati
     into = np.linalg.inv(first.camera_to_reference)
     symmetry = example.model.symmetry
     with contextlib.ExitStack() as stack:
-        contours = JointContours.opened(joint, stack)
+        contours = JointContours.opened(joint, stack, _NONE.displaced(joint.independent))
         posterior = JointPosterior(example.model, example.settings, contours, None)
         mode = posterior.refine(into @ pose)
         apart = posterior.disagreement_near(mode.pose)
+        displacement = posterior.displacement_at(into @ example.pose)
     truth = symmetry.nearest_equivalents((into @ example.pose)[None], mode.pose)
     local = mode.local
     return ViewsDeviation(local.basis.T @ symmetry.local(truth, mode.pose)[0],
                           np.asarray(np.linalg.inv(local.scale * local.information), float),
-                          local.model_error, joint.independent, apart)
+                          local.model_error, joint.independent, apart, displacement)
 
 
 def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms: float,
@@ -168,10 +172,13 @@ def learned_from(found: Sequence[ViewsSearch], least_weight: float, false_alarms
     report(f'least evidence {evidence:.2f}: {100 * missed:g} % of right poses have less')
     deviations = [each.deviation for each in right if each.deviation is not None
                   and margin(each) >= least and each.evidence >= evidence]
+    displacement = math.sqrt(np.mean([each.displacement ** 2 for each in deviations]))
     learned = fitted(deviations).model_copy(update={
+        'displacement': round(displacement, 2),
         'least_evidence': round(evidence, 2), 'least_support': round(least, 2),
         'support_slope': round(float(slopes[0]), 2), 'beyond_slope': round(float(slopes[1]), 2)})
     levels = np.array([each.level(learned) for each in deviations])
+    report(f'displacement of contours: {displacement:.2f} px')
     report(f'model error: {learned.error_share:.2f} of its variance, worth '
            f'{learned.error_views:.1f} views; disagreement {learned.disagreement:.3f}')
     for level in (0.5, LEVEL):

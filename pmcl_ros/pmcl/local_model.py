@@ -18,10 +18,10 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import ModelError
 from pmcl_ros.geometry.se3 import retract
 from pmcl_ros.geometry.symmetry import Symmetry
+from pmcl_ros.pmcl.nuisances import Eliminated, Nuisances
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.creases import CreasePoints
 from pmcl_ros.pmcl.render.gauss_newton import LEAST_CURVATURE, WIDEST
-from pmcl_ros.pmcl.uncertain_cameras import Nuisance, UncertainCameras
 from pmcl_ros.pmcl.view_terms import REACH, ViewContour, ViewTerms, sums_over_pairs
 
 _LEAST_FREE = 0.25  # share of the degrees of freedom that remain, however short the contour is
@@ -40,7 +40,7 @@ class LocalModel:
     variability: (d, d) covariance of the gradient over the noise of such captures, J.
     model_error: (d, d) covariance of the pose by the model error (`ModelError`).
     moments: (d, d) mean over the contour of the products of its motions [px^2].
-    nuisance: of uncertain cameras, else None.
+    nuisances: that were eliminated, else None.
     """
 
     evidence: float
@@ -51,7 +51,7 @@ class LocalModel:
     variability: NDArray[np.float64]
     model_error: NDArray[np.float64]
     moments: NDArray[np.float64]
-    nuisance: Nuisance | None = None
+    nuisances: Eliminated | None = None
 
     @classmethod
     def from_contour(cls, pose: NDArray[np.float64], symmetry: Symmetry,
@@ -68,24 +68,24 @@ class LocalModel:
     @classmethod
     def from_views(cls, pose: NDArray[np.float64], symmetry: Symmetry,
                    views: Sequence[ViewContour], error: ModelError | None,
-                   uncertain: UncertainCameras | None = None) -> 'LocalModel':
+                   nuisances: Nuisances | None = None) -> 'LocalModel':
         """The model about `pose` (4, 4), by its contour in all views.
 
         symmetry: of the object. error: of the model; None: gradient and information only, without
-        the covariances, at a tenth of the cost. uncertain: errors of the views' cameras, which are
-        eliminated: gradient, information and what follows are those of the pose alone.
+        the covariances, at a tenth of the cost. nuisances: are eliminated: gradient,
+        information and what follows are those of the pose alone.
         """
         basis = symmetry.tangent_basis(pose)
-        terms = [ViewTerms.from_view(each, pose, basis) for each in views]
+        terms = [ViewTerms.from_view(each, pose, basis, nuisances is not None) for each in views]
         length = sum(each.length for each in terms)
-        least = basis.T @ np.diag(1 / WIDEST ** 2) @ basis
-        moments = sum((each.moments for each in terms), least)
-        weak = LEAST_CURVATURE * least
+        d, weak = basis.shape[1], weak_information(basis)
+        least = weak / LEAST_CURVATURE
+        moments = sum((each.moments[:d, :d] for each in terms), least)
         evidence = sum(each.evidence for each in terms)
-        nuisance = None
-        if uncertain is not None:
-            nuisance, terms = uncertain.eliminated(basis, terms)
-            evidence += nuisance.evidence
+        eliminated = None
+        if nuisances is not None:
+            eliminated, terms = nuisances.eliminated(basis, terms)
+            evidence += eliminated.evidence
         gradient = np.sum([each.gradient for each in terms], axis=0)
         information = sum((each.information for each in terms), weak)
         variability, off = information, np.zeros_like(information)
@@ -101,7 +101,7 @@ class LocalModel:
             off = np.linalg.solve(information, np.linalg.solve(information, displaced).T)
             off = without_negative(off)  # the limit of `same_side` can make eigenvalues negative
         return cls(evidence, length, basis, gradient, information, variability, off,
-                   moments / max(length, 1.0), nuisance)
+                   moments / max(length, 1.0), eliminated)
 
     @property
     def scale(self) -> float:
@@ -110,10 +110,10 @@ class LocalModel:
         The noise of neighbouring contributions is correlated, so their sum is overconfident.
         Scaled by d / tr(H^-1 J), at most 1, the posterior is on average as wide as the estimates
         scatter (Godambe's information; magnitude adjustment of Ribatet, Cooley, Davison 2012).
-        Where cameras are uncertain it is that of the views as their cameras are.
+        Where there are nuisances it is that of the views without them.
         """
-        if self.nuisance is not None:
-            return self.nuisance.scale
+        if self.nuisances is not None:
+            return self.nuisances.scale
         loss = float(np.trace(np.linalg.solve(self.information, self.variability)))
         return len(self.gradient) / max(loss, len(self.gradient))
 
@@ -158,6 +158,11 @@ class Observation:
     def covariance(self) -> NDArray[np.float64]:
         """(6, 6) of the pose [m, rad], with the model error; none about an axis of symmetry."""
         return self.local.spread
+
+
+def weak_information(basis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(d, d) of a pose of which no view tells anything, in a tangent space with a basis (6, d)."""
+    return np.asarray(LEAST_CURVATURE * basis.T @ np.diag(1 / WIDEST ** 2) @ basis)
 
 
 def without_negative(covariance: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
 from pmcl_ros.evidence.contour_profile import ContourProfile
-from pmcl_ros.evidence.energies import evidence_across, region_across
+from pmcl_ros.evidence.energies import energies_across, evidence_across, region_across
 from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.evidence.model_error import FACING, ModelError
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -57,6 +57,18 @@ def evidence_of_shifts(points: ContourPoints, edges: EvidenceVolume, profile: Co
     return table, points
 
 
+def displaced(points: ContourPoints, edges: EvidenceVolume, profile: ContourProfile, by: float
+              ) -> ContourPoints:
+    """Points of a contour that is found `by` [px] outside of where it is, and what is there."""
+    moved = points.pixels + by * points.normals
+    energies = energies_across(edges, moved, points.normals, points.depths, profile.offsets)
+    region = region_across(edges, points.pixels, points.normals, points.depths,
+                           np.sort([0.0, by]))
+    gained = float(points.lengths @ (points.outer * region.sum(axis=1)))
+    return replace(points, pixels=moved, energies=energies, evidence=profile.evidence(energies),
+                   covered=points.covered + gained)
+
+
 def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.float64]
                   ) -> NDArray[np.float64]:
     """(n, 6) px that a contour's points move along their normals in the image.
@@ -76,6 +88,7 @@ def normal_motion(points: ContourPoints, pinhole: Pinhole, origin: NDArray[np.fl
 class ViewTerms:
     """What one view adds to a local model: sums over its contour, and (m, d) of its points.
 
+    d: dimensions of the pose's tangent space, and one more where contours can be displaced.
     each: of the gradient; curved: of the information, before the motion. places: (m, 3) [m] and
     directions: (m, 3) of the points and their normals, in the frame of the pose. scale: (m,)
     px / m at the points. sight: (3,) unit, from the camera to the object.
@@ -95,9 +108,12 @@ class ViewTerms:
     sight: NDArray[np.float64]
 
     @classmethod
-    def from_view(cls, view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64]
-                  ) -> 'ViewTerms':
-        """Of a view of `pose` (4, 4), whose tangent space has the basis (6, d)."""
+    def from_view(cls, view: ViewContour, pose: NDArray[np.float64], basis: NDArray[np.float64],
+                  displaced: bool = False) -> 'ViewTerms':
+        """Of a view of `pose` (4, 4), whose tangent space has the basis (6, d).
+
+        displaced: with a last dimension, by which all of the contour moves outwards [px].
+        """
         edges, creases = view.edges, view.creases
         turn, place = np.eye(3), np.zeros(3)
         if view.camera is not None:
@@ -109,6 +125,8 @@ class ViewTerms:
         before, inside, here, outside, after = table.T
         length = float(points.lengths.sum())
         motion = normal_motion(points, edges.pinhole, pose[:3, 3]) @ basis
+        if displaced:
+            motion = np.column_stack([motion, np.ones(len(motion))])
         slope = (outside - inside) / _STEP
         weight = points.lengths[:, None]
         bend = points.lengths @ (2 * here - before - after) / max(length, 1.0) / _STEP ** 2
@@ -129,8 +147,9 @@ class ViewTerms:
                    focal / points.depths, turn @ (pose[:3, 3] / np.linalg.norm(pose[:3, 3])))
 
     def transformed(self, by: NDArray[np.float64]) -> 'ViewTerms':
-        """With gradient and curvature multiplied by a matrix (d, d)."""
-        return replace(self, gradient=by @ self.gradient, information=by @ self.information,
+        """With gradient and curvature multiplied by a matrix (k, d); k first dimensions remain."""
+        return replace(self, gradient=by @ self.gradient,
+                       information=(by @ self.information)[:, :len(by)],
                        moments=by @ self.moments @ by.T, each=self.each @ by.T,
                        curved=self.curved @ by.T)
 

@@ -13,6 +13,8 @@ from pmcl_ros.learning.posed_views import (
 )
 from pmcl_ros.runtime.errors import LocalizationError
 
+DISPLACEMENT = 0.3  # px
+
 
 def numbers(share, views, disagreement):
     return LearnedViews(least_evidence=0, least_support=0, support_slope=0, beyond_slope=0,
@@ -28,7 +30,7 @@ def deviations(count, of, seed=0):
         views, apart = float(rng.uniform(1, 4)), float(rng.uniform(0, 2))
         spread = noise + of.share(views, apart) * error
         made.append(ViewsDeviation(rng.multivariate_normal(np.zeros(5), spread), noise, error,
-                                   views, apart))
+                                   views, apart, rng.normal(0, DISPLACEMENT)))
     return made
 
 
@@ -41,8 +43,10 @@ def test_the_numbers_that_made_the_deviations_are_found(of):
 
 
 def test_one_view_is_worth_what_is_known_and_many_what_is_seen():
-    of = numbers(0.8, 3.0, 0.5)
+    of = numbers(0.8, 3.0, 0.5).model_copy(update={'displacement': 0.3})
     assert of.share(1.0, 0.0) == 1
+    assert of.displaced(1.0) == 0  # it is a part of the model error of one view
+    assert of.displaced(2.0) == pytest.approx(0.3)
     assert of.share(1.4, 0.0) == pytest.approx(3.0 * 0.8 / 3.4, rel=0.01)
     assert of.share(1e6, 0.3) == pytest.approx(0.3 / 0.5, rel=1e-3)
     assert of.share(3.0, 0.1) < of.share(3.0, 0.2)
@@ -81,6 +85,8 @@ def test_thresholds_are_between_objects_there_and_elsewhere():
     evidence = np.array([each.evidence for each in found if each.there])
     assert (evidence < learned.least_evidence).mean() == pytest.approx(0.02, abs=0.005)
     assert learned.share(2, 0.5) == pytest.approx(OF.share(2, 0.5), rel=0.5)
+    drawn = np.array([each.deviation.displacement for each in found if each.there])
+    assert learned.displacement == pytest.approx(np.sqrt(np.square(drawn).mean()), rel=0.05)
     assert any('truths in the 90 % region: 90 %' in line for line in lines)
 
 

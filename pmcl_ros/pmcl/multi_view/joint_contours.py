@@ -13,14 +13,14 @@ from pmcl_ros.evidence.evidence_volume import EvidenceVolume
 from pmcl_ros.pmcl.local_model import LocalModel
 from pmcl_ros.pmcl.multi_view.beside import not_hidden
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.posterior import Score
 from pmcl_ros.pmcl.render.back_end import ContourScore
 from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.render.gauss_newton import WIDEST
 from pmcl_ros.pmcl.support import evidence_beyond
 from pmcl_ros.pmcl.tracking.near_prior import rigid_score
-from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
-from pmcl_ros.pmcl.view_terms import ViewContour, normal_motion
+from pmcl_ros.pmcl.view_terms import ViewContour, displaced, normal_motion
 
 _SHARP = 0.5  # px: of a blur that leaves contours as sharp as they are
 _FARTHEST = 8.0  # px: as far from a contour is looked for what a view shows of it
@@ -54,17 +54,21 @@ class ViewFit:
 class JointContours:
     """Contours of poses in all views, at the resolution of the images.
 
-    levels: the evidence of the views, ever sharper; the last is as it is.
+    levels: the evidence of the views, ever sharper; the last is as it is. displacement: standard
+    deviation of where contours are found in all views, outwards [px]. Nuisances (k + 1,) are those
+    of `Nuisances`: motions of the cameras, and the displacement.
     """
 
     joint: JointEvidence
     scores: Sequence[ContourScore]
     levels: Sequence[Sequence[EvidenceVolume]]
+    displacement: float
     _last: dict[bytes, '_Contours'] = field(  # what `_drawn` made last, by its arguments
         init=False, repr=False, compare=False, default_factory=dict)
 
     @classmethod
-    def opened(cls, joint: JointEvidence, stack: contextlib.ExitStack) -> 'JointContours':
+    def opened(cls, joint: JointEvidence, stack: contextlib.ExitStack, displacement: float = 0.0
+               ) -> 'JointContours':
         """What draws contours at the resolution of the images, until the stack is closed."""
         blurs, widest = [], float(joint.uncertain.max())
         while widest > _SHARP:
@@ -72,32 +76,45 @@ class JointContours:
             widest /= 2
         levels = [[each.edges.blurred(blur) for each in joint.views] for blur in blurs]
         levels.append([each.edges for each in joint.views])
-        return cls(joint, [stack.enter_context(each.score()) for each in joint.views], levels)
+        return cls(joint, [stack.enter_context(each.score()) for each in joint.views], levels,
+                   displacement)
 
-    def contours(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
+    @property
+    def told(self) -> NDArray[np.float64]:
+        """(k + 1,) nuisances with cameras where they are told to be, contours where they are."""
+        return np.zeros(self.joint.errors.number + 1)
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing moves contours but the pose."""
+        return self.joint.errors.number == 0 and self.displacement == 0
+
+    def contours(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64], level: int = -1
                  ) -> list[ViewContour]:
-        """In each view, of a pose (4, 4); motions: (k,) of the cameras."""
-        return self._drawn(pose, motions, level).views
+        """In each view, of a pose (4, 4), with nuisances (k + 1,)."""
+        return self._drawn(pose, nuisances, level).views
 
-    def _drawn(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int = -1
+    def _drawn(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64], level: int = -1
                ) -> '_Contours':
         """The last ones are kept: of a mode that was found several things are asked."""
-        asked = b'/'.join((pose.tobytes(), motions.tobytes(), bytes([level % len(self.levels)])))
+        asked = b'/'.join((pose.tobytes(), nuisances.tobytes(),
+                           bytes([level % len(self.levels)])))
         if asked not in self._last:
             self._last.clear()
             self._last[asked] = _Contours(self.joint, pose.copy(),
-                                          self._draw(pose, motions, level))
+                                          self._draw(pose, nuisances, level))
         return self._last[asked]
 
-    def _draw(self, pose: NDArray[np.float64], motions: NDArray[np.float64], level: int
+    def _draw(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64], level: int
               ) -> list[ViewContour]:
-        joint = self.joint
-        cameras = joint.errors.moved(joint.cameras, motions)
+        joint, off = self.joint, self.displacement * float(nuisances[-1])
+        cameras = joint.errors.moved(joint.cameras, nuisances[:-1])
         seen = [score.points(np.linalg.inv(camera) @ pose)
                 for score, camera in zip(self.scores, cameras, strict=True)]
         if joint.fronts:
             seen = [not_hidden(*each) for each in zip(seen, joint.fronts, strict=True)]
-        return [ViewContour(points, edges, view.profile, camera=camera)
+        return [ViewContour(displaced(points, edges, view.profile, off) if off else points, edges,
+                            view.profile, camera=camera)
                 for points, view, edges, camera in zip(
                     seen, joint.views, self.levels[level], cameras, strict=True)]
 
@@ -107,8 +124,7 @@ class JointContours:
             return 1.0
         whole = sum(float(score.points(np.linalg.inv(camera) @ pose).lengths.sum())
                     for score, camera in zip(self.scores, self.joint.cameras, strict=True))
-        motions = np.zeros(self.joint.errors.number)
-        return float(self.points(pose, motions).lengths.sum()) / max(whole, 1e-9)
+        return float(self.points(pose, self.told).lengths.sum()) / max(whole, 1e-9)
 
     def rigid_score(self, pose: NDArray[np.float64]) -> Score | None:
         """Evidence (n,) of poses (n, 4, 4) by the rigid contours of one (4, 4) in all views.
@@ -123,32 +139,33 @@ class JointContours:
             return None
         return lambda poses: np.sum([score(camera @ poses) for camera, score in scores], axis=0)
 
-    def points(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> ContourPoints:
+    def points(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> ContourPoints:
         """All of them, one view after the other."""
         return reduce(lambda one, other: one.joined(other),
-                      (each.points for each in self.contours(pose, motions)))
+                      (each.points for each in self.contours(pose, nuisances)))
 
-    def local_model(self, pose: NDArray[np.float64], sure: bool, motions: NDArray[np.float64],
+    def local_model(self, pose: NDArray[np.float64], sure: bool, nuisances: NDArray[np.float64],
                     scale: float | None, level: int = -1) -> LocalModel:
         """At a pose (4, 4); sure: with its uncertainty.
 
-        scale: as of `UncertainCameras`; None: the cameras are taken to be where they are.
+        scale: as of `Nuisances`; None: these are taken to be what they are.
         """
         joint = self.joint
-        uncertain = None
-        if joint.errors.number and scale is not None:
-            uncertain = UncertainCameras(joint.errors.seen(joint.cameras, pose), motions, scale)
-        contours = self.contours(pose, motions, level)
+        given = None
+        if not self.exact and scale is not None:
+            given = Nuisances(joint.errors.seen(joint.cameras, pose), self.displacement,
+                              nuisances, scale)
+        contours = self.contours(pose, nuisances, level)
         return LocalModel.from_views(pose, joint.model.symmetry, contours,
-                                     joint.views[0].error if sure else None, uncertain)
+                                     joint.views[0].error if sure else None, given)
 
-    def fits(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> list[ViewFit]:
-        """How each view agrees with a pose (4, 4), with its camera moved by motions (k,)."""
+    def fits(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> list[ViewFit]:
+        """How each view agrees with a pose (4, 4), with nuisances (k + 1,)."""
         joint = self.joint
         uncertain = joint.errors.pixels([each.edges.pinhole for each in joint.views],
                                         [float((np.linalg.inv(camera) @ pose)[2, 3])
                                          for camera in joint.cameras])
-        made, drawn = [], self._drawn(pose, motions)
+        made, drawn = [], self._drawn(pose, nuisances)
         for number, contour, alone, wide in zip(joint.numbers, drawn.views, drawn.alone,
                                                 uncertain, strict=True):
             off, expected = _off(alone)
@@ -157,22 +174,22 @@ class JointContours:
                 alone.evidence / max(alone.length, 1e-9), alone.evidence))
         return made
 
-    def disagreement(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+    def disagreement(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> float:
         """Median square by which views are off, in units of the model error of one view.
 
         One view of several in which something hides a part of the object does not decide. 0 where
         no view shows a contour.
         """
-        alone = [_off(each) for each in self._drawn(pose, motions).alone if each.length > 0]
+        alone = [_off(each) for each in self._drawn(pose, nuisances).alone if each.length > 0]
         return float(np.median([off ** 2 / max(expected ** 2, 1e-12) for off, expected in alone]
                                or [0.0]))
 
-    def beyond(self, pose: NDArray[np.float64], motions: NDArray[np.float64]) -> float:
+    def beyond(self, pose: NDArray[np.float64], nuisances: NDArray[np.float64]) -> float:
         """Mean evidence for other contours beyond those of a pose (4, 4) [nat / px].
 
         Those of the other objects that are known to be there (`joint.fronts`) are none.
         """
-        views = self.contours(pose, motions)
+        views = self.contours(pose, nuisances)
         fronts: Sequence[NDArray[np.float32] | None] = self.joint.fronts or [None] * len(views)
         lengths = np.concatenate([each.points.lengths for each in views])
         evidence = np.concatenate([

@@ -3,6 +3,7 @@
 Several views leave little room for other shapes (Laplace's approximation).
 """
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -24,7 +25,6 @@ from pmcl_ros.pmcl.render.contour_points import ContourPoints
 from pmcl_ros.pmcl.sampler import Gaussian
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.pmcl.tracking.local_search import log_volume, product
-from pmcl_ros.pmcl.uncertain_cameras import Nuisance
 from pmcl_ros.runtime.progress import Progress
 
 _REFINEMENTS = 12
@@ -45,8 +45,8 @@ def numbers_of(joint: JointEvidence, given: LearnedViews | None = None) -> Learn
 class JointPosterior:
     """Modes of the evidence of several views, and samples of the Gaussians about them.
 
-    Cameras whose poses are uncertain move so as to fit each mode best. numbers: of several views;
-    None: the model error is that of one.
+    Nuisances, the motions of uncertain cameras and the displacement of contours, are those that
+    fit each mode best. numbers: of several views; None: the model error is that of one.
     """
 
     model: ObjectModel
@@ -55,23 +55,31 @@ class JointPosterior:
     numbers: LearnedViews | None
     _known: list['_Known'] = field(default_factory=list)
 
+    @classmethod
+    def opened(cls, joint: JointEvidence, settings: PmclSettings, numbers: LearnedViews | None,
+               stack: contextlib.ExitStack) -> 'JointPosterior':
+        """Of the object of the evidence, until the stack is closed."""
+        displacement = 0.0 if numbers is None else numbers.displaced(joint.independent)
+        return cls(joint.model, settings, JointContours.opened(joint, stack, displacement),
+                   numbers)
+
     def local_model_at(self, pose: NDArray[np.float64], sure: bool) -> LocalModel:
-        """At a pose (4, 4), with the cameras as at the mode nearby; sure: with its uncertainty."""
+        """At a pose (4, 4), with the nuisances of the mode nearby; sure: with its uncertainty."""
         known = self._known_at(pose)
         if not sure:
-            return self.contours.local_model(pose, False, known.motions, known.scale)
+            return self.contours.local_model(pose, False, known.nuisances, known.scale)
         off = self.model.symmetry.local(pose[None], known.pose)
         if known.local is not None and np.abs(off).max() < _SAME:
             return known.local
         return self._sure(pose, known)
 
     def points_at(self, pose: NDArray[np.float64]) -> ContourPoints:
-        """The contour of a pose (4, 4) in all views, with the same cameras."""
-        return self.contours.points(pose, self._known_at(pose).motions)
+        """The contour of a pose (4, 4) in all views, with the same nuisances."""
+        return self.contours.points(pose, self._known_at(pose).nuisances)
 
-    def motions_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(k,) of the cameras at the mode near a pose (4, 4)."""
-        return self._known_at(pose).motions
+    def nuisances_near(self, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k + 1,) of the mode near a pose (4, 4)."""
+        return self._known_at(pose).nuisances
 
     def error_share_near(self, pose: NDArray[np.float64]) -> float:
         """Factor of the model error's variance at the mode near a pose (4, 4)."""
@@ -81,26 +89,35 @@ class JointPosterior:
         """Of the views at the mode near a pose (4, 4)."""
         known = self._known_at(pose)
         if known.disagreement is None:
-            return self.contours.disagreement(known.pose, known.motions)
+            return self.contours.disagreement(known.pose, known.nuisances)
         return known.disagreement
 
     def beyond_near(self, pose: NDArray[np.float64]) -> float:
         """Mean evidence beyond the contours of the mode near a pose (4, 4) [nat / px]."""
         known = self._known_at(pose)
-        return self.contours.beyond(known.pose, known.motions)
+        return self.contours.beyond(known.pose, known.nuisances)
 
     def fits_at(self, pose: NDArray[np.float64]) -> list[ViewFit]:
-        """How each view agrees with a pose (4, 4), its camera where it is told to be."""
-        return self.contours.fits(pose, np.zeros(self.contours.joint.errors.number))
+        """How each view agrees with a pose (4, 4), its camera where it is told to be.
+
+        Contours are displaced as at the mode nearby.
+        """
+        nuisances = self.contours.told
+        nuisances[-1] = self._known_at(pose).nuisances[-1]
+        return self.contours.fits(pose, nuisances)
 
     def evidence_at(self, pose: NDArray[np.float64]) -> float:
-        """Of a pose (4, 4), with the uncertain cameras where they fit it best [nat]."""
+        """Of a pose (4, 4), with the nuisances that fit it best [nat]."""
         return self._refined(pose, True)[2].evidence
 
     def fitted_at(self, pose: NDArray[np.float64]) -> LocalModel:
-        """At a pose (4, 4), with the uncertain cameras where they fit it best."""
-        _, motions, _, scale = self._refined(pose, True)
-        return self.contours.local_model(pose, True, motions, scale)
+        """At a pose (4, 4), with the nuisances that fit it best."""
+        _, nuisances, _, scale = self._refined(pose, True)
+        return self.contours.local_model(pose, True, nuisances, scale)
+
+    def displacement_at(self, pose: NDArray[np.float64]) -> float:
+        """By how much contours are found outside of those of a pose (4, 4) [px]."""
+        return self.contours.displacement * float(self._refined(pose, True)[1][-1])
 
     def log_likelihoods(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n,) [nat] of poses (n, 4, 4): `evidence_at` each, scaled as about the best of them."""
@@ -108,17 +125,17 @@ class JointPosterior:
         return self.fitted_at(poses[int(values.argmax())]).scale * values
 
     def refine(self, pose: NDArray[np.float64]) -> Mode:
-        """The mode nearby: Gauss-Newton steps of the pose and of uncertain cameras."""
-        pose, motions, _, scale = self._refined(pose, False)
+        """The mode nearby: Gauss-Newton steps of the pose and of the nuisances."""
+        pose, nuisances, _, scale = self._refined(pose, False)
         disagreement = (None if self.numbers is None
-                        else self.contours.disagreement(pose, motions))
-        known = _Known(pose, motions, scale, disagreement)
+                        else self.contours.disagreement(pose, nuisances))
+        known = _Known(pose, nuisances, scale, disagreement)
         local = self._sure(pose, known)
         self._known.append(replace(known, local=local))
         return Mode(pose, local)
 
     def _sure(self, pose: NDArray[np.float64], known: '_Known') -> LocalModel:
-        local = self.contours.local_model(pose, True, known.motions, known.scale)
+        local = self.contours.local_model(pose, True, known.nuisances, known.scale)
         return replace(local, model_error=self._error_share(known) * local.model_error)
 
     def _error_share(self, known: '_Known') -> float:
@@ -129,34 +146,35 @@ class JointPosterior:
 
     def _refined(self, pose: NDArray[np.float64], still: bool
                  ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel, float]:
-        """Pose, motions of the cameras, local model and its scale; still: the pose stays."""
-        motions, scale = np.zeros(self.contours.joint.errors.number), 1.0
-        if len(motions):
-            scale = self.contours.local_model(pose, True, motions, None).scale
+        """Pose, nuisances, local model and its scale; still: the pose stays."""
+        nuisances, scale = self.contours.told, 1.0
+        if not self.contours.exact:
+            scale = self.contours.local_model(pose, True, nuisances, None).scale
         for level in range(len(self.contours.levels)):
-            pose, motions, best = self._refined_at(level, pose, motions, scale, still)
-        return pose, motions, best, scale
+            pose, nuisances, best = self._refined_at(level, pose, nuisances, scale, still)
+        return pose, nuisances, best, scale
 
-    def _refined_at(self, level: int, pose: NDArray[np.float64], motions: NDArray[np.float64],
+    def _refined_at(self, level: int, pose: NDArray[np.float64], nuisances: NDArray[np.float64],
                     scale: float, still: bool
                     ) -> tuple[NDArray[np.float64], NDArray[np.float64], LocalModel]:
-        best = self.contours.local_model(pose, False, motions, scale, level)
+        best = self.contours.local_model(pose, False, nuisances, scale, level)
         for _ in range(_REFINEMENTS):
             step = 0 * best.step if still else best.step
-            turn = _motion_step(best.nuisance, best.basis.T @ step, len(motions))
-            if best.motion(step) < _CONVERGED and np.abs(turn).max(initial=0) < _CONVERGED:
+            turn = (0 * nuisances if best.nuisances is None
+                    else best.nuisances.after(best.basis.T @ step))
+            if best.motion(step) < _CONVERGED and np.abs(turn).max() < _CONVERGED:
                 break
             for part in (1.0, 0.5, 0.25):
-                tried, moved = retract(pose, part * step[None])[0], motions + part * turn
+                tried, moved = retract(pose, part * step[None])[0], nuisances + part * turn
                 if not (still or self.contours.joint.feasible(tried[None])[0]):
                     continue
                 there = self.contours.local_model(tried, False, moved, scale, level)
                 if there.evidence > best.evidence:
-                    pose, motions, best = tried, moved, there
+                    pose, nuisances, best = tried, moved, there
                     break
             else:
                 break
-        return pose, motions, best
+        return pose, nuisances, best
 
     def sample(self, modes: list[Mode], rng: np.random.Generator, progress: Progress,
                watch: Watch | None = None) -> Posterior:
@@ -184,12 +202,12 @@ class JointPosterior:
         return mixture(modes, gaussians, masses, count, rng)
 
     def _known_at(self, pose: NDArray[np.float64]) -> '_Known':
-        """The mode next to a pose, else one with the cameras where they are told to be."""
+        """The mode next to a pose, else one with the nuisances as they are told."""
         symmetry = self.model.symmetry
         same = [each for each in self._known
                 if symmetry.same_mode(each.pose[None], pose, *SAME_MODE)[0]]
         if not same:
-            return _Known(pose, np.zeros(self.contours.joint.errors.number), 1.0)
+            return _Known(pose, self.contours.told, 1.0)
         # Not the last one: a duplicate that was refined later is worse, or the same.
         poses = symmetry.nearest_equivalents(np.stack([each.pose for each in same]), pose)
         apart = symmetry.local(poses, pose) / np.repeat(SAME_MODE, 3)
@@ -198,11 +216,11 @@ class JointPosterior:
 
 @dataclass(frozen=True)
 class _Known:
-    """A mode's pose (4, 4), and there: motions (k,) of the cameras, scale, by how much the views
-    disagree if that was asked for, the local model with its uncertainty if it was refined."""
+    """A mode's pose (4, 4), and there: nuisances (k + 1,), scale, by how much the views disagree
+    if that was asked for, the local model with its uncertainty if it was refined."""
 
     pose: NDArray[np.float64]
-    motions: NDArray[np.float64]
+    nuisances: NDArray[np.float64]
     scale: float
     disagreement: float | None = None
     local: LocalModel | None = None
@@ -224,11 +242,3 @@ def mixture(modes: Sequence[Mode], gaussians: Sequence[Gaussian], masses: Sequen
         poses[ours] = retract(each.pose, each.deviations(normal))
         values[ours] = mass - each.log_volume - np.square(normal).sum(axis=1) / 2
     return Posterior(tuple(modes), poses, values, own)
-
-
-def _motion_step(nuisance: Nuisance | None, step: NDArray[np.float64], number: int
-                 ) -> NDArray[np.float64]:
-    """(k,) by which the cameras move when the pose moves by a tangent vector (d,)."""
-    if nuisance is None:
-        return np.zeros(number)
-    return nuisance.offset - nuisance.follow @ step

@@ -99,7 +99,7 @@ class MultiViewLocalizer(Closing):
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             drawn = JointContours.opened(joint, stack)
-            seen = drawn.contours(into @ pose, np.zeros(joint.errors.number))
+            seen = drawn.contours(into @ pose, drawn.told)
         made = {}
         for number, view in zip(joint.numbers, seen, strict=True):
             whole, part = evidence.views[number].evidence.pinhole, view.edges.pinhole
@@ -163,8 +163,7 @@ class MultiViewLocalizer(Closing):
                 ) -> tuple[ContourSearch, JointPosterior, list[GaussNewton]]:
         """A search, its posterior, and what refines poses, until the stack is closed."""
         optimizers = joint.optimizers()
-        posterior = JointPosterior(self.model, self._settings, JointContours.opened(joint, stack),
-                                   numbers_of(joint, self._numbers))
+        posterior = self._posterior(joint, stack)
         search = ContourSearch(
             joint.refinement(optimizers[0], 0), joint.refinement(optimizers[0]),
             joint.refinement(optimizers[1]), joint.refinement(optimizers[2]), posterior)
@@ -181,12 +180,11 @@ class MultiViewLocalizer(Closing):
         near = prior.seen_from(first)
         optimizers = joint.optimizers()[1:]
         with contextlib.ExitStack() as stack:
-            contours = JointContours.opened(joint, stack)
-            posterior = JointPosterior(self.model, self._settings, contours,
-                                       numbers_of(joint, self._numbers))
-            modes = NearPrior(self.model, contours.rigid_score, joint.refinement(optimizers[0]),
-                              joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
-                              candidates).modes(near, rng)
+            posterior = self._posterior(joint, stack)
+            modes = NearPrior(
+                self.model, posterior.contours.rigid_score, joint.refinement(optimizers[0]),
+                joint.refinement(optimizers[1]), posterior.refine, joint.feasible,
+                candidates).modes(near, rng)
             if modes:
                 sample = posterior.sample_near(near, modes, particles, rng)
                 estimate = self._estimate(evidence, joint, posterior, sample, rng)
@@ -206,7 +204,7 @@ class MultiViewLocalizer(Closing):
         first = evidence.views[joint.numbers[0]].camera_to_reference
         seen = np.linalg.inv(first) @ poses
         with contextlib.ExitStack() as stack:
-            return self._of_one_view(joint, stack).log_likelihoods(seen)
+            return self._posterior(joint, stack).log_likelihoods(seen)
 
     def bound(self, evidence: ViewsEvidence, pose: NDArray[np.float64]) -> NDArray[np.float64]:
         """(6, 6) Cramér-Rao bound of a true pose (4, 4), in the frame of the first view there.
@@ -217,7 +215,7 @@ class MultiViewLocalizer(Closing):
         joint = self._joint(evidence)
         into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
-            posterior = self._of_one_view(joint, stack)
+            posterior = JointPosterior.opened(joint, self._settings, None, stack)
             return posterior.fitted_at(into @ pose).covariance
 
     def _estimate(self, evidence: ViewsEvidence, joint: JointEvidence, posterior: JointPosterior,
@@ -237,9 +235,10 @@ class MultiViewLocalizer(Closing):
             posterior.contours.share)
         return replace(estimate, disagreement=apart, beyond=beyond)
 
-    def _of_one_view(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:
-        """The posterior with the model error of one view, until the stack is closed."""
-        return JointPosterior(self.model, self._settings, JointContours.opened(joint, stack), None)
+    def _posterior(self, joint: JointEvidence, stack: contextlib.ExitStack) -> JointPosterior:
+        """Of what the views show, until the stack is closed."""
+        return JointPosterior.opened(joint, self._settings, numbers_of(joint, self._numbers),
+                                     stack)
 
     def _estimator(self, joint: JointEvidence) -> Estimator:
         return Estimator(self.model, joint.region, self._settings, joint.orientation)
@@ -261,12 +260,12 @@ class MultiViewLocalizer(Closing):
                  beside: Beside | None = None) -> NDArray[np.float64]:
         """(n,) evidence of poses (n, 4, 4) in the reference frame, summed over views [nat].
 
-        Uncertain cameras are moved as fits best. beside: as of `localize`.
+        Nuisances are those that fit best. beside: as of `localize`.
         """
         joint = self._joint(evidence, beside)
         first = evidence.views[joint.numbers[0]].camera_to_reference
         with contextlib.ExitStack() as stack:
-            posterior = self._of_one_view(joint, stack)
+            posterior = self._posterior(joint, stack)
             return np.array([posterior.evidence_at(each)
                              for each in np.linalg.inv(first) @ poses])
 

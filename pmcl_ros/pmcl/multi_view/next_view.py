@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from pmcl_ros.dlv.volume import depth_labels
 from pmcl_ros.evidence.contour_map import ContourMap
@@ -26,8 +27,7 @@ from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import least_turn
 from pmcl_ros.pmcl.contour_evidence import scene
-from pmcl_ros.pmcl.local_model import LocalModel, without_negative
-from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
+from pmcl_ros.pmcl.local_model import LocalModel, weak_information, without_negative
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.object_model import ObjectModel
@@ -42,6 +42,7 @@ _FLAT = ContourProfile(np.zeros(1, np.float32), np.array([-1, 1], np.float32),
                        np.array([[-1, 1]], np.float32))
 _OPPOSITE = 0.05  # length of a mean direction that means nothing
 _ALIKE = 1e-6  # independent views beyond one: fewer are views of one place
+_LEAST_DISPLACEMENT = 1e-3  # px, of contours: the prior of a displacement of less is as strong
 _CLOSEST = 0.05  # m: between an object and a camera that may look at it
 CAP, CANDIDATES = 90.0, 40  # degrees and number of candidates where nobody lists them
 
@@ -79,8 +80,7 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
     first = evidence.views[joint.numbers[0]].camera_to_reference
     into = np.asarray(np.linalg.inv(first), float)
     with contextlib.ExitStack() as stack:
-        contours = JointContours.opened(joint, stack)
-        posterior = JointPosterior(model, settings, contours, numbers_of(joint))
+        posterior = JointPosterior.opened(joint, settings, numbers_of(joint), stack)
         mode = posterior.refine(into @ pose)
         known = _Known.from_posterior(mode.pose, posterior)
     now = known.sigma()
@@ -94,17 +94,19 @@ def next_views(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettin
 
 @dataclass(frozen=True)
 class _Known:
-    """What the views that there are tell about a pose (4, 4).
+    """What the views that there are tell about a pose (4, 4), and the contours' displacement.
 
-    local: by all of them. stretches: of their contours. displaced: (d, d) covariance of the
-    gradient by the model error of one view, share: factor of that by how views agree. curvature:
-    of the evidence, in units of the least.
+    local: of the pose by all of them. stretches: of their contours. information: (d + 1, d + 1),
+    the displacement's last. displaced: (d + 1, d + 1) covariance of the gradient by the model
+    error of one view, share: factor of that by how views agree. curvature: of the evidence, in
+    units of the least.
     """
 
     joint: JointEvidence
     pose: NDArray[np.float64]
     local: LocalModel
     stretches: Sequence[ViewTerms]
+    information: NDArray[np.float64]
     displaced: NDArray[np.float64]
     share: float
     curvature: float
@@ -114,24 +116,30 @@ class _Known:
         """Of a pose at a mode of all views."""
         joint = posterior.contours.joint
         symmetry, error = joint.model.symmetry, joint.views[0].error
-        views = posterior.contours.contours(pose, posterior.motions_near(pose))
+        views = posterior.contours.contours(pose, posterior.nuisances_near(pose))
         local = LocalModel.from_views(pose, symmetry, views, error)
         # Curvature a pixel, relative to that of a contour of which nothing is known.
         weak = LocalModel.from_views(pose, symmetry, [replace(each, curvature=1.0)
                                                       for each in views], None)
         curved = float(np.trace(local.information) / np.trace(weak.information))
-        stretches = [ViewTerms.from_view(each, pose, local.basis).stretches() for each in views
-                     if len(each.points.lengths)]
-        return cls(joint, pose, local, stretches, _displaced(stretches, stretches, error),
-                   posterior.error_share_near(pose), curved)
+        terms = [ViewTerms.from_view(each, pose, local.basis, displaced=True) for each in views
+                 if len(each.points.lengths)]
+        stretches = [each.stretches() for each in terms]
+        # The prior of the displacement, as evidence.
+        sigma = max(posterior.contours.displacement, _LEAST_DISPLACEMENT)
+        information = block_diag(weak_information(local.basis), 1 / (local.scale * sigma ** 2))
+        information += sum(each.information for each in terms)
+        return cls(joint, pose, local, stretches, information,
+                   _displaced(stretches, stretches, error), posterior.error_share_near(pose),
+                   curved)
 
     def sigma(self, seen: ViewContour | None = None) -> float:
         """Largest standard deviation of the position, with the contour in one more view [m]."""
-        information, displaced, share = self.local.information, self.displaced, self.share
+        information, displaced, share = self.information, self.displaced, self.share
         error = self.joint.views[0].error
         if seen is not None and seen.camera is not None:
             terms = ViewTerms.from_view(replace(seen, curvature=self.curvature), self.pose,
-                                        self.local.basis)
+                                        self.local.basis, displaced=True)
             added = [terms.stretches()]
             both = _displaced(self.stretches, added, error)
             information = information + terms.information
@@ -139,7 +147,7 @@ class _Known:
             share = self._share_with(seen.camera)
         inverse = np.linalg.inv(information)
         off = without_negative(inverse @ displaced @ inverse)
-        covariance = inverse / self.local.scale + share * off
+        covariance = (inverse / self.local.scale + share * off)[:-1, :-1]
         return position_sigma(self.local.basis @ covariance @ self.local.basis.T)
 
     def _share_with(self, camera: NDArray[np.float64]) -> float:
@@ -157,7 +165,8 @@ class _Known:
 
 def _displaced(views: Sequence[ViewTerms], others: Sequence[ViewTerms], error: ModelError
                ) -> NDArray[np.float64]:
-    """(d, d) covariance, by the model error, of what views and others add to the gradient."""
+    """(d + 1, d + 1) covariance by the model error of what views and others add to the gradient.
+    """
     if not (views and others):
         return np.zeros(())
     distance, same_side, alike = pairs(views, others, error)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from pmcl_ros.evidence.posed_evidence import ViewsEvidence
 from pmcl_ros.pmcl.local_model import LocalModel
-from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
@@ -38,6 +37,5 @@ def _mode(evidence: ViewsEvidence, model: ObjectModel, settings: PmclSettings,
     joint = JointEvidence.from_views(evidence, NumbaRenderer(), model, settings)
     into = np.linalg.inv(evidence.views[joint.numbers[0]].camera_to_reference)
     with contextlib.ExitStack() as stack:
-        posterior = JointPosterior(model, settings, JointContours.opened(joint, stack),
-                                   numbers_of(joint))
+        posterior = JointPosterior.opened(joint, settings, numbers_of(joint), stack)
         return posterior.refine(np.asarray(into @ pose, float)).local

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from contour_maps import NUMBERS, map_seen
 from pmcl_scenes import CAMERA, COARSE, bracket, cup, depth_of, edges_seen, model_of
+from scipy.linalg import block_diag
+from scipy.ndimage import distance_transform_edt
 from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from textured_planes import views_of_planes
@@ -24,12 +26,13 @@ from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.camera_errors import CameraErrors
 from pmcl_ros.pmcl.multi_view.joint_contours import JointContours, ViewFit
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
+from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer
 from pmcl_ros.pmcl.multi_view.second_hypothesis import shown_in
+from pmcl_ros.pmcl.nuisances import Nuisances
 from pmcl_ros.pmcl.render.numba_renderer import NumbaRenderer
 from pmcl_ros.pmcl.render.scene import Scene, Window
 from pmcl_ros.pmcl.settings import PmclSettings
-from pmcl_ros.pmcl.uncertain_cameras import UncertainCameras
 from pmcl_ros.pmcl.view_terms import (
     REACH,
     ViewContour,
@@ -172,12 +175,13 @@ def test_a_covered_lens_is_no_evidence_that_nothing_is_there(context, caplog):
     assert alone.score < 0
 
 
-def maps_seen(context, model, truth, cameras, pinhole=COARSE):
-    """The contour map in each view."""
+def maps_seen(context, model, truth, cameras, pinhole=COARSE, too_far_in=0):
+    """The contour map in each view; too_far_in: by how many quarter pixels contours are found."""
     views = []
     for camera in cameras:
         depth = depth_of(context, model, np.linalg.inv(camera) @ truth, pinhole, 4)
-        views.append(PosedEvidence(map_seen(depth > 0, pinhole, 0.3, 0.6, 4), camera))
+        mask = distance_transform_edt(depth > 0) > too_far_in
+        views.append(PosedEvidence(map_seen(mask, pinhole, 0.3, 0.6, 4), camera))
     return ViewsEvidence(Header(7, 'base'), tuple(views))
 
 
@@ -321,7 +325,7 @@ def test_views_disagree_by_the_median_and_one_without_a_contour_says_nothing(con
         into = np.linalg.inv(views[joint.numbers[0]].camera_to_reference)
         with contextlib.ExitStack() as stack:
             contours = JointContours.opened(joint, stack)
-            none = np.zeros(joint.errors.number)
+            none = contours.told
             squares = [(each.off / each.expected) ** 2
                        for each in contours.fits(into @ off, none) if each.expected > 0]
             contours.contours(into @ truth, none)  # what is kept is of the pose that is asked for
@@ -513,18 +517,18 @@ def test_the_schur_complement_is_that_of_the_dense_matrix(contours):
     errors = CameraErrors.from_views([
         PosedEvidence(None, each.camera, (0.001, 0.003), 'arm', 0.5) for each in views])
     cameras = np.array([each.camera for each in views])
-    motions, scale = np.random.default_rng(0).normal(size=errors.number), 0.3
+    count, scale, displacement = errors.number + 1, 0.3, 0.4
+    values = np.random.default_rng(0).normal(size=count)
     root = errors.seen(cameras, pose)
-    terms = [ViewTerms.from_view(each, pose, np.eye(6)) for each in views]
-    nuisance, left = UncertainCameras(root, motions, scale).eliminated(np.eye(6), terms)
-    count = errors.number
+    terms = [ViewTerms.from_view(each, pose, np.eye(6), displaced=True) for each in views]
+    eliminated, left = Nuisances(root, displacement, values, scale).eliminated(np.eye(6), terms)
     dense, slope = np.zeros((6 + count, 6 + count)), np.zeros(6 + count)
     for each, part in zip(terms, root, strict=True):
-        jacobian = np.hstack([np.eye(6), part])
+        jacobian = block_diag(np.hstack([np.eye(6), part]), displacement)
         dense += jacobian.T @ each.information @ jacobian
         slope += jacobian.T @ each.gradient
     dense[6:, 6:] += np.eye(count) / scale
-    slope[6:] -= motions / scale
+    slope[6:] -= values / scale
     step = np.linalg.solve(dense, slope)
     information = sum(each.information for each in left)
     gradient = sum(each.gradient for each in left)
@@ -532,6 +536,24 @@ def test_the_schur_complement_is_that_of_the_dense_matrix(contours):
     np.testing.assert_allclose(information, expected, rtol=1e-5, atol=1e-5 * expected.max())
     mine = np.linalg.solve(information, gradient)
     np.testing.assert_allclose(mine, step[:6], rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(nuisance.offset - nuisance.follow @ mine, step[6:], rtol=1e-5,
-                               atol=1e-7)
-    assert nuisance.evidence == pytest.approx(-motions @ motions / (2 * scale))
+    np.testing.assert_allclose(eliminated.after(mine), step[6:], rtol=1e-5, atol=1e-7)
+    assert eliminated.evidence == pytest.approx(-values @ values / (2 * scale))
+
+
+def test_contours_that_are_all_found_too_far_in_do_not_move_the_pose(context):
+    """As views lie close together, size tells distance, unless contours can be displaced."""
+    truth = truth_of(CUP)
+    given = maps_seen(context, CUP, truth, around([-8, 0, 8]), too_far_in=2)
+    off = []
+    for displacement in (0.0, 0.35):
+        numbers = learned_views().model_copy(update={'displacement': displacement})
+        with MultiViewLocalizer(CUP, settings(), numbers) as localizer:
+            estimate = localizer.localize(given, np.random.default_rng(0))
+        off.append(float(estimate.pose[2, 3] - truth[2, 3]))
+    assert off[0] > 0.002  # smaller is farther away
+    assert abs(off[1]) < 0.2 * off[0]
+    joint = JointEvidence.from_views(given, NumbaRenderer(), CUP, settings())
+    into = np.linalg.inv(given.views[0].camera_to_reference)
+    with contextlib.ExitStack() as stack:
+        posterior = JointPosterior.opened(joint, settings(), numbers, stack)
+        assert posterior.displacement_at(into @ truth) == pytest.approx(-0.5, abs=0.15)

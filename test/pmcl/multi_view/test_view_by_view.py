@@ -9,7 +9,6 @@ from test_multi_view import CUP, MIDDLE, around, found, maps_seen, settings, tru
 
 from pmcl_ros.evidence.posed_evidence import PosedEvidence
 from pmcl_ros.geometry.se3 import retract
-from pmcl_ros.pmcl.multi_view.joint_contours import JointContours
 from pmcl_ros.pmcl.multi_view.joint_evidence import JointEvidence
 from pmcl_ros.pmcl.multi_view.joint_posterior import JointPosterior, numbers_of
 from pmcl_ros.pmcl.multi_view.next_view import position_sigma
@@ -40,8 +39,7 @@ def test_a_mode_is_as_sure_as_its_own_views_agree_whatever_was_refined_later(con
     joint = JointEvidence.from_views(evidence, NumbaRenderer(), CUP, elsewhere)
     pose = np.linalg.inv(evidence.views[0].camera_to_reference) @ truth
     with contextlib.ExitStack() as stack:
-        posterior = JointPosterior(CUP, elsewhere, JointContours.opened(joint, stack),
-                                   numbers_of(joint))
+        posterior = JointPosterior.opened(joint, elsewhere, numbers_of(joint), stack)
         right = posterior.refine(pose)
         wrong = posterior.refine(retract(pose, np.array([[0.006, 0, 0, 0, 0, 0.]]))[0])
         assert posterior.error_share_near(wrong.pose) > 4 * posterior.error_share_near(pose)
