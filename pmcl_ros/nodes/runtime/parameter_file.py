@@ -30,7 +30,7 @@ def check_parameter_file(path: Path | str, node: str = '') -> list[str]:
     node: judge the parameters of this one alone.
     """
     known, others, found = {each.name: each for each in ALL}, [], False
-    for section, values in _sections(read_yaml(path), ''):
+    for section, values in _sections(path, read_yaml(path), ''):
         found = True
         name = section.rpartition('/')[2]
         if name in known and node in ('', name):
@@ -84,10 +84,14 @@ def _check_names(path: Path | str, section: str, node: NodeEntry, values: dict[s
         raise SettingsError(f'{path} gives {section!r} an unknown parameter {name!r}{hint}')
 
 
-def _sections(values: dict[str, Any], above: str) -> Iterator[tuple[str, dict[str, Any]]]:
+def _sections(path: Path | str, values: dict[str, Any], above: str
+              ) -> Iterator[tuple[str, dict[str, Any]]]:
     """The full names, namespaces may be nested, under which there are values; and these."""
     for key, inside in values.items():
         if key == _VALUES:
+            if not isinstance(inside, dict | None):
+                raise SettingsError(f'{path} gives {above!r} {_VALUES}: {inside}: expected a '
+                                    'mapping {NAME: VALUE}')
             yield above, inside or {}
         elif isinstance(inside, dict):
-            yield from _sections(inside, f'{above}/{str(key).strip("/")}'.lstrip('/'))
+            yield from _sections(path, inside, f'{above}/{str(key).strip("/")}'.lstrip('/'))

@@ -48,6 +48,9 @@ def test_who_else_has_parameters_in_it_is_told(write, text, others):
     ('/arm: {pmcl_node: {ros__parameters: {labels: 5}}}',
      "gives 'arm/pmcl_node' an unknown parameter 'labels'; dlv_node has it"),
     ('dlv_node: {labels: 5}', 'has no parameters: expected NODE: {ros__parameters: '),
+    ('dlv_node: {ros__parameters: [labels]}',
+     r"gives 'dlv_node' ros__parameters: \['labels'\]: expected a mapping {NAME: VALUE}"),
+    ('dlv_node: {ros__parameters: 5}', "gives 'dlv_node' ros__parameters: 5: expected a mapping"),
     ('- 1', 'holds list, expected a mapping'),
 ])
 def test_what_ros_would_pass_over_in_silence_is_refused(write, text, reason):
