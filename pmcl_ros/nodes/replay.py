@@ -180,6 +180,9 @@ def main(args: Sequence[str] | None = None) -> int:
         parser.error(f'--rate must be positive, not {options.rate}')
     try:
         found = {each.name: each for each in topics(options.bag)}
+        if unknown := [each for each in options.topic if each not in found]:
+            raise BagError(f'{options.bag} has no topic {", ".join(unknown)}: it holds '
+                           f'{", ".join(found)}')
         chosen = {name: each for name, each in found.items() if _wanted(name, options)}
         if not chosen:
             raise BagError(f'nothing to play in {options.bag}: it holds {", ".join(found)}')

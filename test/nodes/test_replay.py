@@ -211,7 +211,9 @@ def test_in_step_needs_captures_and_somebody_who_answers(tmp_path, user, bag, sm
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
     (['BAG', '--timeout', 0.2], 1, 'fewer than 1 subscribers to /a, /b after 0.2 s'),
-    (['BAG', '--topic', '/c'], 1, 'nothing to play in .*: it holds /a, /b'),
+    (['BAG', '--preset', 'dlv'], 1, 'nothing to play in .*: it holds /a, /b'),
+    (['BAG', '--topic', '/a', '--topic', '/c', '--topic', 'b'], 1,
+     'has no topic /c, b: it holds /a, /b$'),
     (['BAG', '--rate', 0], 2, '--rate must be positive'),
     (['BAG', '--rate', 'nan'], 2, '--rate must be positive, not nan'),
     ([ROOT, '--rate', 1], 1, 'cannot read the bag'),
