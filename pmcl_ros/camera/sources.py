@@ -1,6 +1,7 @@
 """The driver's camera: its settings, pictures on disk as a camera, and how to open one."""
 
 import time
+from collections import deque
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,7 @@ from pmcl_ros.runtime.settings import Settings
 
 Source = Literal['wifi', 'gateway', 'files']
 _LINK = LinkSettings()
+_KEPT = 100  # pictures of files that may wait to be published; a loop takes them without end
 
 
 class CameraSettings(Settings):
@@ -60,24 +62,26 @@ class FileCamera:
 
     def __init__(self, path: Path | str, loop: bool = False) -> None:
         self._folder, self._paths, self._loop = path, list_pictures(path), loop
-        self._taken: list[Picture] = []
+        self._count = 0
+        self._taken: deque[Picture] = deque(maxlen=_KEPT)
 
     def status(self) -> CameraStatus:
         """The serial number of the first picture's camera."""
         return CameraStatus(read_metadata(self._paths[0]).serial, '', None)
 
     def pictures(self) -> list[Picture]:
-        """All pictures taken so far, oldest first."""
+        """The last pictures taken, 100 at most, oldest first."""
         return list(self._taken)
 
     def capture(self) -> Picture:
         """Take the next picture, stamped with the present time; NoMorePictures after the last."""
-        count = len(self._taken)
+        count = self._count
         if count == len(self._paths) and not self._loop:
             raise NoMorePictures(f'all {count} pictures of {self._folder} are published; set loop '
                                  'to begin again')
         path = self._paths[count % len(self._paths)]
-        self._taken.append(Picture(f'{count + 1} {path.name}', time.time_ns()))
+        self._count += 1
+        self._taken.append(Picture(f'{self._count} {path.name}', time.time_ns()))
         return self._taken[-1]
 
     def fetch(self, picture: Picture) -> tuple[bytes, str]:

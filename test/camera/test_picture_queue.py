@@ -33,6 +33,20 @@ def test_a_picture_that_is_none_is_given_up_at_the_third_time(camera):
     assert queue.waiting() == [good]
 
 
+def test_files_in_a_loop_take_no_more_memory_and_lose_no_picture(tmp_path, camera_text):
+    raws = write_captures(tmp_path, camera_text(SIDE, SIDE))
+    camera = FileCamera(tmp_path, loop=True)
+    queue = PictureQueue(camera)
+    for number in range(1, 1001):
+        picture = camera.capture()
+        assert picture.id.startswith(f'{number} ')
+        assert queue.waiting() == [picture]
+        queue.done(picture)
+    kept = camera.pictures()
+    assert len(kept) == 100
+    assert [camera.fetch(each)[0] for each in kept[-3:]] == [raws[1], raws[2], raws[0]]
+
+
 def test_a_gateway_is_not_asked_to_delete():
     settings = CameraSettings(source='gateway', gateway='http://127.0.0.1:9', delete=True)
     with pytest.raises(SettingsError, match='deletes no pictures'):
