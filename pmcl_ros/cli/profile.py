@@ -24,7 +24,8 @@ _UP = 0.0, 0.0, 1.0
 @view_options
 @click.option('--box', 'boxes', multiple=True, type=(int, float, float, float, float),
               metavar='VIEW X Y W H', help='The object in a view: its number, from 0, then left, '
-              'top, width and height [px], before --shrink. Give it for two views at least.')
+              'top, width and height [px] in the undistorted picture, before --shrink. Give it '
+              'for two views at least.')
 @click.option('--points', multiple=True, type=(int, str), metavar='VIEW "X,Y ..."',
               help='In place of --box: points on its outline, topmost, lowest, left and right.')
 @click.option('--up', type=(float, float, float), default=_UP, show_default=True,

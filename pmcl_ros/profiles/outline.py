@@ -49,6 +49,13 @@ class BoxedView:
                                      (top + height / 2 - of.cy) / of.fy, 1]
         return np.asarray(ray / np.linalg.norm(ray))
 
+    def sides(self, up: NDArray[np.float64]) -> tuple[float, float]:
+        """Of the box, across and along an axis (3,), as the camera, upright or rolled, sees it."""
+        _, _, width, height = self.box
+        ray, axis = self.camera[:3, :3].T @ self.sight, self.camera[:3, :3].T @ up
+        x, y, _ = axis * ray[2] - ray * axis[2]  # where a point in the middle moves along the axis
+        return (width, height) if abs(y) >= abs(x) else (height, width)
+
 
 @dataclass(frozen=True)
 class Cylinder:
@@ -88,7 +95,7 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
         if height is None:
             raise ProfileError('one view with a box does not tell the size: give boxes in two '
                                'views, or --height')
-        middle = eyes[0] + _distance(views[0], float(rises[0]), height) * sights[0]
+        middle = eyes[0] + _distance(views[0], up, float(rises[0]), height) * sights[0]
     else:
         apart = np.arccos(np.clip(sights @ sights.T, -1, 1)).max()
         if apart < _APART:
@@ -101,24 +108,25 @@ def cylinder_in(views: Sequence[BoxedView], up: NDArray[np.float64],
     if (distances <= 0).any():
         raise ProfileError('the lines of sight through the boxes meet behind a camera: are they '
                            'of the same object, and the poses right?')
-    radii, heights = zip(*(_size(view, float(rise), float(far)) for view, rise, far in zip(
+    radii, heights = zip(*(_size(view, up, float(rise), float(far)) for view, rise, far in zip(
         views, rises, distances, strict=True)), strict=True)
     return Cylinder(pose_of(_upright(up), middle), float(np.mean(radii)),
                     height or float(np.mean(heights)))
 
 
-def _size(view: BoxedView, rise: float, distance: float) -> tuple[float, float]:
+def _size(view: BoxedView, up: NDArray[np.float64], rise: float, distance: float
+          ) -> tuple[float, float]:
     """Radius and height [m] of a cylinder that fills a box, seen `rise` from above."""
-    _, _, width, tall = view.box
+    width, tall = view.sides(up)
     focal = np.sqrt(view.pinhole.fx * view.pinhole.fy)
     radius = width / 2 * distance / focal
     height = (tall * distance / focal - 2 * radius * abs(np.sin(rise))) / np.cos(rise)
     return radius, max(float(height), radius / 4)
 
 
-def _distance(view: BoxedView, rise: float, height: float) -> float:
+def _distance(view: BoxedView, up: NDArray[np.float64], rise: float, height: float) -> float:
     """Of a cylinder of known height that fills a box [m]."""
-    _, _, width, tall = view.box
+    width, tall = view.sides(up)
     wall = max(tall - width * abs(np.sin(rise)), tall / 10)
     return float(np.sqrt(view.pinhole.fx * view.pinhole.fy) * height * np.cos(rise) / wall)
 

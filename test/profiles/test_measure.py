@@ -87,6 +87,20 @@ def test_one_view_is_enough_with_the_height(views, boxes):
     np.testing.assert_allclose(radii[inner], radius(heights[inner]), atol=2e-3)
 
 
+@pytest.mark.parametrize('height', [None, 0.1])
+def test_a_rolled_camera_sees_the_same_vessel(vessel, height):
+    """Its boxes are 90 degrees from upright."""
+    quarter = np.array([[0, -1.0, 0, 0], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+    cameras = [camera(azimuth) @ quarter for azimuth in (-0.5, 0.0, 0.5)]
+    masks = masks_of(vessel, cameras)
+    boxes = boxes_about(masks)
+    found = measured(pictured(masks, cameras), {0: boxes[0]} if height else boxes, UP, height)
+    heights, radii, _ = found.rows.T
+    assert np.ptp(heights) == pytest.approx(0.1, abs=2e-3)
+    inner = abs(heights) < 0.045
+    np.testing.assert_allclose(radii[inner], radius(heights[inner]), atol=1e-3)
+
+
 @pytest.mark.parametrize(('options', 'what'), [
     (['--box', 0, 150, 100, 100, 150], 'boxes in two views, or --height'),
     (['--box', 0, 150, 100, 100, 150, '--box', 5, 150, 100, 100, 150], 'no view 5'),
