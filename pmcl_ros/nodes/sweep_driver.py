@@ -62,7 +62,7 @@ class SweepDriver(StageNode):
     _no_lens: str  # why there is none
 
     def set_up(self, settings: SweepDriverSettings) -> None:
-        """Read the plan, if there is one."""
+        """Read the plan, if one is followed: where collect is plan, or grid with a plan."""
         self._middle = self._planned = None
         if settings.collect == 'plan':
             if not settings.plan:
@@ -70,7 +70,7 @@ class SweepDriver(StageNode):
                                     'with `poses` (docs/howto/posed_views.md)')
             self._planned = _in_frame(ViewPlan.load(resolve(settings.plan, 'plan')),
                                       settings).cameras
-        elif settings.plan:
+        elif settings.plan and settings.collect == 'grid':
             plan = _in_frame(SweepPlan.load(resolve(settings.plan, 'plan')), settings)
             settings = settings.model_copy(update={'rows': plan.rows, 'columns': plan.columns,
                                                    'baseline': plan.baseline})

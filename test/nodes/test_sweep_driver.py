@@ -256,3 +256,8 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
             assert user.set('sweep_driver', **good) == []
         assert user.change('sweep_driver', CONFIGURE), node.log
         assert 'a sweep is 2x2 views, 0.01 m apart, at the planned poses' in node.log
+        for collect in ('rest', 'service'):  # they follow no plan
+            assert user.change('sweep_driver', CLEANUP)
+            assert user.set('sweep_driver', collect=collect, plan='/nowhere.yaml') == []
+            assert user.change('sweep_driver', CONFIGURE), node.log
+        assert 'at each call of ~/take' in node.log
