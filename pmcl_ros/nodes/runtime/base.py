@@ -44,6 +44,7 @@ LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE,
 SMALL = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 # Poses of an arm, that come up to 1000 times a second.
 MANY = QoSProfile(depth=200, reliability=ReliabilityPolicy.RELIABLE)
+_PERIOD = 1.0  # s: of /diagnostics
 
 
 class StageNode(LifecycleNode):
@@ -69,6 +70,7 @@ class StageNode(LifecycleNode):
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
         self._diagnostics_lock = Lock()  # held while the publisher is used or taken away
+        self._next_failure = 0.0  # that is published at once, by the monotonic clock [s]
         self._next_report = 0.0  # of the kernels that are compiled, by the monotonic clock [s]
         self._guard_transitions()
 
@@ -177,7 +179,9 @@ class StageNode(LifecycleNode):
                     self.get_logger().error(line)
         if problems:
             self.health.failed(f'{what}: {problems[0]}')
-            self.publish_diagnostics()
+            if (now := time.monotonic()) >= self._next_failure:  # more are told by the timer
+                self._next_failure = now + _PERIOD
+                self.publish_diagnostics()
 
     def done(self, latency: float, message: str) -> None:
         """Count and log a result that was published `latency` seconds after its input came."""
@@ -246,7 +250,7 @@ class StageNode(LifecycleNode):
         self._repeated = RepeatedLines()
         self.active.enter_context(self._diagnostics_publisher())
         namesakes = Namesakes(self, self.patience)
-        self.every(1.0, lambda: self._report(namesakes))
+        self.every(_PERIOD, lambda: self._report(namesakes))
         self.start()
         warn_of_unknown(self)
 
@@ -261,7 +265,7 @@ class StageNode(LifecycleNode):
         """Log and publish, at most once a second, how many kernels are compiled."""
         if (now := time.monotonic()) < self._next_report:
             return
-        self._next_report = now + 1.0
+        self._next_report = now + _PERIOD
         count, total = kernels.progress()
         text = f'compiling kernels: {count} of {total}, {kernel}'
         self.get_logger().info(text)

@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from itertools import count
 
 import cv2
@@ -259,6 +260,30 @@ def test_messages_and_calls_that_fail_are_counted_and_survived(probe, user, cont
     probe.wrong = {'call': PmclError('not now')}
     answer = call()
     assert (answer.success, answer.message) == (False, 'not now')
+    executor.shutdown()
+
+
+def test_a_flood_of_bad_messages_is_counted_and_told_at_the_usual_period(probe, user, context):
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(probe)
+    assert probe.trigger_configure() == probe.trigger_activate() == Result.SUCCESS
+    user.others.append(executor)
+    statuses = []
+    user.node.create_subscription(DiagnosticArray, '/diagnostics', statuses.append, 100)
+    publisher = user.node.create_publisher(String, 'in', LATCHED)
+    user.wait(publisher.get_subscription_count, 'the node')
+    probe.wrong = {'bad': PmclError('half a message')}
+    began = time.monotonic()
+    for number in range(1, 101):
+        publisher.publish(String(data='bad'))
+        user.wait(lambda number=number: probe.health.errors >= number, 'its refusal')
+
+    def counted():
+        values = {each.key: each.value for each in statuses[-1].status[0].values}
+        return values['errors'] == '100'
+
+    user.wait(lambda: statuses and counted(), 'all to be told')
+    assert len(statuses) <= 3 + 2 * (time.monotonic() - began)
     executor.shutdown()
 
 
