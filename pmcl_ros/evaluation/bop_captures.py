@@ -3,6 +3,7 @@
 Format: "BOP datasets format" of github.com/thodan/bop_toolkit. Lengths are in millimetres.
 """
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import LightFieldError, SettingsError
 from pmcl_ros.runtime.text_file import parse_json, read_text
 
+_LOG = logging.getLogger(__name__)
 _TRUTH, _VISIBLE = 'scene_gt.json', 'scene_gt_info.json'
 _LEAST_VISIBLE = 0.1  # of an object's outline, as of BOP's targets
 _SIDE = 0.16  # m: of the region of interest, as of generated scenes
@@ -99,6 +101,7 @@ class BopCapture(Capture):
 
 def bop_scenes(folder: Path) -> list[Path]:
     """The scenes with known truth in a folder, or the folder itself; empty: there are none."""
+    folder = folder.resolve() if folder.name in ('', '..') else folder  # its name is its number
     return [each for each in (folder, *sorted(folder.iterdir()))
             if (each / bop.NAME).is_file() and (each / _TRUTH).is_file()]
 
@@ -108,14 +111,23 @@ def bop_captures(scenes: list[Path], choice: BopChoice) -> list[BopCapture]:
 
     Where the cameras have poses, a group is of `choice.views` pictures, spread over the scene;
     else, and with one view, of one picture, in its camera's frame. Objects of which less than a
-    tenth is visible are left out. Raises LightFieldError or SettingsError.
+    tenth is visible are left out. Of a group the objects of its first picture are looked for: a
+    warning tells how many targets of other pictures are not. Raises LightFieldError or
+    SettingsError.
     """
     targets = None if choice.targets is None else _read_targets(choice.targets)
-    return [capture for scene in scenes for capture in _captures_in(scene, choice, targets)]
+    missed: list[int] = []
+    found = [capture for scene in scenes
+             for capture in _captures_in(scene, choice, targets, missed)]
+    if missed:
+        _LOG.warning('targets that are not looked for, as the first picture of their group does '
+                     'not have them: %d; --views 1 takes all', len(missed))
+    return found
 
 
-def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, int]] | None
-                 ) -> Iterator[BopCapture]:
+def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, int]] | None,
+                 missed: list[int]) -> Iterator[BopCapture]:
+    """missed: takes the objects that are targets in the other pictures of a group alone."""
     cameras, truths = bop.camera_poses(scene), _entries(scene / _TRUTH)
     visible = _entries(scene / _VISIBLE) if (scene / _VISIBLE).is_file() else {}
     posed = choice.views > 1 and len(cameras) > 1 and all(
@@ -127,8 +139,11 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
     numbers = sorted(cameras if listed is None else listed & cameras.keys())
     for group in _groups(numbers, choice.views if posed else 1):
         first = group[0]
+        if targets is not None:
+            missed += [each for each in _unseen(group, targets, _number(scene))
+                       if not choice.objects or each in choice.objects]
         copies: dict[int, int] = {}
-        for place, entry in enumerate(truths.get(first, ())):
+        for entry in truths.get(first, ()):
             where = f'{scene / _TRUTH}: picture {first}'
             number = _object_id(entry, where)
             copy = copies[number] = copies.get(number, -1) + 1
@@ -136,7 +151,8 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
                 continue
             if targets is not None and (_number(scene), first, number) not in targets:
                 continue
-            if np.mean([_visible(visible, each, place) for each in group]) < _LEAST_VISIBLE:
+            if np.mean([_visible(truths, visible, each, number, copy)
+                        for each in group]) < _LEAST_VISIBLE:
                 continue
             pose = bop.rigid(entry.get('cam_R_m2c'), entry.get('cam_t_m2c'),
                              f'{where}: cam_R_m2c and cam_t_m2c')
@@ -153,6 +169,13 @@ def _captures_in(scene: Path, choice: BopChoice, targets: set[tuple[int, int, in
 def _number(scene: Path) -> int:
     """The number of a scene; 0 where its folder is named otherwise."""
     return int(scene.name) if scene.name.isdecimal() else 0
+
+
+def _unseen(group: list[int], targets: set[tuple[int, int, int]], scene: int) -> set[int]:
+    """The objects that are targets in a group's other pictures alone."""
+    first, *others = ({number for of, picture, number in targets if (of, picture) == (scene, each)}
+                      for each in group)
+    return set[int]().union(*others) - first
 
 
 def _groups(numbers: list[int], views: int) -> Iterator[list[int]]:
@@ -177,9 +200,19 @@ def _object_id(entry: Mapping[str, Any], where: str) -> int:
     return number
 
 
-def _visible(entries: Mapping[int, list[dict[str, Any]]], number: int, place: int) -> float:
-    """The visible part of an object in a picture; 1 where it is not said."""
-    of = entries.get(number, [])
+def _visible(truths: Mapping[int, list[dict[str, Any]]],
+             visible: Mapping[int, list[dict[str, Any]]], picture: int, number: int, copy: int
+             ) -> float:
+    """The visible part of a copy of an object in a picture; 1 where it is not said.
+
+    0 where the picture's truth does not list it. Each picture has an order of its own.
+    """
+    if picture not in truths:
+        return 1.0
+    places = [place for place, entry in enumerate(truths[picture]) if entry['obj_id'] == number]
+    if copy >= len(places):
+        return 0.0
+    of, place = visible.get(picture, []), places[copy]
     value = of[place].get('visib_fract', 1.0) if place < len(of) else 1.0
     return float(value) if isinstance(value, int | float) else 1.0
 

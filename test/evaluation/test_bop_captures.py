@@ -1,6 +1,7 @@
 """Scenes of a BOP data set as captures: true poses in their frames, groups, what is left out."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -71,6 +72,12 @@ def change(scene, name, edit):
     (scene / name).write_text(json.dumps(values))
 
 
+def write_targets(path, *targets):
+    path.write_text(json.dumps([dict(zip(('scene_id', 'im_id', 'obj_id'), each, strict=True))
+                                for each in targets]))
+    return path
+
+
 def test_views_with_poses_are_localised_together_in_the_world(scene):
     assert bop_scenes(scene) == bop_scenes(scene.parent) == [scene]
     found = bop_captures([scene], BopChoice(views=3))
@@ -128,6 +135,50 @@ def test_what_is_hardly_visible_and_what_is_no_target_is_left_out(scene, tmp_pat
     lone, = bop_captures([scene], BopChoice(views=5, targets=targets))
     assert isinstance(lone.read(None), PosedView)
     np.testing.assert_allclose(lone.truth.pose, np.linalg.inv(CAMERAS[3]) @ OBJECTS[4], atol=1e-12)
+
+
+def test_pictures_come_by_number_whatever_the_order_of_the_file(scene):
+    cameras = json.loads((scene / 'scene_camera.json').read_text())
+    (scene / 'scene_camera.json').write_text(json.dumps(dict(reversed(cameras.items()))))
+    for each in bop_captures([scene], BopChoice(views=3)):
+        shown = [view.displayed().max() for view in each.read(None).views]
+        assert shown == [int(path.stem) for path in each.pictures]
+
+
+def test_visibility_is_that_of_the_object_though_pictures_list_it_in_other_places(scene):
+    change(scene, 'scene_gt.json', lambda values: values['2'].reverse())
+    change(scene, 'scene_gt.json', lambda values: values['4'].pop(0))
+    shares = {'0': [{'visib_fract': 0.1}, {'visib_fract': 0.3}],
+              '2': [{'visib_fract': 0.0}, {'visib_fract': 0.1}], '4': [{'visib_fract': 0.9}]}
+    (scene / 'scene_gt_info.json').write_text(json.dumps(shares))
+    found = bop_captures([scene], BopChoice(views=3))
+    # Object 1: 0.1, 0.1, and not there. Object 4: 0.3, 0.0 and 0.9.
+    assert [each.object_id for each in found if each.pictures[0].stem == '000000'] == [4]
+
+
+def test_targets_that_the_first_picture_of_a_group_does_not_have_are_told_once(
+        scene, tmp_path, caplog):
+    targets = write_targets(tmp_path / 'targets.json', (12, 1, 1), (12, 3, 1), (12, 3, 4),
+                            (12, 5, 4))
+    def found(views, objects=()):
+        caplog.clear()
+        return [each.bop_numbers[1:] for each in bop_captures(
+            [scene], BopChoice(views, objects, targets))]
+    assert found(3) == [(1, 1)]
+    assert caplog.messages == ['targets that are not looked for, as the first picture of their '
+                               'group does not have them: 1; --views 1 takes all']
+    assert found(3, (1,)) == [(1, 1)]
+    assert caplog.messages == []
+    assert found(1) == [(1, 1), (3, 1), (3, 4), (5, 4)]
+    assert caplog.messages == []
+
+
+@pytest.mark.parametrize('folder', ['.', 'rgb/..'])
+def test_the_scene_of_the_working_directory_has_its_number(scene, monkeypatch, folder):
+    monkeypatch.chdir(scene)
+    for each in bop_captures(bop_scenes(Path(folder)), BopChoice(views=3)):
+        assert each.bop_numbers[0] == 12
+        assert each.name.startswith('000012/')
 
 
 def test_copies_of_an_object_are_captures_of_their_own(scene):

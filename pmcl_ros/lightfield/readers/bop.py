@@ -147,14 +147,17 @@ def _read(path: Path) -> dict[int, dict[str, Any]]:
 
 
 def by_number(path: Path) -> dict[int, Any]:
-    """What a JSON file of a scene says of each picture, by its number. Raises LightFieldError."""
+    """What a JSON file of a scene says of each picture, by its number, in ascending order.
+
+    Raises LightFieldError.
+    """
     try:
         values = read_json(path)
     except FileError as error:
         raise LightFieldError(str(error)) from None
     if not all(map(_NUMBER.fullmatch, values)):
         raise LightFieldError(f'{path}: expected the numbers of pictures as its names')
-    return {int(number): each for number, each in values.items()}
+    return {int(number): values[number] for number in sorted(values, key=int)}
 
 
 def picture_of(scene: Path, number: int) -> Path:
