@@ -76,14 +76,19 @@ class Pair:
 def pairs(first: Trials, second: Trials, aim: Aim) -> list[Pair]:
     """The cells of both that have `LEAST` scenes: of all, by distance and by surroundings.
 
-    Ranges of distances are those of the first study. Sets of views are those of both.
+    Ranges of distances are those of the first study. Sets of views are those of both. A group
+    with the same scenes as one before it, as where all stand on a table, is no cell of its own.
     """
     every = [each for trials in first.values() for each in trials]
     groups = [('all', lambda _: True), *findings.distances(every), *findings.surroundings(every)]
-    cells = [Pair(views, scenes, *(findings.cell(list(filter(belongs, study[views])), aim)
-                                   for study in (first, second)))
-             for views in first if views in second for scenes, belongs in groups]
-    return [each for each in cells if each.counts]
+    cells: dict[tuple[object, ...], Pair] = {}
+    for views in (each for each in first if each in second):
+        for scenes, belongs in groups:
+            chosen = [list(filter(belongs, study[views])) for study in (first, second)]
+            which = tuple(tuple(each.seed for each in trials) for trials in chosen)
+            cells.setdefault((views, which), Pair(
+                views, scenes, *(findings.cell(trials, aim) for trials in chosen)))
+    return [each for each in cells.values() if each.counts]
 
 
 def verdict(compared: Sequence[Pair]) -> str:

@@ -22,6 +22,7 @@ from pmcl_ros.pmcl.estimate import PoseEstimate
 from pmcl_ros.pmcl.localizer import Localizer
 from pmcl_ros.pmcl.multi_view.localizer import MultiViewLocalizer, in_frame
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.pmcl.second_search import evidence_of
 from pmcl_ros.pmcl.settings import PmclSettings
 from pmcl_ros.runtime.errors import FileError
 from pmcl_ros.runtime.outputs import Results
@@ -129,5 +130,5 @@ def _gap(pipeline: Pipeline[PoseEstimate], run: Run[PoseEstimate], truth: NDArra
         return float(found - true)
     assert isinstance(localizer, Localizer)
     assert isinstance(evidence, EvidenceVolume)
-    found, true = localizer.evidence(evidence, poses)
+    found, true = localizer.evidence(evidence_of(run.estimate, evidence), poses)
     return float(found - true)

@@ -52,6 +52,14 @@ def test_cells_are_of_the_same_scenes_in_both_studies(tmp_path: Path) -> None:
         (each.views, each.scenes) for each in pairs(first, fewer, Aim())}
 
 
+def test_scenes_are_counted_once_where_all_are_in_one_place(tmp_path: Path) -> None:
+    study = studied(write_study(tmp_path / 'study', [True] * 40))
+    tables = {name: [each for each in trials if each.capture == 'table: glass']
+              for name, trials in study.items()}
+    assert [(each.views, each.scenes) for each in pairs(tables, tables, Aim())] == [
+        ('one view', 'all'), ('two views', 'all')]
+
+
 def test_chance_is_how_often_equal_rates_are_alike() -> None:
     rng, (few, many, rate) = np.random.default_rng(0), (33, 67, 0.7)
     shares = (rng.binomial(few, rate, 200000) / few, rng.binomial(many, rate, 200000) / many)

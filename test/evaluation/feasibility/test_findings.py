@@ -37,6 +37,9 @@ def test_sets_are_one_two_and_more_views_of_a_plan() -> None:
     names = [each.name for each in view_sets(CameraPlan(grid=(3, 3, 0.1)))]
     assert names == ['one view', 'two views over 50 mm', 'two views over 141 mm',
                      'three views over 141 mm', 'nine views over 141 mm']
+    # Every second row is from right to left: the last of four is below the first.
+    assert [each.name for each in view_sets(CameraPlan(grid=(2, 2, 0.1)))] == [
+        'one view', 'two views over 100 mm', 'three views over 141 mm', 'four views over 141 mm']
 
 
 def test_cells_of_few_scenes_are_empty() -> None:
