@@ -17,7 +17,8 @@ class Truth:
     pose: (4, 4), object to camera, or to the reference frame of several views [m]. roi_center,
     roi_size: the region of interest in that frame [m].
     empty: the object is not there; its pose means nothing. film: whether the object is behind one.
-    name: of the scene.
+    name: of the scene. cameras: (4, 4) the true poses of simulated views, camera to the reference
+    frame [m]; an arm tells others. Empty: unknown.
     """
 
     pose: NDArray[np.float64]
@@ -26,6 +27,7 @@ class Truth:
     empty: bool
     film: bool = False
     name: str = ''
+    cameras: tuple[NDArray[np.float64], ...] = ()
 
     @classmethod
     def load(cls, path: Path | str) -> 'Truth':
@@ -37,7 +39,9 @@ class Truth:
             x, y, z = (float(each) for each in values['roi']['center'])
             width, height, depth = (float(each) for each in values['roi']['size'])
             return cls(pose, (x, y, z), (width, height, depth), bool(values.get('empty', False)),
-                       bool(values.get('film', False)), str(values.get('name', '')))
+                       bool(values.get('film', False)), str(values.get('name', '')),
+                       tuple(np.array(each, float).reshape(4, 4)
+                             for each in values.get('cameras_to_reference', ())))
         except FileError as error:
             raise SettingsError(str(error)) from None
         except (ValueError, KeyError, TypeError, OverflowError) as error:

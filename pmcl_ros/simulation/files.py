@@ -82,7 +82,8 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
 
     pictures: (height, width, 3) RGB each, from the plan's poses. The reference frame is that of
     the room (`in_room`), the region of interest a box along its axes. The errors of the poses in
-    views.yaml and the views that a card hides are drawn from the seed.
+    views.yaml and the views that a card hides are drawn from the seed; truth.json has the true
+    poses.
     """
     cameras = plan.cameras(scene)
     rng = np.random.default_rng([seed, len(cameras)])
@@ -110,7 +111,8 @@ def write_views(folder: Path, scene: Scene, pictures: Sequence[NDArray[np.uint8]
         for entry, picture in zip(entries, shown, strict=True):
             write_png(out.path(entry['file']), picture)
         _write_views(out, camera, entries, 'room')
-        _write_targets(out, replace(scene, targets=targets), seed, 'object_to_reference')
+        _write_targets(out, replace(scene, targets=targets), seed, 'object_to_reference', {
+            'cameras_to_reference': in_room(scene, cameras).tolist()})
 
 
 def _triple(values: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -130,8 +132,9 @@ def _write_views(out: Results, camera: posed_views.ViewCamera, entries: list[dic
         yaml.safe_dump(written, sort_keys=False, default_flow_style=None))
 
 
-def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_camera') -> None:
-    """The last files of a capture. key: of the pose, after its frame."""
+def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_camera',
+                   more: dict[str, Any] | None = None) -> None:
+    """The last files of a capture. key: of the pose, after its frame. more: of each truth."""
     for number, target in enumerate(scene.targets):
         place = '' if number == 0 else f'{number}/'
         mesh = trimesh.Trimesh(target.vertices, target.faces, process=False)
@@ -140,7 +143,8 @@ def _write_targets(out: Results, scene: Scene, seed: int, key: str = 'object_to_
             out.path(f'{place}model.yaml').write_text(
                 yaml.safe_dump({'mesh': 'model.obj'} | described))
         film = any(sheet.opacity < 1 for sheet in scene.sheets)
-        truth = {'name': scene.name, 'seed': seed, 'film': film} | _truth(target, key)
+        truth = {'name': scene.name, 'seed': seed, 'film': film, **_truth(target, key),
+                 **(more or {})}
         out.path(f'{place}truth.json').write_text(json.dumps(truth, indent=1) + '\n')
     out.remove_others()  # of another capture that was here
 

@@ -90,7 +90,10 @@ def _trial(source: Source, truth: Truth, model: ObjectModel, chosen: ViewSet, se
     into = np.eye(4)
     if isinstance(source, PosedViews):
         views = [source.views[number] for number in chosen.pictures]
-        into = np.asarray(np.linalg.inv(views[0].camera_to_reference), float)
+        first, camera = chosen.pictures[0], views[0].camera_to_reference
+        if chosen.is_one and first < len(truth.cameras):  # it needs no arm, which tells another
+            camera = truth.cameras[first]
+        into = np.asarray(np.linalg.inv(camera), float)
         if chosen.is_one:
             center = into[:3, :3] @ center + into[:3, 3]
             source = _alone(views[0])

@@ -137,6 +137,26 @@ def test_feasibility_goes_on_where_it_was(tumbler: Path) -> None:
     assert 'scenes of another simulation: object, camera or settings have' in other.output
 
 
+def test_one_view_alone_needs_no_arm(tumbler: Path) -> None:
+    """It is judged by where its camera was, not by where an arm of many errors tells it was."""
+    plan = tumbler.with_name('plan.yaml')
+    plan.write_text(yaml.safe_dump({'arc': [2, 30], 'sigma_mm': 50.0}))
+    out = tumbler.parent / 'out'
+    made = run(tumbler, 'feasibility', '--renderer', 'fast', '--samples', '2', '--cameras',
+               str(plan), '--scenes', '1', '-o', str(out))
+    assert made.exit_code == 0, made.output
+    scene = out / 'scenes' / '000000'
+    truth = json.loads((scene / 'truth.json').read_text())
+    source = read_source(scene)
+    assert isinstance(source, PosedViews)
+    alone, together = json.loads((scene / 'trials.json').read_text()).values()
+    for trial, camera in (
+            (alone, np.array(truth['cameras_to_reference'][alone['extra']['picture']])),
+            (together, source.views[together['extra']['picture']].camera_to_reference)):
+        seen = np.linalg.inv(camera) @ truth['object_to_reference']
+        np.testing.assert_allclose(trial['extra']['truth'], seen[:3].ravel(), atol=1e-6)
+
+
 def test_another_process_goes_on(tumbler: Path) -> None:
     """Whatever order its sets and dictionaries have."""
     command = [sys.executable, '-m', 'pmcl_ros.cli', 'simulate', str(tumbler), '--camera',
