@@ -48,14 +48,17 @@ def coordinates(run: Localization) -> Coordinates:
 
 
 def tilts(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, 3) unit turns that lean an axis of symmetry: in the image, and towards the camera."""
+    """(2, 3) unit turns that lean an axis of symmetry: in the image, and towards the camera.
+
+    The second moves the tip of the axis against the line of sight.
+    """
     spindle = pose[:3, :3] @ axis
     ray = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
     inside = ray - spindle * (spindle @ ray)
     if np.linalg.norm(inside) < 1e-3:  # seen along its axis
         inside = np.array([1.0, 0, 0]) - spindle * spindle[0]
     inside = inside / np.linalg.norm(inside)
-    return np.stack([inside, np.cross(spindle, inside)])
+    return np.stack([inside, np.cross(inside, spindle)])
 
 
 class Spread(NamedTuple):
