@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.spatial import ConvexHull, cKDTree
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.geometry.se3 import rotations_about
@@ -20,6 +20,7 @@ from pmcl_ros.pmcl.object_model import ObjectModel
 
 # Rotations tried about a continuous axis, as in BOP: each moves the surface by 2 % of its radius.
 STEPS = 315
+_MOST = 2 ** 18  # points or pairs of them at a time: some tens of MiB
 
 _Distance = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -44,7 +45,9 @@ class Surface:
     @property
     def diameter(self) -> float:
         """The largest distance between two of its points [m]."""
-        return float(pdist(self.corners).max())
+        rows = max(1, _MOST // len(self.corners))
+        return max(float(cdist(self.corners[first:first + rows], self.corners).max())
+                   for first in range(0, len(self.corners), rows))
 
     def symmetries(self, turns: NDArray[np.float64]) -> NDArray[np.float64]:
         """(k * n, 4, 4) rotations (n,) [rad] about the axis, then the discrete symmetries (k)."""
@@ -64,7 +67,7 @@ class Surface:
             apart = transformed(truth @ motion, self.corners) - found
             return np.asarray(np.linalg.norm(apart, axis=-1).max(axis=-1))
 
-        return self._least(distance)
+        return self._least(_in_parts(distance, len(self.corners)))
 
     def mspd(self, pose: NDArray[np.floating], truth: NDArray[np.floating], pinhole: Pinhole
              ) -> float:
@@ -75,7 +78,7 @@ class Surface:
             apart = pinhole.project(transformed(truth @ motion, self.points)) - found
             return np.nan_to_num(np.linalg.norm(apart, axis=-1).max(axis=-1), nan=np.inf)
 
-        return self._least(distance)
+        return self._least(_in_parts(distance, len(self.points)))
 
     def add_s(self, pose: NDArray[np.floating], truth: NDArray[np.floating]) -> float:
         """Mean distance from the true points to the nearest point of the pose [m]; BOP's ADI."""
@@ -99,6 +102,13 @@ class Surface:
         refined = minimize_scalar(between, bounds=(turns[best] - step, turns[best] + step),
                                   method='bounded', options={'xatol': 1e-6})
         return float(min(values.min(), refined.fun))
+
+
+def _in_parts(distance: _Distance, count: int) -> _Distance:
+    """The same of motions (n, 4, 4) of so many points, a few motions at a time."""
+    step = max(1, _MOST // count)
+    return lambda motions: np.concatenate([
+        distance(motions[first:first + step]) for first in range(0, len(motions), step)])
 
 
 def transformed(poses: NDArray[np.floating], points: NDArray[np.floating]) -> NDArray[np.float64]:
