@@ -18,7 +18,8 @@ if TYPE_CHECKING:  # they import trimesh and scipy, which who draws depth maps d
     from pmcl_ros.lightfield.posed_view import PosedView
     from pmcl_ros.pmcl.object_model import ObjectModel
 
-_ZOOM = 3  # drawn at this many times the view's size: lines stay fine on 328 pixels
+_ZOOM = 3  # small pictures are drawn at this many times their size: lines stay fine on 328 px
+_LARGE = 1600  # px: of the longer side; no picture is enlarged beyond
 _FRACTION = 4  # bits of a pixel's fraction in OpenCV's drawing functions
 _FARTHEST = 1e5  # px: points farther out are not drawn: OpenCV's integers cannot hold them
 _CONTOUR = (0, 255, 0)
@@ -33,14 +34,16 @@ def displayed(source: 'LightField | PosedView') -> NDArray[np.uint8]:
 
 def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
             pose: NDArray[np.floating]) -> NDArray[np.uint8]:
-    """The model's outline and axes at a pose (4, 4) on the centre view, three times its size.
+    """The model's outline and axes at a pose (4, 4) on the centre view.
 
-    picture: (height, width, 3) of the pinhole's size.
+    picture: (height, width, 3) of the pinhole's size. A small one is drawn at up to three times
+    its size.
     """
-    canvas = _magnified(picture)
+    zoom = _zoom(pinhole)
+    canvas = _magnified(picture, zoom)
     _draw_outline(canvas, pinhole, model, pose, _CONTOUR, 1)
     arms = np.concatenate([np.zeros((1, 3)), 0.4 * model.radius * np.eye(3)])
-    ends = _enlarged(pinhole.project(arms @ pose[:3, :3].T + pose[:3, 3]), _ZOOM)
+    ends = _enlarged(pinhole.project(arms @ pose[:3, :3].T + pose[:3, 3]), zoom)
     if (np.abs(ends) < _FARTHEST).all():
         origin, *tips = np.rint(ends * 2 ** _FRACTION).astype(int).tolist()
         for tip, colour in zip(tips, _AXES, strict=True):
@@ -51,23 +54,34 @@ def overlay(picture: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
 def outlines(picture: NDArray[np.uint8], pinhole: Pinhole,
              things: Sequence[tuple['ObjectModel', NDArray[np.floating], str]]
              ) -> NDArray[np.uint8]:
-    """Outlines of models at poses (4, 4), each in its colour and with a word; see `overlay`."""
-    canvas = _magnified(picture)
+    """Outlines of models at poses (4, 4), each in its colour and with a word; see `overlay`.
+
+    A word stands at the object's origin; one behind the camera has none.
+    """
+    zoom = _zoom(pinhole)
+    canvas = _magnified(picture, zoom)
     for number, (model, pose, word) in enumerate(things):
         _draw_outline(canvas, pinhole, model, pose, _COLOURS[number % len(_COLOURS)], 2)
-        x, y = _enlarged(pinhole.project(pose[:3, 3]), _ZOOM).clip(0, _FARTHEST).astype(int)
-        _write(canvas, word, int(x), int(y))
+        place = _enlarged(pinhole.project(pose[:3, 3]), zoom)
+        if np.isfinite(place).all():
+            x, y = place.clip(0, _FARTHEST).astype(int)
+            _write(canvas, word, int(x), int(y))
     return canvas
 
 
-def _magnified(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return np.asarray(cv2.resize(picture, None, fx=_ZOOM, fy=_ZOOM,
+def _zoom(pinhole: Pinhole) -> int:
+    """How many times a picture is enlarged that is drawn on."""
+    return min(max(_LARGE // max(pinhole.width, pinhole.height), 1), _ZOOM)
+
+
+def _magnified(picture: NDArray[np.uint8], zoom: int) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(picture, None, fx=zoom, fy=zoom,
                                  interpolation=cv2.INTER_CUBIC), np.uint8)
 
 
 def _draw_outline(canvas: NDArray[np.uint8], pinhole: Pinhole, model: 'ObjectModel',
                   pose: NDArray[np.floating], colour: tuple[int, int, int], width: int) -> None:
-    covered = silhouette(pinhole, model, pose, _ZOOM).astype(np.uint8)
+    covered = silhouette(pinhole, model, pose, _zoom(pinhole)).astype(np.uint8)
     outline, _ = cv2.findContours(covered, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(canvas, outline, -1, colour, width, cv2.LINE_AA)
 

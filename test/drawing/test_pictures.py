@@ -10,6 +10,7 @@ from pmcl_ros.dlv.layers import Layers
 from pmcl_ros.drawing.pictures import (
     depth_picture,
     layers_picture,
+    outlines,
     overlay,
     silhouette,
     write_png,
@@ -91,6 +92,26 @@ def test_what_is_behind_or_beside_the_camera_covers_nothing(pose):
     assert not silhouette(PINHOLE, BALL, pose).any()
     picture = np.full((90, 120, 3), 99, np.uint8)
     assert (overlay(picture, PINHOLE, BALL, pose) == 99).all()
+
+
+def test_a_word_stands_at_an_object_before_the_camera_alone():
+    picture = np.full((90, 120, 3), 99, np.uint8)
+    assert (outlines(picture, PINHOLE, [(BALL, pose_at(0, 0, -0.4), 'behind')]) == 99).all()
+    before = outlines(picture, PINHOLE, [(BALL, pose_at(0, 0, 0.4), 'before')])
+    assert (before != outlines(picture, PINHOLE, [(BALL, pose_at(0, 0, 0.4), '')])).any()
+
+
+@pytest.mark.parametrize(('width', 'drawn'), [(328, 984), (640, 1280), (1600, 1600), (4000, 4000)])
+def test_small_pictures_alone_are_enlarged(width, drawn):
+    height = width // 2
+    pinhole = Pinhole(width, height, float(width), float(width), width / 2, height / 2)
+    picture = np.zeros((height, width, 3), np.uint8)
+    ball = pose_at(0, 0, 0.4)
+    for canvas in (overlay(picture, pinhole, BALL, ball),
+                   outlines(picture, pinhole, [(BALL, ball, '')])):
+        assert canvas.shape == (drawn // 2, drawn, 3)
+        green = np.flatnonzero((canvas[..., 1] > 200).any(axis=0))
+        assert np.ptp(green) == pytest.approx(drawn * 0.1 / 0.4, rel=0.03)
 
 
 @pytest.mark.parametrize('z', [0, 1e-12, 0.03, 0.05, 0.051])
