@@ -6,8 +6,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+import rclpy
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Process
 from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import String
@@ -18,9 +23,10 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.decode import Decoder
 from pmcl_ros.lightfield.light_field import VIEW_WHITE
 from pmcl_ros.messages.header import header_from
-from pmcl_ros.messages.light_field import light_field_from
+from pmcl_ros.messages.light_field import light_field_from, pupil_from
 from pmcl_ros.messages.raw_frame import raw_frame_to_messages
 from pmcl_ros.nodes.runtime.base import BIG, LATCHED, SMALL
+from pmcl_ros.nodes.subaperture_node import SubapertureNode
 
 NAME = 'subaperture_node'
 
@@ -172,3 +178,72 @@ def test_another_camera_is_taken_over_by_setting_both_together(tmp_path, node, u
                           DescribeParameters.Request(names=list(values)))
     assert [each.additional_constraints for each in described.descriptors] == [
         'applied at once', 'applied at once']
+
+
+@pytest.fixture
+def idle(cameras, tmp_path, user):
+    """A function camera -> an active node in this process, spun while the user waits."""
+    context = Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+
+    def start(camera):
+        node = SubapertureNode(context=context, parameter_overrides=[
+            Parameter('calibration', value=str(camera.calibration(tmp_path))),
+            Parameter('white', value=str(camera.white.parent))])
+        executor.add_node(node)
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+        user.others.append(executor)
+        return node
+
+    yield start
+    user.others.clear()
+    for node in executor.get_nodes():
+        node.close()
+    executor.shutdown()
+    rclpy.shutdown(context=context)
+
+
+def published(publisher, message):
+    """What the node then has in its history, and has not taken."""
+    publisher.publish(message)
+    assert publisher.wait_for_all_acked(Duration(seconds=60))
+
+
+def test_each_picture_gets_its_own_metadata(idle, user, cameras):
+    """Those of the next capture are there before the picture is taken."""
+    near, far = cameras(zoom=100), cameras(zoom=600)
+    node = idle(near)
+    pupils = user.listen(Image, 'views/pupil', SMALL)
+    texts = user.publisher(String, 'metadata', LATCHED)
+    images = user.publisher(Image, 'image_raw', BIG)
+    frame = near.camera.picture(waves, header=Header(1))
+    text, image = raw_frame_to_messages(frame)
+    later, _ = raw_frame_to_messages(far.camera.picture(waves, header=Header(2)))
+    for publisher, message in ((texts, text), (images, image), (texts, later), (texts, later)):
+        published(publisher, message)
+    user.wait(lambda: pupils, 'a light field')
+    expected = near.decoded(frame).grid.weights
+    assert not np.allclose(far.decoded(frame).grid.weights, expected)
+    np.testing.assert_allclose(pupil_from(pupils[0])[..., 0], expected, atol=1e-6)
+    assert node.health.errors == 0
+
+
+def test_a_picture_whose_metadata_are_refused_does_not_get_the_former(idle, user, cameras):
+    near, far = cameras(zoom=100), cameras(zoom=600)
+    node = idle(near)
+    pupils = user.listen(Image, 'views/pupil', SMALL)
+    texts = user.publisher(String, 'metadata', LATCHED)
+    images = user.publisher(Image, 'image_raw', BIG)
+    frame = far.camera.picture(waves, header=Header(2))
+    text, image = raw_frame_to_messages(frame)
+    former, _ = raw_frame_to_messages(near.camera.picture(waves, header=Header(1)))
+    for publisher, message in ((texts, former), (texts, String(data='{')), (images, image)):
+        published(publisher, message)
+    user.wait(lambda: 'an image waits for metadata' in node.health.message, 'it to wait')
+    assert node.health.errors == 1
+    assert not pupils
+    published(texts, text)
+    user.wait(lambda: pupils, 'a light field')
+    np.testing.assert_allclose(pupil_from(pupils[0])[..., 0], far.decoded(frame).grid.weights,
+                               atol=1e-6)

@@ -66,6 +66,7 @@ class StageNode(LifecycleNode):
         self.bus = bus or IntraProcessBus()
         self.configured, self.active = ExitStack(), ExitStack()
         self.health = Health()
+        self.sent_ns = 0  # when the message in hand was sent, by its publisher's clock
         self._repeated = RepeatedLines()
         self._described = Parameters(self, self.settings_class)
         self._diagnostics: Publisher | None = None
@@ -122,6 +123,7 @@ class StageNode(LifecycleNode):
                                     subscription.get_publisher_count())
                 if count:
                     missed(count)
+                self.sent_ns = info['source_timestamp'] or 0
                 callback(message)
 
         with overridable(self, topic, qos, qos is BIG) as (profile, options):
@@ -130,6 +132,14 @@ class StageNode(LifecycleNode):
                                                     qos_overriding_options=options)
         (self.active if scope is None else scope).callback(self.destroy_subscription, subscription)
         return subscription
+
+    @staticmethod
+    def take_all(subscription: Subscription) -> None:
+        """Handle all that has come to a subscription of `subscribe` now, not when it is due."""
+        with subscription.handle:
+            while taken := subscription.handle.take_message(subscription.msg_type,
+                                                            subscription.raw):
+                subscription.callback(*taken)
 
     def every(self, period: float, callback: Callable[[], None]) -> Timer:
         """A timer while the node is active, `period` in seconds."""
