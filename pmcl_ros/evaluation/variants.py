@@ -33,6 +33,10 @@ Base = Literal['default', 'faithful', 'centre', 'edges', 'map', 'map-centre', 'm
 
 _OF_THE_CAPTURE = ('near', 'far', 'object', 'roi_center', 'roi_size', 'seed', 'mode')
 
+# Of a row; rows that are not here have the map. auto: the row leaves it open.
+_EVIDENCE: dict[Base, EvidenceKind] = {
+    'default': 'auto', 'faithful': 'auto', 'centre': 'edges', 'edges': 'edges'}
+
 
 @dataclass(frozen=True)
 class Variant:
@@ -76,6 +80,10 @@ class Variant:
         if unknown:
             raise SettingsError(f'{text!r}: {", ".join(map(str, unknown))} is no parameter of the '
                                 'volume or the search, or one that the capture decides')
+        wanted, of_row = pmcl.get('evidence', 'auto'), _EVIDENCE.get(base, 'map')
+        if 'auto' not in (wanted, of_row) and wanted != of_row:
+            raise SettingsError(f'{text!r}: row={base} has evidence {of_row}, not {wanted}: leave '
+                                'one of them out')
         DlvSettings.make(dlv, text)
         PmclSettings.make(pmcl, text)
         return cls(text, base, tuple(dlv.items()), tuple(pmcl.items()), group)

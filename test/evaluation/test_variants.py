@@ -45,9 +45,18 @@ def test_a_sweep_is_a_row_for_each_value():
     assert {each.group for each in rows} == {'particles'}
 
 
+@pytest.mark.parametrize('text', ['row=map,evidence=map', 'row=edges,evidence=edges',
+                                  'row=map-centre,evidence=auto', 'row=default,evidence=edges'])
+def test_a_row_may_say_its_evidence(text):
+    assert Variant.parse(text).chosen.items() >= {'evidence': text.partition('evidence=')[2]
+                                                  .replace('auto', 'map')}.items()
+
+
 @pytest.mark.parametrize(('text', 'reason'), [
     ('moves=0', 'moves'), ('near=0.2', 'near is no parameter'), ('seed=1', 'seed is no parameter'),
     ('sparkles=3', 'sparkles is no parameter'), ('row=best', "no row 'best'"),
+    ('row=map,evidence=edges', 'row=map has evidence map, not edges: leave one of them out'),
+    ('evidence=map,row=centre', 'row=centre has evidence edges, not map'),
     ('moves', 'KEY=VALUE'), ('', 'KEY=VALUE'), ('moves=', 'KEY=VALUE'), ('a: {', 'KEY=VALUE')])
 def test_what_cannot_be_set_is_told(text, reason):
     with pytest.raises(SettingsError, match=reason):
