@@ -99,15 +99,18 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
     others = _find(captures, (), views, None) if wrong_objects else []
     variants = [*map(Variant.named, modes.split(',')), *map(Variant.parse, changes),
                 *(row for each in sweeps for row in sweep(each))]
+    rows = {each.name: each for each in variants}  # of a row that is given twice, a sweep's
     results = None if out is None else results_in(out, force)
     if results is not None:  # first: the rest takes minutes
-        results.reserve(*_RESULTS, *(_bop_name(each.name) for each in variants))
+        results.reserve(*_RESULTS, *(_bop_name(each) for each in rows))
     camera = _camera(captures, chosen, calibration, white, corners, square)
-    plan = TrialPlan(tuple(chosen), tuple(dict.fromkeys(variants)), tuple(range(trials)),
+    plan = TrialPlan(tuple(chosen), tuple(rows.values()), tuple(range(trials)),
                      tuple(others))
     jobs = plan.jobs()
     count = min(processes or os.cpu_count() or 1, len(jobs))
     done: list[Trial] = []
+    if results is not None:
+        results.remove_earlier()  # no chart and no row of another run stays
     started = time.perf_counter()
     try:
         with _interruptible() as stop:

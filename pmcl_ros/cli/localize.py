@@ -105,10 +105,13 @@ def localize(source: GivenSource, objects: tuple[Path, ...], object_id: int | No
     estimate = run.estimate
     _print(estimate, _seconds(run), as_json)
     if truth is not None:
-        error = pose_error(estimate.pose, Truth.load(truth).pose, model.symmetry)
-        click.echo(f'off by {1e3 * error.translation:.1f} mm and '
+        known = Truth.load(truth)
+        error = pose_error(estimate.pose, known.pose, model.symmetry)
+        click.echo(f'the object is not there, says {truth}' if known.empty else
+                   f'off by {1e3 * error.translation:.1f} mm and '
                    f'{np.rad2deg(error.rotation):.1f} degrees', err=True)
     if results is not None:
+        results.remove_earlier()
         if isinstance(run.source, PosedViews):
             for number, view in enumerate(run.source.views):
                 write_png(results.path(f'overlay_{number:03d}.png'), overlay_in_view(
@@ -132,6 +135,7 @@ def _localize_each(sources: Sequence[GivenSource], model: ObjectModel, settings:
     found: list[dict[str, Any]] = []
     if results is not None:
         results.reserve(*(f'overlay_{each.source.stem}.png' for each in sources))
+        results.remove_earlier()
     with Pipeline.for_object(model, settings, of_volume, '--set') as pipeline:
         for each in track(sources, 'pictures', console=STDERR, transient=True):
             run = pipeline.run(each.open().read, np.random.default_rng(settings.seed))
@@ -166,6 +170,7 @@ def _localize_several(opened: Opened, objects: Sequence[Path],
     _print(scene, {'dlv': run.seconds['views'] + run.seconds['evidence'],
                    'pmcl': run.seconds['pose']}, as_json)
     if results is not None:
+        results.remove_earlier()
         there = [(model, each.pose, name) for model, each, name
                  in zip(models, scene.estimates, scene.names, strict=True) if not each.lost]
         if isinstance(run.source, PosedViews):

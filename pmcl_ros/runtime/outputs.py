@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -64,8 +64,15 @@ class Results:
 
     def remove_others(self) -> None:
         """Remove what earlier runs wrote, nobody changed, and this one has not named."""
+        self._remove(self._own().keys() - self._before.keys())
+
+    def remove_earlier(self) -> None:
+        """Remove all that earlier runs wrote and nobody changed, before this one writes."""
+        self._remove({name for name in self._own() if self._before.get(name) is None})
+
+    def _remove(self, names: Collection[str]) -> None:
         own, here = self._own(), self.folder.resolve()
-        for name in own.keys() - self._before.keys():
+        for name in names:
             path = self.folder / name
             if not path.resolve().is_relative_to(here):
                 raise OutputError(f'{self.folder / _NOTE} is damaged: it names {name}, which is '

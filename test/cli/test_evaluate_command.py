@@ -67,6 +67,24 @@ def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
         assert cv2.imread(str(tmp_path / f'{name}.png')) is not None
 
 
+def test_a_folder_has_the_results_of_one_run_alone(captures, tmp_path):
+    one = ('evaluate', captures, '--only', 'glass', '--trials', 1, '--processes', 1, '--out',
+           tmp_path, '--modes', 'centre')
+    pmcl(*one, '--sweep', 'particles=8,16')
+    (tmp_path / 'own.png').write_text('mine')
+    pmcl(*one)
+    assert {each.name for each in tmp_path.iterdir()} == {
+        '.pmcl_results.json', 'own.png', 'results.csv', 'results.md', 'settings.json',
+        'success.png', 'errors.png', 'coverage.png', 'time.png', 'bop_centre.csv'}
+
+
+def test_a_row_that_is_given_twice_is_run_once(captures, tmp_path):
+    pmcl('evaluate', captures, '--only', 'glass', '--trials', 1, '--processes', 1, '--modes',
+         'centre,centre', '--set', 'particles=8', '--sweep', 'particles=8,16', '--out', tmp_path)
+    assert [each['mode'] for each in rows_of(tmp_path / 'results.csv')] == [
+        'centre', 'particles=8', 'particles=16']
+
+
 @pytest.mark.parametrize(('number', 'processes'), [(signal.SIGINT, 2), (signal.SIGTERM, 1)])
 def test_an_interrupted_run_writes_what_it_has(captures, tmp_path, number, processes):
     """As a terminal does it: Ctrl-C reaches all processes of the group."""

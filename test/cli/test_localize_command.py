@@ -120,3 +120,12 @@ def test_the_region_is_all_that_is_in_view_or_what_stands_on_a_table(capture, tm
     assert 'give one' in done.output
     done = found('--roi', 0, 0, 400, 150, 150, 200, status=2)
     assert '--roi is 200 m wide: it is in metres, 0.2 for 200 mm' in done.output
+
+
+def test_an_object_that_is_not_there_has_no_error(capture, tmp_path):
+    values = json.loads((capture / 'truth.json').read_text())
+    truth = tmp_path / 'truth.json'
+    truth.write_text(json.dumps(values | {'empty': True}))
+    done = run(capture, '--set', QUICK, '--truth', truth)
+    assert f'the object is not there, says {truth}' in done.stderr
+    assert 'off by' not in done.stderr
