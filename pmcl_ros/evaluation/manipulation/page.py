@@ -38,11 +38,11 @@ def page(title: str, about: Mapping[str, str], seen: Sequence[Trial], told: Sequ
     return rendered(
         'manipulation.html', 'pmcl_ros.evaluation.manipulation',
         title=title, about=about, head=HEAD, rows=rows(seen) + rows(told), causes=causes(seen),
-        trials=shown, version=__version__)
+        trials=shown, tank=any(each.place == 'tank' for each in seen), version=__version__)
 
 
 def _words(trial: Trial) -> str:
-    start = 'standing' if trial.stands else 'lying'
+    start = 'floating' if trial.place == 'tank' else 'standing' if trial.stands else 'lying'
     return f'{start}, {trial.cause or "done"}'
 
 

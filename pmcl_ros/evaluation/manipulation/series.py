@@ -1,5 +1,6 @@
 """Trials of a simulated robot, one after the other, through the real nodes over DDS."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from signal import SIGINT
 import numpy as np
 import yaml
 
+from pmcl_ros import __version__
 from pmcl_ros.camera.metadata import CameraMetadata
 from pmcl_ros.geometry.interface import Interface
 from pmcl_ros.geometry.pinhole import Pinhole
@@ -20,6 +22,7 @@ from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
 from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.binary_file import sha256
 from pmcl_ros.runtime.errors import FileError, SettingsError, SimulationError
 from pmcl_ros.runtime.outputs import Results
 from pmcl_ros.runtime.resources import resolve
@@ -104,13 +107,18 @@ class Series:
         return Interface(np.array(points), np.array(normals), WATER.index)
 
     def claim(self) -> None:
-        """Use the folder; SettingsError where it has trials of another series."""
+        """Use the folder; SettingsError where it has trials of another series.
+
+        A series is of these settings, of what is in the files that they name, and of this version.
+        """
         of = {each: str(getattr(self, each)) for each in (
             'place', 'thing', 'mass', 'camera', 'renderer', 'samples', 'declared')}
+        of |= self._digests | {'pmcl_ros': __version__}
         file = self.out / 'series.json'
-        if file.is_file() and read_json(file) != of:
-            raise SettingsError(f'{self.out} has trials of another series ({file.name}): choose '
-                                'another folder')
+        if file.is_file() and (before := read_json(file)) != of:
+            differs = sorted(each for each in {*of, *before} if of.get(each) != before.get(each))
+            raise SettingsError(f'{self.out} has trials of another series ({file.name} has other '
+                                f'{", ".join(differs)}): choose another folder')
         self.out.mkdir(parents=True, exist_ok=True)
         file.write_text(json.dumps(of, indent=1))
 
@@ -264,6 +272,14 @@ class Series:
     def _calibration(self) -> Path:
         """The folder of what decodes raw pictures."""
         return self.out / 'f01'
+
+    @property
+    def _digests(self) -> dict[str, str]:
+        """SHA-256 of the object's file, mesh and grasps, and of the camera's file."""
+        mesh = hashlib.sha256(self._model.vertices.tobytes() + self._model.faces.tobytes())
+        files = self.thing, self.grasps, Path(self.camera)
+        return {f'SHA-256 of {each.name}': sha256(each) for each in files if each.is_file()} | {
+            'SHA-256 of the mesh': mesh.hexdigest()}
 
     @property
     def _model(self) -> ObjectModel:

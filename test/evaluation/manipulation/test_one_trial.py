@@ -62,3 +62,9 @@ def test_a_folder_is_of_one_series(series):
         replace(series, camera='f01').claim()
     with pytest.raises(SettingsError, match='has trials of another series'):
         replace(series, samples=2).claim()
+    camera = series.out.parent / 'camera.yaml'
+    camera.write_text(CAMERA.replace('300', '310'))
+    with pytest.raises(SettingsError, match=r'has other SHA-256 of camera\.yaml\): choose'):
+        series.claim()
+    camera.write_text(CAMERA)
+    series.claim()
