@@ -48,7 +48,7 @@ _RESULTS = ('results.csv', 'results.md', 'settings.json', 'success.png', 'errors
                                         'docs/howto/evaluation.md', folder=True))
 @click.option('--calibration', type=calibration_type, metavar='FILE|NAME',
               help='Calibration of the camera of raw pictures, YAML, or the name of that camera.')
-@click.option('--white', type=WHITE, help='White image, or a folder of such; default: the one in '
+@click.option('--white', type=WHITE, help='White image, or a folder of such; default: those in '
               'CAPTURES/white.')
 @click.option('--corners', default='10x7', show_default=True, metavar='COLUMNSxROWS',
               help='Without --calibration: inner corners of the checkerboard in CAPTURES.')
@@ -119,7 +119,8 @@ def evaluate(captures: Path, calibration: Path | None, white: Path | None, corne
         if done:
             _report(plan, done, results)
             if results is not None:
-                files = [each for each in (calibration, white) if each is not None]
+                files = [] if calibration is None else [calibration]
+                files += [] if camera is None else list_pictures(camera[1])
                 used = settings(plan, files, count, time.perf_counter() - started)
                 results.path('settings.json').write_text(json.dumps(used, indent=1) + '\n')
     if stop.is_set():
@@ -166,7 +167,10 @@ def _camera(captures: Path, chosen: Sequence[Capture], calibration: Path | None,
     """The camera of raw pictures, calibrated first if need be; None where there are none."""
     if all(each.picture is None for each in chosen):
         return None
-    white = white or list_pictures(captures / 'white')[0]
+    if white is None:  # one picture, or a folder of which each picture takes what fits it
+        white = captures / 'white'
+        there = list_pictures(white)
+        white = there[0] if len(there) == 1 else white
     if calibration is None:
         board = Checkerboard.parse(corners, square)
         return run_calibration(white, captures, board).calibration, white
