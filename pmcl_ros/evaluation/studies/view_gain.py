@@ -22,6 +22,7 @@ from pmcl_ros.pmcl.multi_view.next_view import (
     position_sigma,
 )
 from pmcl_ros.pmcl.settings import PmclSettings
+from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.camera_plan import CameraPlan
 from pmcl_ros.simulation.ordinary_camera import OrdinaryCamera, take_view
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
@@ -71,7 +72,8 @@ def view_gain(seed: int, of: ViewGainSettings) -> ViewGain:
     """Render the scene of a seed, find its object in two views, look again, find it again.
 
     Candidates beyond the table or the wall are left out: no arm gets there. Poses are in the frame
-    of the scene's own camera, which is between the first two.
+    of the scene's own camera, which is between the first two. Raises SimulationError where no
+    candidate is left.
     """
     rng = np.random.default_rng(seed)
     scene = random_scene(rng, of.scenes, sensor=of.camera.sensor(rng))
@@ -98,6 +100,10 @@ def view_gain(seed: int, of: ViewGainSettings) -> ViewGain:
         assert isinstance(first.evidence, ViewsEvidence)
         candidates = reachable(scene, cap(first.estimate.pose, list(cameras), of.cap,
                                           of.candidates))
+        if not candidates.size:
+            raise SimulationError(
+                f'seed {seed}: table and wall are before all {of.candidates} candidates of '
+                f'{of.cap:g} degrees: give more --candidates, or another --cap')
         best, *others = next_views(first.evidence, model, settings, first.estimate.pose,
                                    candidates, of.camera.pinhole)
         other = others[int(rng.integers(len(others)))] if others else best
