@@ -1,9 +1,16 @@
 """What trials say: causes of failures, rates, times."""
 
+import numpy as np
 import pytest
 
 from pmcl_ros.evaluation.manipulation.findings import HEAD, causes, rows
+from pmcl_ros.evaluation.manipulation.page import page
+from pmcl_ros.geometry.interface import Interface
+from pmcl_ros.geometry.pinhole import Pinhole
+from pmcl_ros.pmcl.object_model import ObjectModel
+from pmcl_ros.runtime.resources import resolve
 from pmcl_ros.simulated_robot.trial import Grip, Trial
+from pmcl_ros.simulation.manipulation.workplace import OBJECTS
 
 RIGHT = Grip(gap=0.07, held=True, off=(2.0, 1.0))
 WRONG = Grip(gap=0.0, held=False, off=(25.0, 1.0))
@@ -11,7 +18,7 @@ TURNED = Grip(gap=0.07, held=True, off=(2.0, 90.0))
 
 
 def trial(seed=0, **what):
-    return Trial(seed=seed, place='sink', **({'stands': True} | what))
+    return Trial(seed=seed, **({'place': 'sink', 'stands': True} | what))
 
 
 @pytest.mark.parametrize(('what', 'cause'), [
@@ -50,3 +57,15 @@ def test_a_trial_is_read_back(tmp_path):
     written = trial(7, grips=(RIGHT,), poses=((3.0, 1.0),), times={'physics': 2.0})
     path.write_text(written.model_dump_json())
     assert Trial.read(path) == written
+
+
+@pytest.mark.parametrize(('place', 'done', 'start'), [
+    ('sink', 'upright on the tray', 'standing'), ('tank', 'held clear of the water', 'floating')])
+def test_a_page_says_what_is_done_in_its_place(tmp_path, place, done, start):
+    name, _ = OBJECTS[place]
+    model = ObjectModel.load(resolve(f'package://pmcl_ros/config/objects/{name}.yaml', 'object'))
+    water = Interface(np.array([[0.0, 0, 0.6]]), np.array([[0.0, 0, 1]]), 1.333)
+    text = page('title', {}, [trial(3, place=place, done=True)], [], [tmp_path], model,
+                Pinhole(64, 48, 60.0, 60.0, 31.5, 23.5), [water])
+    assert f'Done is: {done}, and never touched' in text
+    assert f'3: {start}, done' in text

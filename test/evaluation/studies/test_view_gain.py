@@ -59,3 +59,13 @@ def test_the_command_prints_a_row_for_each_scene(tmp_path):
     assert done.exit_code == 0
     assert re.search(r'^\| 5 \| opaque: .* ± .* ± .* ± ', done.stdout, re.MULTILINE)
     assert (tmp_path / 'view_gain.md').read_text() == done.stdout
+
+
+def test_no_candidate_that_can_be_reached_is_one_line():
+    """The only one of this scene is below the table."""
+    done = Runner().invoke(main, ['view-gain', '--count', '1', '--seed', '5', '--kind', 'opaque',
+                                  '--samples', '1', '--candidates', '1', '--cap', '150'])
+    assert done.exit_code == 1
+    assert done.stderr.splitlines()[-1] == (
+        'Error: seed 5: table and wall are before all 1 candidates of 150 degrees: give more '
+        '--candidates, or another --cap')
