@@ -12,6 +12,7 @@ from command_line import pmcl, pmcl_process
 from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
+from pmcl_ros.camera.files import list_pictures
 from pmcl_ros.camera.packing import pack12
 from pmcl_ros.geometry.pose_error import pose_error
 from pmcl_ros.geometry.symmetry import Symmetry
@@ -19,6 +20,7 @@ from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.lightfield.readers.npz import write_npz
 from pmcl_ros.lightfield.readers.read import read_light_field
 from pmcl_ros.messages.bags import Recorded, read, record
+from pmcl_ros.runtime.binary_file import sha256
 
 ROOT = Path(__file__).parents[2]
 CAMERA = ['--calibration', str(ROOT / 'config/cameras/demo.yaml'),
@@ -175,6 +177,8 @@ def test_evaluate_tabulates_trials(captures, coarse, tmp_path):
     assert (out / 'results.md').read_text() == done.stdout
     for name in ('coarse', 'wine_glass'):
         assert f'| {name} | default | 1 |' in done.stdout
+    white, = list_pictures(both / 'white')
+    assert json.loads((out / 'settings.json').read_text())['files'][white.name] == sha256(white)
 
 
 def test_calibration_from_truth_is_the_shipped_one(tmp_path):
