@@ -42,11 +42,15 @@ _MOST_BYTES = 1 << 28  # of these together
 
 
 class _Waiting(NamedTuple):
-    """An image whose pose has not come yet. came: on the monotonic clock."""
+    """An image whose pose has not come yet.
+
+    lens: that was known when it came. came: on the monotonic clock.
+    """
 
     name: str
     header: Header
     image: Image
+    lens: Lens | None
     came: float
 
 
@@ -58,8 +62,9 @@ class SweepDriver(StageNode):
 
     name = 'sweep_driver'
     settings_class = SweepDriverSettings
-    _lens: Lens | None
+    _lens: Lens | None  # of the last camera_info
     _no_lens: str  # why there is none
+    _lenses: dict[int, Lens | None]  # of the last ones, by stamp; None: it was refused
 
     def set_up(self, settings: SweepDriverSettings) -> None:
         """Read the plan, if one is followed: where collect is plan, or grid with a plan."""
@@ -97,6 +102,7 @@ class SweepDriver(StageNode):
     def start(self) -> None:
         """Listen."""
         self._lens, self._no_lens = None, 'no camera_info has come'
+        self._lenses = {}
         self._waiting: deque[_Waiting] = deque()
         self._collecting, self._ending, self._number = False, False, 0
         self._wanted = 0  # pictures that ~/take asked for
@@ -155,6 +161,16 @@ class SweepDriver(StageNode):
         except MessageError as error:  # what was told before is of another calibration
             self._lens, self._no_lens = None, str(error)
             raise
+        finally:
+            stamp_ns = header_from(message.header).stamp_ns
+            self._lenses.pop(stamp_ns, None)  # the newest is the last
+            self._lenses[stamp_ns] = self._lens
+            if len(self._lenses) > _WAITING:
+                del self._lenses[next(iter(self._lenses))]
+
+    def _lens_of(self, waiting: _Waiting) -> Lens | None:
+        """Of the camera_info of its stamp, else the last before it, else the first after it."""
+        return self._lenses.get(waiting.header.stamp_ns, waiting.lens or self._lens)
 
     def _on_image(self, message: Image) -> None:
         self.health.frames_in += 1
@@ -172,7 +188,7 @@ class SweepDriver(StageNode):
             raise LightFieldError(f'{name} is of {header.frame_id!r}, those before it of '
                                   f'{self._frame_id!r}: a sweep is of one camera')
         self._wanted -= asked
-        self._waiting.append(_Waiting(name, header, message, time.monotonic()))
+        self._waiting.append(_Waiting(name, header, message, self._lens, time.monotonic()))
         self._take_waiting()
         while len(self._waiting) > 1 and (
                 len(self._waiting) > _WAITING
@@ -192,7 +208,8 @@ class SweepDriver(StageNode):
 
     def _take_first(self) -> bool | None:
         """Whether the first image that waits is collected; None: it goes on waiting."""
-        first, lens = self._waiting[0], self._lens
+        first = self._waiting[0]
+        lens = self._lens_of(first)
         try:
             moving = self._poses.interpolated(
                 first.header.stamp_ns, self._settings.camera_frame or first.header.frame_id,

@@ -239,6 +239,32 @@ def test_started_and_finished_by_hand_with_every_frame_accounted_for(tmp_path, u
         assert 'Traceback' not in node.log
 
 
+def test_an_image_that_waits_for_its_pose_keeps_its_own_camera_info(tmp_path, user, frames):
+    """Not the one that came meanwhile, of another zoom: all views stay of one camera."""
+    settings = {'poses': 'topic', 'rows': 3, 'columns': 3, 'baseline': STEP, 'near': NEAR,
+                'far': FAR, 'gap': 2.0, 'movement': 5.0, 'patience': 60.0}
+    with Process(tmp_path, 'pmcl_ros.nodes.sweep_driver', params=settings) as node:
+        assert all(user.change('sweep_driver', CONFIGURE, ACTIVATE)), node.log
+        robot = Robot(user)
+        infos = user.listen(CameraInfo, 'views/camera_info', SMALL)
+        pinhole = frames[0].lens.pinhole
+        zoomed = replace(pinhole, fx=2 * pinhole.fx, fy=2 * pinhole.fy)
+        for each in frames:
+            robot.info.publish(info_of(each))
+            user.delivered(robot.info)
+            robot.shoot(each, posed=False)
+            later = Header(each.stamp_ns + SECOND // 2, 'wrist_camera')
+            robot.info.publish(pinhole_to_message(later, zoomed))
+            user.delivered(robot.info)
+        for each in frames:
+            robot.pose.publish(pose_of(each.stamp_ns, each.pose))
+            user.delivered(robot.pose)
+        user.wait(lambda: infos, 'the light field')
+        of = SweepSettings(rows=3, columns=3, baseline=STEP, near=NEAR, far=FAR)
+        expected = assemble(frames, of, 'wrist_camera').light_field
+        assert infos[0].k[0] == pytest.approx(expected.grid.pinhole.fx)
+
+
 def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
     plan = tmp_path / 'plan.yaml'
     SweepPlan.from_grid(2, 2, 0.01, BASE, 'base_link').save(plan)
