@@ -48,7 +48,7 @@ def chain(moved: bool, lytro: bool = False) -> tuple[NodeEntry, ...]:
 
 
 class Quality(NamedTuple):
-    """A publisher's quality of service, one of the profiles of `base.py`. All are reliable."""
+    """Quality of service, mostly one of the profiles of `base.py`. All are reliable."""
 
     depth: int
     latched: bool = False
@@ -65,7 +65,8 @@ MANY = Quality(200)  # arms publish their pose up to 1000 times a second
 class TopicEntry(NamedTuple):
     """One topic: its name, relative to the namespace of the nodes, and who has to do with it.
 
-    publishers: nodes, or in words who else. subscribers: nodes.
+    publishers: nodes, or in words who else. subscribers: nodes. quality: of publishers, and of
+    subscribers where `subscribed` is not given.
     """
 
     name: str
@@ -74,6 +75,7 @@ class TopicEntry(NamedTuple):
     publishers: tuple[str, ...]
     subscribers: tuple[str, ...]
     what: str
+    subscribed: Quality | None = None
 
 
 _IMAGE, _INFO = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/CameraInfo'
@@ -88,7 +90,8 @@ _LIGHT_FIELD = (_VIEWS, _SWEEP)
 
 # In the order of the data, and of publication within a node.
 TOPICS = (
-    TopicEntry('metadata', _STRING, LATCHED, (_DRIVER,), (_VIEWS,), "the camera's JSON"),
+    TopicEntry('metadata', _STRING, LATCHED, (_DRIVER,), (_VIEWS,), "the camera's JSON",
+               Quality(10, latched=True)),
     TopicEntry('image_raw', _IMAGE, BIG, (_DRIVER,), (_VIEWS,),
                'raw picture, bayer_bggr16, counts 0..4095'),
     TopicEntry('camera_info', _INFO, SMALL, ('a camera',), (_SWEEP,),

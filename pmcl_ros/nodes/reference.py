@@ -97,11 +97,12 @@ def parameter_file() -> str:
 def _topics() -> Iterator[str]:
     for node in [entry.name for entry in ALL]:
         for each in (*TOPICS, *OPTIONAL):
-            for direction, there in (('out', node in each.publishers),
-                                     ('in', node in each.subscribers)):
-                if there:
-                    yield _row(node, direction, f'`{each.name}`', each.type,
-                               each.quality.describe(), each.what)
+            for direction, nodes, quality in (
+                    ('out', each.publishers, each.quality),
+                    ('in', each.subscribers, each.subscribed or each.quality)):
+                if node in nodes:
+                    yield _row(node, direction, f'`{each.name}`', each.type, quality.describe(),
+                               each.what)
     yield from (_row('all', 'out', f'`{each.name}`', each.type, each.quality.describe(), each.what)
                 for each in TOPICS if 'all nodes' in each.publishers)
 
