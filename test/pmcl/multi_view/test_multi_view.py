@@ -234,7 +234,7 @@ def test_cameras_that_are_off_are_told_or_allowed_for(context, caplog):
     untold = found(CUP, replace(evidence, views=wrong), least_support=-5.0)
     assert 'views disagree: view 1 by' in caplog.text
     assert untold.hidden == ()
-    for part, hidden in ((0.6, ()), (1.3, (1,))):  # else lost
+    for part, hidden in ((0.2, ()), (0.6, (1,)), (1.3, (1,))):  # between, lost
         without = found(CUP, replace(evidence, views=views_with(part)))
         assert without.hidden == hidden
         assert error(CUP, without.pose, truth)[0] < 0.5
