@@ -210,13 +210,17 @@ def published(publisher, message):
     assert publisher.wait_for_all_acked(Duration(seconds=60))
 
 
-def test_each_picture_gets_its_own_metadata(idle, user, cameras):
-    """Those of the next capture are there before the picture is taken."""
+@pytest.fixture
+def two_zooms(idle, user, cameras):
+    """A node, two cameras of other zoom, the pupils it publishes; publishers of its input."""
     near, far = cameras(zoom=100), cameras(zoom=600)
-    node = idle(near)
-    pupils = user.listen(Image, 'views/pupil', SMALL)
-    texts = user.publisher(String, 'metadata', LATCHED)
-    images = user.publisher(Image, 'image_raw', BIG)
+    return (idle(near), near, far, user.listen(Image, 'views/pupil', SMALL),
+            user.publisher(String, 'metadata', LATCHED), user.publisher(Image, 'image_raw', BIG))
+
+
+def test_each_picture_gets_its_own_metadata(two_zooms, user):
+    """Those of the next capture are there before the picture is taken."""
+    node, near, far, pupils, texts, images = two_zooms
     frame = near.camera.picture(waves, header=Header(1))
     text, image = raw_frame_to_messages(frame)
     later, _ = raw_frame_to_messages(far.camera.picture(waves, header=Header(2)))
@@ -229,12 +233,8 @@ def test_each_picture_gets_its_own_metadata(idle, user, cameras):
     assert node.health.errors == 0
 
 
-def test_a_picture_whose_metadata_are_refused_does_not_get_the_former(idle, user, cameras):
-    near, far = cameras(zoom=100), cameras(zoom=600)
-    node = idle(near)
-    pupils = user.listen(Image, 'views/pupil', SMALL)
-    texts = user.publisher(String, 'metadata', LATCHED)
-    images = user.publisher(Image, 'image_raw', BIG)
+def test_a_picture_whose_metadata_are_refused_does_not_get_the_former(two_zooms, user):
+    node, near, far, pupils, texts, images = two_zooms
     for message, publisher in zip(raw_frame_to_messages(
             near.camera.picture(waves, header=Header(1))), (texts, images), strict=True):
         published(publisher, message)
