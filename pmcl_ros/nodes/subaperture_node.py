@@ -34,7 +34,7 @@ class SubapertureNode(StageNode):
     """Decodes each `image_raw` with the `metadata` sent last before it, or else first after it.
 
     Metadata have no stamp: when they were sent tells whose they are. Where those of a picture are
-    refused it waits for the next, as where there are none.
+    refused the picture is dropped, as the next ones are of another.
     """
 
     name = 'subaperture_node'
@@ -51,7 +51,7 @@ class SubapertureNode(StageNode):
     def start(self) -> None:
         """Listen."""
         self._last = None
-        self._sent: deque[tuple[int, CameraMetadata | None]] = deque(maxlen=_KEPT)
+        self._sent: deque[tuple[int, CameraMetadata | str]] = deque(maxlen=_KEPT)
         self._waiting: Part | None = None
         self.active.callback(self._drop_waiting, 'no metadata came before deactivation')
         self._deferred = DeferredPublisher(self, self._outputs,
@@ -78,12 +78,15 @@ class SubapertureNode(StageNode):
 
     def _on_metadata(self, message: String) -> None:
         try:
-            metadata = metadata_from(message)
-        except MessageError:  # those before are of another picture
-            self._sent.append((self.sent_ns, None))
+            self._last = metadata_from(message)
+        except MessageError as error:
+            self._use(str(error))
             raise
+        self._use(self._last)
+
+    def _use(self, metadata: CameraMetadata | str) -> None:
+        """Keep metadata, or why they were refused, and give them to the picture that waits."""
         self._sent.append((self.sent_ns, metadata))
-        self._last = metadata
         image, self._waiting = self._waiting, None
         if image is not None:
             self._publish(image, metadata)
@@ -105,21 +108,24 @@ class SubapertureNode(StageNode):
         self._waiting = image
         self.health.warn("an image waits for metadata: publish the camera's JSON on metadata")
 
-    def _metadata_of(self, sent_ns: int) -> CameraMetadata | None:
-        """Those of a picture that was sent at a time; None: they have not come."""
+    def _metadata_of(self, sent_ns: int) -> CameraMetadata | str | None:
+        """Those of a picture sent at a time, or why they were refused; None: none have come."""
         before = [metadata for sent, metadata in self._sent if sent <= sent_ns]
         after = [metadata for sent, metadata in self._sent if sent > sent_ns]
-        return next(filter(None, [*before[-1:], *after]), None)
+        return next(iter(before[-1:] or after), None)
 
     def _drop_waiting(self, why: str) -> None:
         image, self._waiting = self._waiting, None
         if image is not None:
             self.dropped(f'capture {image.header.stamp_ns}: {why}')
 
-    def _publish(self, image: Part, metadata: CameraMetadata) -> None:
+    def _publish(self, image: Part, metadata: CameraMetadata | str) -> None:
+        capture = f'capture {image.header.stamp_ns}'
+        if isinstance(metadata, str):
+            self.dropped(f'{capture}: refused {metadata}')
+            return
         self._deferred.publish(
-            lambda: self._decoders.decode(raw_frame_from(image.message, metadata)),
-            f'capture {image.header.stamp_ns}')
+            lambda: self._decoders.decode(raw_frame_from(image.message, metadata)), capture)
 
 
 def _load(settings: DecodeSettings) -> Decoders:

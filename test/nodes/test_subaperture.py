@@ -233,20 +233,45 @@ def test_each_picture_gets_its_own_metadata(two_zooms, user):
     assert node.health.errors == 0
 
 
-def test_a_picture_whose_metadata_are_refused_does_not_get_the_former(two_zooms, user):
+def test_a_picture_whose_metadata_are_refused_is_dropped(two_zooms, user, capfd):
+    """It gets neither those of the picture before it nor those of the next."""
     node, near, far, pupils, texts, images = two_zooms
-    for message, publisher in zip(raw_frame_to_messages(
-            near.camera.picture(waves, header=Header(1))), (texts, images), strict=True):
+
+    def sent(camera, stamp):
+        frame = camera.camera.picture(waves, header=Header(stamp))
+        return zip((texts, images), raw_frame_to_messages(frame), strict=True), frame
+
+    messages, _ = sent(near, 1)
+    for publisher, message in messages:
         published(publisher, message)
     user.wait(lambda: pupils, 'the former light field')
-    frame = far.camera.picture(waves, header=Header(2))
-    text, image = raw_frame_to_messages(frame)
+    refused, _ = sent(near, 2)
+    next_, frame = sent(far, 3)
     published(texts, String(data='{'))
-    published(images, image)
-    user.wait(lambda: 'an image waits for metadata' in node.health.message, 'it to wait')
-    assert node.health.errors == 1
-    assert len(pupils) == 1
-    published(texts, text)
-    user.wait(lambda: len(pupils) == 2, 'a light field')
+    published(images, dict(refused)[images])
+    user.wait(lambda: node.health.dropped, 'it to be dropped')
+    for publisher, message in next_:
+        published(publisher, message)
+    user.wait(lambda: len(pupils) == 2, 'the next light field')
+    assert [header_from(each.header).stamp_ns for each in pupils] == [1, 3]
     np.testing.assert_allclose(pupil_from(pupils[1])[..., 0], far.decoded(frame).grid.weights,
                                atol=1e-6)
+    assert (node.health.errors, node.health.dropped) == (1, 1)
+    told, = (line for line in capfd.readouterr().err.splitlines() if 'dropped' in line)
+    assert 'dropped capture 2: refused metadata: metadata is not JSON' in told
+
+
+def test_a_picture_before_any_metadata_is_dropped_with_those_that_are_refused(two_zooms, user,
+                                                                              capfd):
+    node, near, _, pupils, texts, images = two_zooms
+    text, image = raw_frame_to_messages(near.camera.picture(waves, header=Header(1)))
+    published(images, image)
+    user.wait(lambda: 'an image waits for metadata' in node.health.message, 'it to wait')
+    published(texts, String(data='{'))
+    user.wait(lambda: node.health.dropped, 'it to be dropped')
+    assert 'dropped capture 1: refused metadata: ' in capfd.readouterr().err
+    published(texts, text)
+    image.header.stamp.nanosec = 2
+    published(images, image)
+    user.wait(lambda: pupils, 'a light field')
+    assert header_from(pupils[0].header).stamp_ns == 2
