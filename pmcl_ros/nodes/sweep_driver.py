@@ -113,7 +113,7 @@ class SweepDriver(StageNode):
             depth=10, reliability=self._reliability))
         self.subscribe(Image, 'image', self._on_image, QoSProfile(
             depth=10, reliability=self._reliability))
-        self.every(_LOOK, self._take_waiting)
+        self._look = self.every(_LOOK, self._take_waiting)
         self.serve('~/start', self._start_sweep)
         self.serve('~/finish', self._finish)
         self.serve('~/take', self._take)
@@ -189,6 +189,7 @@ class SweepDriver(StageNode):
                                   f'{self._frame_id!r}: a sweep is of one camera')
         self._wanted -= asked
         self._waiting.append(_Waiting(name, header, message, self._lens, time.monotonic()))
+        self._look.reset()
         self._take_waiting()
         while len(self._waiting) > 1 and (
                 len(self._waiting) > _WAITING
@@ -203,6 +204,8 @@ class SweepDriver(StageNode):
             while self._waiting and (kept := self._take_first()) is not None:
                 taken = kept or taken
         finally:  # an image that cannot be used takes nothing from those before it
+            if not self._waiting:
+                self._look.cancel()
             if taken:
                 self._on_taken()
 

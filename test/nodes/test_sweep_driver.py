@@ -7,11 +7,16 @@ from importlib.util import find_spec
 
 import numpy as np
 import pytest
+import rclpy
 import trimesh
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from harness import ACTIVATE, CLEANUP, CONFIGURE, DEACTIVATE, Process
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.lifecycle import TransitionCallbackReturn as Result
+from rclpy.parameter import Parameter
 from rclpy.serialization import serialize_message
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image
@@ -30,6 +35,7 @@ from pmcl_ros.messages.image import picture_to_message
 from pmcl_ros.messages.light_field import light_field_from
 from pmcl_ros.messages.pose import pose_from, pose_to_message
 from pmcl_ros.nodes.runtime.base import BIG, SMALL
+from pmcl_ros.nodes.sweep_driver import SweepDriver
 from pmcl_ros.simulation.scenes.random_scene import SceneSettings, random_scene
 from pmcl_ros.simulation.scenes.render import photographs, seen_from
 
@@ -287,3 +293,36 @@ def test_what_cannot_be_used_is_told_and_can_be_mended(tmp_path, user):
             assert user.set('sweep_driver', collect=collect, plan='/nowhere.yaml') == []
             assert user.change('sweep_driver', CONFIGURE), node.log
         assert 'at each call of ~/take' in node.log
+
+
+def test_the_node_looks_for_poses_only_while_images_wait(user, frames):
+    """At rest nothing wakes it but the timer of /diagnostics."""
+    context = Context()
+    rclpy.init(context=context)
+    executor = SingleThreadedExecutor(context=context)
+    node = SweepDriver(context=context, parameter_overrides=[
+        Parameter(name, value=value) for name, value in {
+            'poses': 'topic', 'rows': 3, 'columns': 3, 'baseline': STEP, 'near': NEAR, 'far': FAR,
+            'movement': 5.0, 'patience': 60.0}.items()])
+    executor.add_node(node)
+    user.others.append(executor)
+    try:
+        assert node.trigger_configure() == node.trigger_activate() == Result.SUCCESS
+
+        def running():
+            return sum(not each.is_canceled() for each in node.timers)
+
+        user.wait(lambda: running() == 1, 'the node to rest')
+        robot = Robot(user)
+        robot.info.publish(info_of(frames[0]))
+        user.delivered(robot.info)
+        robot.shoot(frames[0], posed=False)
+        user.wait(lambda: running() == 2, 'an image to wait')
+        robot.pose.publish(pose_of(frames[0].stamp_ns, frames[0].pose))
+        user.wait(lambda: node.health.extra['views'] == '1 of 9', 'a view')
+        user.wait(lambda: running() == 1, 'the node to rest again')
+    finally:
+        user.others.clear()
+        node.close()
+        executor.shutdown()
+        rclpy.shutdown(context=context)
