@@ -167,6 +167,11 @@ COLLISION_OBJECT = TopicEntry(
     'collision_object', 'moveit_msgs/msg/CollisionObject', SMALL, (_PMCL,), (),
     'the mesh at its pose, added or removed; where moveit_msgs is installed')
 OPTIONAL = DETECTIONS, COLLISION_OBJECT
+# Of the robot, as tf2 listens to them: nodes do so by tf2_ros, bags by `pmcl_record`.
+TRANSFORMS = (
+    TopicEntry('/tf', 'tf2_msgs/msg/TFMessage', Quality(100), ('the robot',), (), 'transforms'),
+    TopicEntry('/tf_static', 'tf2_msgs/msg/TFMessage', Quality(100, latched=True), ('the robot',),
+               (), 'transforms that stay'))
 
 _CENTRE = ('center/camera_info', 'center/image')
 # What is recorded together: all that the next node, and a person, wants of a stage.

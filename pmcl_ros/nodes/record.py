@@ -19,10 +19,11 @@ from rosbags.interfaces import Qos
 from pmcl_ros.messages import bags
 from pmcl_ros.messages.bags import BagWriter, Recorded
 from pmcl_ros.messages.types import message_class
-from pmcl_ros.nodes.graph import BIG, PRESETS, TOPICS, Quality, TopicEntry
+from pmcl_ros.nodes.graph import BIG, PRESETS, TOPICS, TRANSFORMS, Quality, TopicEntry
 from pmcl_ros.nodes.runtime.running import Interrupted, pause, ros
 from pmcl_ros.runtime.errors import BagError, PmclError
 
+_RECORDABLE = (*TOPICS, *TRANSFORMS)
 _REST = 5.0  # s: after a signal, for what waits to be written while more may be coming
 _ROOM = 4  # big messages that may wait to be written: a capture's come at once
 
@@ -92,7 +93,7 @@ def _offered(quality: Quality) -> Qos:
 def record(options: argparse.Namespace) -> None:
     """Record into a new bag until a signal or the end; BagError when nothing came."""
     names = [*PRESETS[options.preset]] if options.preset else options.topic
-    chosen = [each for each in TOPICS if each.name in names]
+    chosen = [each for each in _RECORDABLE if each.name in names]
     end = time.monotonic() + options.duration
     node, executor = Node('pmcl_record'), SingleThreadedExecutor()
     executor.add_node(node)
@@ -125,7 +126,7 @@ def main(args: Sequence[str] | None = None) -> int:
     what.add_argument('--preset', choices=list(PRESETS), help='; '.join(
         f'{name}: {", ".join(topics)}' for name, topics in PRESETS.items() if name != 'all'))
     what.add_argument('--topic', action='append', metavar='T',
-                      choices=[each.name for each in TOPICS], help='record this topic')
+                      choices=[each.name for each in _RECORDABLE], help='record this topic')
     parser.add_argument('-o', '--output', type=Path, required=True, help='folder of the new bag')
     parser.add_argument('--duration', type=float, default=float('inf'), help='end by itself [s]')
     options = parser.parse_args(remove_ros_args(given)[1:])

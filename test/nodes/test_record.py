@@ -1,14 +1,17 @@
 """What the recorder keeps of the nodes' topics is what came, and the next node takes it again."""
 
+import os
 import re
 import signal
 from array import array
+from importlib.util import find_spec
 from itertools import count
 
 import numpy as np
 import pytest
 import yaml
-from geometry_msgs.msg import PoseStamped
+from generated_interfaces import importable
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from harness import PATIENCE, ROOT, Process
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.serialization import deserialize_message
@@ -132,6 +135,48 @@ def test_a_camera_that_offers_no_more_is_recorded_at_best_effort(tmp_path, user)
         ended(recorder)
     assert recorder.log.count('a publisher of image is not reliable') == 1
     assert {each.topic for each in bags.read(tmp_path / 'bag')} == {'/image'}
+
+
+def test_transforms_are_recorded_those_that_stay_of_everybody(tmp_path, user, monkeypatch):
+    """Each robot publishes its own /tf_static once, before the recording begins."""
+    made = tmp_path / 'tf2_msgs'
+    monkeypatch.setenv('PYTHONPATH', f'{made}{os.pathsep}{os.environ.get("PYTHONPATH", "")}')
+    with importable(made, 'tf2_msgs',
+                    {'msg/TFMessage.msg': 'geometry_msgs/TransformStamped[] transforms\n'}):
+        from tf2_msgs.msg import TFMessage
+
+        def message(child):
+            return TFMessage(transforms=[TransformStamped(child_frame_id=child)])
+
+        moving = user.node.create_publisher(TFMessage, '/tf', SMALL)
+        still = [user.node.create_publisher(TFMessage, '/tf_static', LATCHED) for _ in range(2)]
+        for publisher, child in zip(still, ('arm', 'camera'), strict=True):
+            publisher.publish(message(child))
+        # checked: the fork server does not import what was made meanwhile
+        with recording(tmp_path, tmp_path / 'bag', '--topic', '/tf', '--topic', '/tf_static',
+                       checked=False) as recorder:
+            everybody = (*still, moving)
+            user.wait(lambda: not recorder.alive() or all(
+                each.get_subscription_count() for each in everybody), 'the recorder')
+            moving.publish(message('wrist'))
+            for each in everybody:
+                user.delivered(each)
+            ended(recorder)
+    found = [(each.topic, each.qos.durability,
+              bags.message_of(each, 'tf2_msgs/msg/TFMessage').transforms[0].child_frame_id)
+             for each in bags.read(tmp_path / 'bag')]
+    assert sorted(found) == [('/tf', bags.VOLATILE.durability, 'wrist'),
+                             ('/tf_static', bags.LATCHED.durability, 'arm'),
+                             ('/tf_static', bags.LATCHED.durability, 'camera')]
+
+
+@pytest.mark.skipif(find_spec('tf2_msgs') is not None, reason='tf2_msgs is installed')
+def test_transforms_without_their_package_are_refused_in_one_line(tmp_path):
+    recorder = recording(tmp_path, tmp_path / 'bag', '--topic', '/tf')
+    assert recorder.popen.wait(PATIENCE) == 1
+    assert 'tf2_msgs/msg/TFMessage is not installed: install ros-jazzy-tf2-msgs' in recorder.log
+    assert 'Traceback' not in recorder.log
+    assert not (tmp_path / 'bag').exists()
 
 
 @pytest.mark.parametrize(('arguments', 'status', 'reason'), [
