@@ -1,7 +1,10 @@
 """Outputs of pmcl_node for other pipelines, where the packages of their messages are installed."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.lifecycle import LifecyclePublisher
 
 from pmcl_ros.geometry.header import Header
@@ -26,19 +29,28 @@ class OptionalOutputs:
 
     def __init__(self, node: StageNode, settings: PmclNodeSettings, names: Sequence[str],
                  models: Sequence[ObjectModel], in_scene: dict[str, Header]) -> None:
-        self._names, self._models = names, models
+        self._names, self._models, self._fixed = names, models, settings.track_frame
         self._detections = _publisher(node, DETECTIONS, settings.detections)
         self._collisions = _publisher(node, COLLISION_OBJECT, settings.collision_object)
         if self._collisions is not None:
             self._scene = CollisionObjects(message_class, names, models, in_scene)
 
-    def publish(self, estimates: Sequence[PoseEstimate]) -> None:
-        """Publish what was found in one capture to whoever listens."""
+    def publish(self, estimates: Sequence[PoseEstimate],
+                camera: NDArray[np.float64] | None = None) -> None:
+        """Publish what was found in one capture to whoever listens.
+
+        camera: (4, 4) pose of the estimates' frame in track_frame [m] at the capture. With it
+        collision objects are in track_frame, as MoveIt asks TF for its own moment, not for that
+        of the capture; None: not known.
+        """
         if self._detections is not None and self._detections.get_subscription_count():
             self._detections.publish(estimates_to_detections(
                 message_class, self._names, self._models, estimates))
         if self._collisions is not None and self._collisions.get_subscription_count():
-            for each in self._scene.update(estimates):
+            placed = estimates if camera is None else [
+                replace(each, header=replace(each.header, frame_id=self._fixed),
+                        pose=camera @ each.pose) for each in estimates]
+            for each in self._scene.update(placed):
                 self._collisions.publish(each)
 
     def clear(self) -> None:

@@ -255,7 +255,7 @@ class PmclNode(StageNode):
                 if isinstance(evidence, ViewsEvidence):
                     self._of_views.on_estimate(evidence, found, self._model)
                 self._publish(found, given, latency, self._next_search(given))
-                self._optional.publish([found])
+                self._optional.publish([found], camera)
                 self._of_views.publish_chart()  # after the pose, which does not wait for it
             elif self._several is not None:
                 found = replace(found, estimates=tuple(

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 import rclpy
 from optional_types import STORE, wired
-from pmcl_scenes import cup, model_of
+from pmcl_scenes import cup, model_of, pose_of
 from rclpy.context import Context
 from rclpy.lifecycle import TransitionCallbackReturn as Result
 from rclpy.parameter import Parameter
+from scipy.spatial.transform import Rotation
 
 from pmcl_ros.geometry.header import Header
+from pmcl_ros.messages.pose import pose_from
 from pmcl_ros.nodes import optional_outputs
 from pmcl_ros.nodes.graph import OPTIONAL
 from pmcl_ros.nodes.pmcl_node import PmclNode
@@ -140,3 +142,26 @@ def test_what_was_found_before_a_configuration_is_removed_after_it(monkeypatch):
     assert said == [('jar', 1), ('cup', 1)]
     configured('cup').clear()
     assert not node.heard['collision_object']
+
+
+def test_where_the_pose_of_the_camera_is_known_the_scene_gets_the_fixed_frame(monkeypatch):
+    """Detections stay in the frame of the capture."""
+    monkeypatch.setattr(optional_outputs, 'message_class', STORE.types.__getitem__)
+    node = Listener()
+    node.listening = True
+    outputs = optional_outputs.OptionalOutputs(
+        node, PmclNodeSettings(track_frame='base_link'), ['cup'], [model_of(cup(), name='cup')],
+        {})
+    pose, camera = (pose_of(Rotation.from_euler('xyz', turn), shift) for turn, shift in (
+        ([0.1, 0.2, 0.3], [0.1, 0.2, 0.5]), ([3.0, 0.4, -0.2], [0.6, -0.3, 0.9])))
+    found = PoseEstimate(Header(7, 'camera'), pose, np.eye(6), pose[None], np.zeros(1), 1.0,
+                         False, 'default')
+    outputs.publish([found], camera)
+    outputs.publish([found])  # its pose is not known
+    seen, = {each.header.frame_id for each in node.heard['detections']}
+    assert seen == 'camera'
+    placed = [pose_from(each) for each in node.heard['collision_object']]
+    for (header, there), frame, expected in zip(placed, ('base_link', 'camera'),
+                                                (camera @ pose, pose), strict=True):
+        assert header == Header(7, frame)
+        np.testing.assert_allclose(there, expected, atol=1e-12)
