@@ -452,6 +452,38 @@ def test_the_wall_of_bodies_that_overlap_goes_around_both(describe):
         np.testing.assert_allclose(found, [-0.03, WALL - 0.03, end - WALL, end], atol=2e-5)
 
 
+@pytest.mark.parametrize('sides', [[1], [1, -1]])
+def test_a_wall_leaves_handles_massive(describe, sides):
+    """Bars of 14 mm, closed to a loop by the vessel, and by one of 12 mm."""
+    loop = trimesh.boolean.difference([
+        trimesh.creation.box((0.05, 0.014, 0.06)).apply_translation([0.04, 0, 0.04]),
+        trimesh.creation.box((0.024, 0.03, 0.032)).apply_translation([0.041, 0, 0.04])],
+        engine='manifold')
+    handles = [loop.copy().apply_transform(trimesh.transformations.rotation_matrix(
+        np.pi * (side < 0), [0, 0, 1])) for side in sides]
+    mug = trimesh.boolean.union([_box(), *handles], engine='manifold')
+    thing = describe(mug, GLASS)
+    massive = _total(describe(_box(), GLASS), 1) + mug.volume - _box().volume
+    assert _total(thing, 1) == pytest.approx(massive, rel=0.01)
+    solid, = thing.solids
+    # Through the loop, and along a bar, into which the cavity may bulge by less than the wall.
+    for height, crossed, off in ((0.0401, [-WALL, 0, 0.023, 0.035], 1e-5),
+                                 (0.063, [-WALL, 0.035], WALL)):
+        ray = _crossings(solid, np.array([1e-3, 2e-3, height]), np.array([1.0, 1e-7, 0]))
+        np.testing.assert_allclose(ray + 1e-3 - BOX[0] / 2, crossed, atol=off)
+
+
+@pytest.mark.parametrize('kind', ['closed', 'massive'])
+def test_a_ring_is_not_filled(describe, kind):
+    ring = trimesh.creation.torus(0.04, 0.012, major_sections=36, minor_sections=8)
+    thing = describe(ring, {'material': 'glass', **(
+        {'solid': True} if kind == 'massive' else {'wall': WALL, 'mouth': {'open': False}})})
+    left = 1 - WALL / (0.012 * np.cos(np.pi / 8))  # of the octagon's radius
+    inner = ring.volume * left ** 2 if kind == 'closed' else 0
+    assert _total(thing, 1) == pytest.approx(ring.volume - inner, rel=5e-3)
+    assert _total(thing, 3) == pytest.approx(inner, rel=5e-3)
+
+
 def test_what_is_massive_must_be_closed(describe):
     open_top = _revolved(CYLINDER)
     open_top.update_faces(open_top.triangles_center[:, 2] < HEIGHT - 1e-6)

@@ -28,6 +28,7 @@ _BODY, _LIQUID, _GAS = 1, 2, 3  # media of a described object; 0 is what is arou
 _RIM = 0.001  # m: by which the mouth may miss the top of a surface of revolution
 _FILLED = 0.05  # share of the outline's volume that a massive mesh may lack
 _PLANE = 1e-6  # m
+_BALL = 2  # Euler's number of a closed surface without a hole
 _TURNS = rotations_about(np.array([0, 0, 1.0]), np.array(ANGLES))
 _ROUND = 0.1  # share of its largest radius by which these may move a surface of revolution
 
@@ -109,6 +110,8 @@ class _Description:
         look, mouth = self.appearance, self.appearance.mouth
         outer = profiles.outline(vertices, self.model.faces)
         mesh = trimesh.Trimesh(vertices, self.model.faces, process=False)
+        if self.model.closed and mesh.euler_number < _BALL:
+            return self._meshed(vertices, is_hollow)  # a ring, which its outline would fill
         off = moved_by(mesh, _TURNS)
         if self.model.closed and off > _ROUND * outer[:, 0].max():
             try:

@@ -26,20 +26,29 @@ _FAR = 10.0  # m
 _POKES = 1e-3  # of the cavity's volume: outside of the body
 _NOTHING = 1e-6  # of it: in what is left of the body
 _GIVE = 'give its inner surface instead: inner: inner.stl'
+_COARSE = 0.2  # of the wall: by which a cavity may move to find its handles
+_FIRST = 0.25  # of the wall: radius of a ball that gets through all handles
+_STEP = 1.5  # ratio of the radii of two balls that are tried in these
+_ENDS = 1.6  # by which a handle may be wider at its ends
+_THICK = 0.55  # of the radius of a ball that a handle stops: a ball that has room in it, not in
+# what the wider ball leaves of an edge or corner of the cavity
+_OVER = 0.02  # of the wall: by which a handle reaches into the wall around it
+_AT_MOST = 0.3  # of the cavity: larger handles are a part of the vessel
 
 
 def cavity_of(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh.Trimesh:
     """The surface that lies a wall [m] inside of a closed mesh.
 
-    mouth: height z of its lid [m], which the cavity reaches beyond; None: there is none. Raises
-    ObjectModelError where no lid is found or no cavity is left.
+    mouth: height z of its lid [m], which the cavity reaches beyond; None: there is none. Handles
+    that go around a hole are massive. Raises ObjectModelError where no lid is found or no cavity
+    is left.
     """
     _lid(outer, mouth)
     moved = _moved(outer, wall, mouth)
     if moved is None:
         # At sharp edges, faces narrower than the wall turn over; a simpler mesh has none there.
         moved = _moved(_mesh(_solid(outer).simplify(_SIMPLER * wall)), wall, mouth)
-    return _eroded(outer, wall, mouth) if moved is None else moved
+    return _without_handles(_eroded(outer, wall, mouth) if moved is None else moved, wall)
 
 
 def _moved(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh.Trimesh | None:
@@ -72,7 +81,7 @@ def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh
     below it by a wall, so that a round rim does not matter.
     """
     kernel = manifold()
-    body, ball = (_solid(each) for each in (outer, trimesh.creation.icosphere(2, _MEAN * wall)))
+    body, ball = _solid(outer), _ball(2, _MEAN * wall)
     if body.num_tri() > _MANY:
         body = body.simplify(_SIMPLER * wall)
     faces = body.num_tri()
@@ -92,6 +101,51 @@ def _eroded(outer: trimesh.Trimesh, wall: float, mouth: float | None) -> trimesh
     if not parts:
         raise ObjectModelError(f'a wall of {wall:g} m leaves no cavity; {_GIVE}')
     return _mesh(max(parts, key=kernel.Manifold.volume))
+
+
+def _without_handles(cavity: trimesh.Trimesh, wall: float) -> trimesh.Trimesh:
+    """A cavity [m] less its ways around a hole, as of a mug's handle.
+
+    A ball that is too large for the handles, by the factor by which these may be wider at their
+    ends, shows them. A cavity without, or of which they are no small part, as of a ring, stays as
+    it is.
+    """
+    kernel, whole = manifold(), _solid(cavity)
+    if whole.genus() <= 0:
+        return cavity
+    coarse, radius = whole.simplify(_COARSE * wall), _FIRST * wall
+    core = coarse
+    while core.genus() > 0:
+        radius *= _STEP
+        core = _room(coarse, radius)
+        if core.is_empty():
+            return cavity
+    wide = _room(coarse, _ENDS * radius)
+    core, ball = (core, radius) if wide.is_empty() else (wide, _ENDS * radius)
+    # A ball wider than the core's is sure to cover the walls of what is no handle.
+    covered = core.simplify(_COARSE * wall).minkowski_sum(_ball(1, ball + 2 * _COARSE * wall))
+    handles = [each for each in (whole - covered).decompose()
+               if not each.minkowski_difference(_ball(1, _THICK * radius)).is_empty()]
+    if sum(each.volume() for each in handles) > _AT_MOST * whole.volume():
+        return cavity
+    for each in handles:
+        whole -= each.minkowski_sum(_ball(0, _OVER * wall))
+    _LOG.info('its handle is taken as massive; where it is hollow, %s', _GIVE)
+    return _mesh(max(whole.decompose(), key=kernel.Manifold.volume))
+
+
+def _room(cavity: Any, radius: float) -> Any:
+    """Where the middle of a ball can be, the largest part; empty where it is not at the top."""
+    kernel = manifold()
+    parts = cavity.minkowski_difference(_ball(1, radius)).decompose()
+    room = max(parts, key=kernel.Manifold.volume, default=kernel.Manifold())
+    at_top = not room.is_empty() and (
+        room.bounding_box()[5] > cavity.bounding_box()[5] - _STEP * radius)
+    return room if at_top else kernel.Manifold()
+
+
+def _ball(fineness: int, radius: float) -> Any:
+    return _solid(trimesh.creation.icosphere(fineness, radius))
 
 
 def _solid(mesh: trimesh.Trimesh) -> Any:
