@@ -11,6 +11,7 @@ from pmcl_ros.geometry.pose_buffer import MovingPose, PoseBuffer
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.geometry.transform_tree import TransformTree
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.settings import SweepDriverSettings, check_mounted
 from pmcl_ros.lightfield.sweep.view_collection import ViewCollection
@@ -102,8 +103,8 @@ def _collect(bag: Path | str, image: str, info: str, poses: _Poses, collection: 
             continue
         try:
             pixels = (colours_from if each.type == _IMAGE else decompressed_from)(message)
-            frame = SweepFrame(name, header.stamp_ns, pixels, lens, moving.pose, moving.speed,
-                               moving.angular_speed)
+            frame = SweepFrame(name, header.stamp_ns, full_range(pixels, settings.bits), lens,
+                               moving.pose, moving.speed, moving.angular_speed)
         except PmclError as error:
             collection.leave_out(name, str(error))
             continue

@@ -11,6 +11,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.se3 import transform
 from pmcl_ros.lightfield.posed_view import PosedViews
+from pmcl_ros.lightfield.readers.pictures import full_range
 from pmcl_ros.lightfield.sweep.collection import Collection
 from pmcl_ros.lightfield.sweep.frame import Lens, SweepFrame
 from pmcl_ros.lightfield.sweep.plan import SweepPlan
@@ -228,8 +229,9 @@ class SweepDriver(StageNode):
             return False
         self._waiting.popleft()
         try:
-            frame = SweepFrame(first.name, first.header.stamp_ns, colours_from(first.image),
-                               lens, moving.pose, moving.speed, moving.angular_speed)
+            pixels = full_range(colours_from(first.image), self._settings.bits)
+            frame = SweepFrame(first.name, first.header.stamp_ns, pixels, lens, moving.pose,
+                               moving.speed, moving.angular_speed)
         except PmclError as error:
             self._leave_out(first.name, str(error))
             raise LightFieldError(f'{first.name} is left out: {error}') from None

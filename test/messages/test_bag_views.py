@@ -58,13 +58,16 @@ class Robot:
     camera: str = '/wrist'
     frame: str = 'base_link'
 
-    def images(self, compressed=False, first=0.05, last=2.6):
+    def images(self, compressed=False, first=0.05, last=2.6, bits=8):
         for seconds in np.arange(first, last, 0.1):
             header = self.header(seconds, 'eye')
             message = picture_to_message(header, PICTURES[int(seconds)])
             topic = f'{self.camera}/image'
             if compressed:
-                png = cv2.imencode('.png', PICTURES[int(seconds)][..., ::-1])[1]
+                values = PICTURES[int(seconds)]
+                if bits > 8:
+                    values = np.rint(values * ((2 ** bits - 1) / 255)).astype(np.uint16)
+                png = cv2.imencode('.png', values[..., ::-1])[1]
                 message = CompressedImage(header=header_to_message(header), format='png',
                                           data=array('B', png.tobytes()))
                 topic += '/compressed'
@@ -150,7 +153,9 @@ ROBOT = Robot()
     ((ROBOT.info(), ROBOT.images(), ROBOT.poses(), Robot('/other').images(),
       ROBOT.poses('/goal', HAND_EYE), ROBOT.tf()),
      BagViews(image_topic='/wrist/image', pose_topic='/camera_pose')),
-], ids=['poses', 'compressed', 'both', 'tf', 'tf and mount', 'poses and mount', 'chosen'])
+    ((ROBOT.info(), ROBOT.images(compressed=True, bits=12), ROBOT.poses()), BagViews(bits=12)),
+], ids=['poses', 'compressed', 'both', 'tf', 'tf and mount', 'poses and mount', 'chosen',
+        '12 bits'])
 def test_a_view_of_each_place_where_the_camera_rested(tmp_path, parts, wanted):
     assert_rests(read_bag(bag_of(tmp_path, *parts), wanted))
 

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from pmcl_ros.geometry.header import Header
 from pmcl_ros.lightfield.light_field import LightField, nominal_positions
-from pmcl_ros.lightfield.readers.pictures import Reduction
+from pmcl_ros.lightfield.readers.pictures import Bits, Reduction
 from pmcl_ros.lightfield.readers.view_files import ViewFiles
 from pmcl_ros.runtime.errors import LightFieldError
 from pmcl_ros.runtime.settings import Settings
@@ -64,6 +64,7 @@ class GridSettings(Settings):
                                   'has no disparity [m]; .inf: the views are rectified')
     gamma: float = Field(2.2, ge=0.1, le=10, description='exponent that makes the values of the '
                          'files linear; 1: they are')
+    bits: Bits = 16
 
     @model_validator(mode='after')
     def _one_scale(self) -> 'GridSettings':
@@ -84,7 +85,7 @@ def read_folder(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     names, found = _views(yaml, of)
     paths = [[yaml.parent / name for name in row] for row in names]
     files = ViewFiles(paths, _positions(of, found, yaml), of.fx, of.fy or of.fx, of.cx, of.cy,
-                      of.focus_distance, of.gamma)
+                      of.focus_distance, of.gamma, of.bits)
     try:
         return files.read(header, reduction)
     except LightFieldError as error:

@@ -1,21 +1,32 @@
 """Pictures of views: reading, linear light, reduction and sub-pixel shifts."""
 
+import logging
 import math
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.runtime.errors import LightFieldError, PictureError
 from pmcl_ros.runtime.picture_file import read_picture_file
 
+_LOG = logging.getLogger(__name__)
 MOST_BYTES = 3 * 2 ** 28  # of views as float32
+_DEEPEST = 16  # bits
+_DARK = 14  # bits: an exposed picture of 16 bits has brighter values than these hold
 _HALF = 3  # pixels each side: a polynomial of the fifth degree through six
+
+
+Bits = Annotated[int, Field(ge=9, le=_DEEPEST, description='of a value in 16-bit pictures: 10 '
+                            'or 12 of many industrial cameras, whose white is 1023 or 4095 '
+                            '[bits]')]
 
 
 @dataclass(frozen=True)
@@ -67,8 +78,8 @@ class Reduction:
                 f'pictures (--shrink {factor * self.shrink})')
 
 
-def read_picture(path: Path) -> NDArray[Any]:
-    """(height, width, 3) RGB of the file's type: uint8, uint16 or float32.
+def read_picture(path: Path, bits: int = _DEEPEST) -> NDArray[Any]:
+    """(height, width, 3) RGB of the file's type: uint8, uint16 (`full_range`) or float32.
 
     Raises LightFieldError when the file is missing, no picture, or of another type.
     """
@@ -81,7 +92,36 @@ def read_picture(path: Path) -> NDArray[Any]:
     if picture.dtype not in (np.uint8, np.uint16, np.float32):
         raise LightFieldError(f'{path} holds {picture.dtype} values; expected 8 or 16 bits, or '
                               '32-bit floating point')
-    return np.asarray(picture[..., ::-1])
+    try:
+        return full_range(np.asarray(picture[..., ::-1]), bits)
+    except LightFieldError as error:
+        raise LightFieldError(f'{path}: {error}') from None
+
+
+def full_range(values: NDArray[Any], bits: int) -> NDArray[Any]:
+    """A camera's values; of uint16 those that have `bits` only are scaled, to 65535 at white.
+
+    A warning tells, once for each number of bits, values that seem to have fewer. Raises
+    LightFieldError for values that have more.
+    """
+    if values.dtype != np.uint16 or not values.size:
+        return values
+    largest, white = int(values.max()), 2 ** bits - 1
+    if largest > white:
+        raise LightFieldError(f'its largest value is {largest}, that of {bits} bits is {white}: '
+                              'set bits to what the camera gives')
+    if bits < _DEEPEST:
+        return np.rint(np.arange(white + 1) * (65535 / white)).astype(np.uint16)[values]
+    if 0 < largest < 2 ** _DARK:
+        _tell_dark(largest.bit_length())
+    return values
+
+
+@cache
+def _tell_dark(bits: int) -> None:
+    _LOG.warning('a 16-bit picture has no value above %d: it is taken as almost black. If its '
+                 'camera gives 10 or 12 bits, set bits to that (in views.yaml, light_field.yaml, '
+                 'sweep.yaml, sweep_driver)', 2 ** bits - 1)
 
 
 def linear_light(picture: NDArray[Any], gamma: float) -> NDArray[np.float32]:

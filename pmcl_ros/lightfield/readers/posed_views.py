@@ -12,7 +12,7 @@ from pmcl_ros.geometry.header import Header
 from pmcl_ros.geometry.pinhole import Pinhole
 from pmcl_ros.lightfield.posed_view import GAMMA, PosedView, centre_view, encoded
 from pmcl_ros.lightfield.readers.npz import read_npz
-from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Reduction, read_picture
+from pmcl_ros.lightfield.readers.pictures import MOST_BYTES, Bits, Reduction, read_picture
 from pmcl_ros.lightfield.readers.sweep_folder import CameraEntry
 from pmcl_ros.lightfield.sweep.frame import Lens
 from pmcl_ros.runtime.errors import FileError, LightFieldError
@@ -97,6 +97,7 @@ class ViewsFile(Settings):
     cameras: dict[str, ViewCamera] = Field({}, description='by name')
     views: list[ViewEntry] = Field(min_length=1, description='in any order')
     reference: str = Field('camera', min_length=1, description='name of the frame of the poses')
+    bits: Bits = 16
 
     @property
     def posed(self) -> bool:
@@ -155,7 +156,7 @@ def views_of(of: ViewsFile, folder: Path, name: str, reduction: Reduction
 def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -> PosedView:
     path = folder / entry.file
     seen = (centre_view(read_npz(path, Header(), reduction)) if entry.is_light_field
-            else _picture(path, entry.camera, of.cameras[entry.camera], reduction))
+            else _picture(path, entry.camera, of.cameras[entry.camera], of.bits, reduction))
     try:
         stamp_ns = (path.stat().st_mtime_ns if entry.stamp is None
                     else round(1e9 * entry.stamp))
@@ -168,9 +169,10 @@ def _view(folder: Path, entry: ViewEntry, of: ViewsFile, reduction: Reduction) -
         raise LightFieldError(f'{path}: {error}') from None
 
 
-def _picture(path: Path, name: str, camera: ViewCamera, reduction: Reduction) -> PosedView:
+def _picture(path: Path, name: str, camera: ViewCamera, bits: int, reduction: Reduction
+             ) -> PosedView:
     """What a camera's file shows, without distortion, in the frame of the camera."""
-    values = read_picture(path)
+    values = read_picture(path, bits)
     height, width = values.shape[:2]
     try:
         if (width, height) != (camera.width, camera.height):

@@ -72,14 +72,14 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     values = of.model_dump(include=set(SweepSettings.model_fields))
     settings = SweepSettings.make(values | {'shrink': of.shrink * reduction.shrink}, str(yaml))
     try:
-        frames = [_frame(yaml.parent, of.frames[0], of.camera)]
+        frames = [_frame(yaml.parent, of.frames[0], of)]
         size = len(of.frames) * frames[0].image.nbytes
         if size > _MOST_BYTES:
             raise LightFieldError(
                 f'its {len(of.frames)} pictures of {frames[0].lens.pinhole.width}x'
                 f'{frames[0].lens.pinhole.height} px need {size / 2 ** 30:.1f} GiB, at most '
                 f'{_MOST_BYTES / 2 ** 30:.0f}: list fewer, or make the files smaller')
-        frames += [_frame(yaml.parent, each, of.camera) for each in of.frames[1:]]
+        frames += [_frame(yaml.parent, each, of) for each in of.frames[1:]]
         sweep = assemble(frames, settings, header.frame_id)
     except LightFieldError as error:
         raise LightFieldError(f'{yaml}: {error}') from None
@@ -89,8 +89,9 @@ def read_sweep(yaml: Path, header: Header, reduction: Reduction) -> LightField:
     return LightField(header, found.views, found.grid, found.gamma)
 
 
-def _frame(folder: Path, entry: FrameEntry, camera: CameraEntry) -> SweepFrame:
-    picture = read_picture(folder / entry.file)
+def _frame(folder: Path, entry: FrameEntry, of: SweepFolder) -> SweepFrame:
+    camera = of.camera
+    picture = read_picture(folder / entry.file, of.bits)
     height, width = picture.shape[:2]
     pinhole = Pinhole(width, height, camera.fx, camera.fy or camera.fx, camera.cx, camera.cy)
     return SweepFrame(entry.file, 0, np.ascontiguousarray(picture),

@@ -27,6 +27,7 @@ class ViewFiles:
         from the upper left of the plane; cx, cy None: the middle of the picture.
     focus_distance: depth of zero disparity [m]; infinity: the views are rectified already.
     gamma: the exponent that makes the files' values linear light; 1: they are.
+    bits: of a value in 16-bit pictures.
     """
 
     paths: list[list[Path]]
@@ -37,6 +38,7 @@ class ViewFiles:
     cy: float | None = None
     focus_distance: float = math.inf
     gamma: float = 2.2
+    bits: int = 16
 
     def read(self, header: Header, reduction: Reduction) -> LightField:
         """The light field, row and column growing with y and x, whatever the files' order.
@@ -52,7 +54,7 @@ class ViewFiles:
         positions = positions[np.ix_(rows, columns)]
         chosen = [[paths[row][column] for column in columns] for row in rows]
         centre = len(rows) // 2, len(columns) // 2
-        height, width = read_picture(chosen[centre[0]][centre[1]]).shape[:2]
+        height, width = read_picture(chosen[centre[0]][centre[1]], self.bits).shape[:2]
         reduction.check_memory(len(rows), len(columns), height, width)
         pinhole = reduction.pinhole(Pinhole(
             width, height, self.fx, self.fy, (width - 1) / 2 if self.cx is None else self.cx,
@@ -70,7 +72,7 @@ class ViewFiles:
         views = np.empty((len(rows), len(columns), pinhole.height, pinhole.width, 3), np.float32)
         for row, column in np.ndindex(len(rows), len(columns)):
             path = chosen[row][column]
-            picture = read_picture(path)
+            picture = read_picture(path, self.bits)
             if picture.shape[:2] != (height, width):
                 raise LightFieldError(
                     f'{path} has {picture.shape[1]}x{picture.shape[0]} pixels, the centre view '

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from pmcl_ros.lightfield.readers.pictures import Bits
 from pmcl_ros.runtime.errors import SettingsError
 from pmcl_ros.runtime.settings import Settings
 
@@ -40,6 +41,7 @@ class SweepSettings(Settings):
                         'averaged to one [px]')
     gamma: float = Field(2.2, ge=0.1, le=10, description="exponent that linearises the images' "
                          'values; 1: they are linear')
+    bits: Bits = 16
 
     @model_validator(mode='after')
     def _possible(self) -> 'SweepSettings':

@@ -54,6 +54,22 @@ def test_a_picture_is_read_at_its_full_depth(tmp_path, name, white, dtype):
     assert view.header.stamp_ns == (folder / name).stat().st_mtime_ns
 
 
+@pytest.mark.parametrize('bits', [10, 12])
+def test_a_camera_of_few_bits_is_as_bright_as_another(tmp_path, caplog, bits):
+    white = 2 ** bits - 1
+    folder = write(tmp_path, whole(VALUES, white, np.uint16))
+    assert read_source(folder).picture.max() < 1 / 2 ** (15 - bits)
+    assert f'no value above {white}' in caplog.text
+    caplog.clear()
+    text = (folder / 'views.yaml').read_text()
+    (folder / 'views.yaml').write_text(f'{text}bits: {bits}\n')
+    assert abs(read_source(folder).picture - VALUES).max() <= 0.5 / white + 1e-5
+    assert not caplog.text
+    (folder / 'views.yaml').write_text(f'{text}bits: 9\n')
+    with pytest.raises(LightFieldError, match=r'one.png: its largest value is .* 9 bits is 511'):
+        read_source(folder)
+
+
 def test_grey_and_jpeg_are_pictures_too(tmp_path):
     grey = whole(VALUES[..., 0], 255, np.uint8)
     view = read_source(write(tmp_path / 'grey', grey))

@@ -34,7 +34,7 @@ BORDER = 16  # px: farther from the border than any view is shifted
 def save(path, linear, gamma=2.2, bits=16):
     white = 2 ** bits - 1
     values = np.rint(np.clip(linear, 0, 1) ** (1 / gamma) * white)
-    assert cv2.imwrite(str(path), values.astype(f'u{bits // 8}')[..., ::-1])
+    assert cv2.imwrite(str(path), values.astype(np.uint8 if bits == 8 else np.uint16)[..., ::-1])
 
 
 def places(rows, columns):
@@ -153,13 +153,14 @@ def test_depths_come_out_right(tmp_path):
 
 
 @pytest.mark.parametrize('gamma', [1.0, 2.2])
-@pytest.mark.parametrize('bits', [8, 16])
+@pytest.mark.parametrize('bits', [8, 12, 16])
 def test_files_become_linear_light(tmp_path, gamma, bits):
     linear = np.linspace(0, 1, 96 * 80 * 3).reshape(80, 96, 3)
     for number in range(2):
         save(tmp_path / f'{number}.png', linear, gamma, bits)
     (tmp_path / 'light_field.yaml').write_text(
-        f'{{fx: 100, rows: 1, columns: 2, baseline: 0.01, gamma: {gamma}}}')
+        f'{{fx: 100, rows: 1, columns: 2, baseline: 0.01, gamma: {gamma}, '
+        f'bits: {12 if bits == 12 else 16}}}')
     found = read_light_field(tmp_path)
     assert found.views.dtype == np.float32
     np.testing.assert_allclose(found.views[0, 0], linear, atol=gamma * 0.6 / (2 ** bits - 1))

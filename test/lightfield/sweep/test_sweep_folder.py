@@ -1,5 +1,7 @@
 """A folder of pictures and poses is a light field for every command."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -63,6 +65,13 @@ def test_it_is_read_as_it_was_taken(folder):
     assert small.grid.pinhole.width == expected.grid.pinhole.width // 2
     inner = expected.views[0, 1][:2, :2].mean(axis=(0, 1))
     np.testing.assert_allclose(small.views[0, 1][0, 0], inner, rtol=1e-5)
+
+
+def test_a_camera_of_twelve_bits(folder, tmp_path):
+    frames = [replace(each, image=each.image >> 4) for each in folder[1]]
+    write_sweep(tmp_path / 'few', frames, SETTINGS.model_copy(update={'bits': 12}))
+    found = read_light_field(tmp_path / 'few').views
+    np.testing.assert_allclose(found, read_light_field(folder[0]).views, atol=1e-3)
 
 
 def test_more_pictures_than_memory_holds_are_refused_by_the_first(folder):
