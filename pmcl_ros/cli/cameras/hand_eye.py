@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import numpy as np
 import yaml
+from click.core import ParameterSource
 from numpy.typing import NDArray
 from rich.progress import track
 from scipy.spatial.transform import Rotation
@@ -34,6 +35,8 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
               'board is on the arm.')
 @click.option('--parent', default='wrist_roll_link', show_default=True,
               help='Name of the link whose poses are given.')
+@click.option('--shrink', type=click.IntRange(1), default=1, metavar='N',
+              help='Of large pictures: make NxN pixels one.')
 @click.option('--simulate', type=click.IntRange(1), metavar='ARMS', help='In place of SOURCE: '
               'so many simulated arms, with the errors and the bound.')
 @click.option('-o', '--out', type=click.Path(dir_okay=False, path_type=Path),
@@ -41,7 +44,7 @@ _INSIDE = 10.645  # 90 % of the chi-squared distribution of 6 degrees of freedom
               'sweep_driver and grasp_node read the first three.')
 @FORCE
 def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool, parent: str,
-            simulate: int | None, out: Path | None, force: bool) -> None:
+            shrink: int, simulate: int | None, out: Path | None, force: bool) -> None:
     """Fit the pose of a camera on an arm's link, from SOURCE: pictures of a checkerboard.
 
     SOURCE is a views.yaml, or the folder with it, whose views have `mount_to_base` in place of
@@ -50,16 +53,17 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
     what is left for each picture; pictures that do not fit are left out and named.
     """
     if simulate is not None:
-        if source is not None or out is not None:
-            raise click.UsageError('--simulate is in place of SOURCE, and of simulated arms '
-                                   'nothing is written: leave out SOURCE and -o')
+        _refuse('--simulate is in place of SOURCE and all that is said of it, and writes nothing',
+                'source', 'corners', 'square', 'parent', 'shrink', 'out', 'force')
         _simulate(simulate, fixed_camera)
         return
     if source is None:
         raise click.UsageError('say SOURCE, a views.yaml with mount_to_base '
                                '(docs/howto/hand_eye.md), or --simulate')
+    if fixed_camera:
+        _refuse('with --fixed-camera the result is the camera in the base', 'parent')
     refuse_existing([] if out is None else [out], force)
-    found = calibrated(source, Checkerboard.parse(corners, square), fixed_camera)
+    found = calibrated(source, Checkerboard.parse(corners, square), fixed_camera, shrink)
     _print(found, fixed_camera, parent)
     if out is not None:
         x, y, z = Rotation.from_matrix(found.camera[:3, :3]).as_euler('xyz').tolist()
@@ -73,14 +77,25 @@ def handeye(source: Path | None, corners: str, square: float, fixed_camera: bool
             raise PmclError(f'cannot write {out}: {error.strerror or error}') from None
 
 
-def calibrated(source: Path, board: Checkerboard, fixed_camera: bool) -> HandEye:
+def _refuse(why: str, *names: str) -> None:
+    """Raise UsageError for arguments that were given and have no effect."""
+    context = click.get_current_context()
+    given = [each.opts[0] if isinstance(each, click.Option) else each.human_readable_name
+             for each in context.command.params if each.name in names
+             and context.get_parameter_source(each.name) is not ParameterSource.DEFAULT]
+    if given:
+        raise click.UsageError(f'{why}: leave out {", ".join(given)}')
+
+
+def calibrated(source: Path, board: Checkerboard, fixed_camera: bool, shrink: int = 1) -> HandEye:
     """Read the pictures and fit. Raises LightFieldError, SettingsError."""
     path = source / posed_views.NAME if source.is_dir() else source
-    of = posed_views.ViewsFile.load(path)
+    of, reduction = posed_views.ViewsFile.load(path), Reduction(1, shrink)
     without = [each.file for each in of.views if each.mount_to_base is None]
     if without:
         raise LightFieldError(f'{path}: {without[0]} has no mount_to_base, the pose of the link')
-    pinholes = {of.cameras[each.camera].pinhole for each in of.views if each.camera}
+    pinholes = {reduction.pinhole(of.cameras[each.camera].pinhole)
+                for each in of.views if each.camera}
     _check_one(path, pinholes)
     sigmas = {(1e-3 * each.sigma_mm, float(np.deg2rad(each.sigma_deg))) for each in of.views}
     sigma = min(sigmas) if all(min(each) > 0 for each in sigmas) else None
@@ -91,7 +106,7 @@ def calibrated(source: Path, board: Checkerboard, fixed_camera: bool) -> HandEye
     for entry in track(of.views, console=STDERR, description='boards', transient=True):
         # One at a time: corners are small, all pictures at once need not fit in memory.
         view, = posed_views.views_of(of.model_copy(update={'views': [entry]}), path.parent,
-                                     f'{path}: {entry.file}', Reduction())
+                                     f'{path}: {entry.file}', reduction)
         pinholes.add(view.pinhole)  # a light field has its own
         _check_one(path, pinholes)
         seen = board.seen(view.displayed().mean(axis=2).astype(np.uint8))

@@ -258,6 +258,18 @@ def test_the_memory_for_one_picture_is_enough(taken, monkeypatch):
     assert np.linalg.norm(local(camera[None], found.camera)[0, :3]) < 1e-3
 
 
+def test_large_pictures_can_be_shrunk(taken, monkeypatch):
+    folder, camera = taken
+    monkeypatch.setattr(posed_views, 'MOST_BYTES', 12 * 320 * 240)
+    with pytest.raises(LightFieldError, match=r'--shrink 2'):
+        calibrated(folder, BOARD, False)
+    found = calibrated(folder, BOARD, False, shrink=2)
+    assert len(found.names) + len(found.left_out) == 12
+    assert np.linalg.norm(local(camera[None], found.camera)[0, :3]) < 1e-3
+    told = CliRunner().invoke(main, ['handeye', str(folder), '--square', '0.02', '--shrink', '2'])
+    assert told.output.count('corners 0.') == len(found.names)
+
+
 def test_pictures_of_two_cameras_are_refused_before_they_are_read(taken, tmp_path):
     folder, _ = taken
     values = yaml.safe_load((folder / 'views.yaml').read_text())
