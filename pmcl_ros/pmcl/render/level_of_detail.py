@@ -58,6 +58,7 @@ def subdivided(model: ObjectModel) -> ObjectModel:
                    faces=np.asarray(merged.faces, np.int64))
 
 
+@lru_cache(maxsize=16)  # a finer tolerance tries the same again
 def _collapsed(model: ObjectModel, wanted: int) -> trimesh.Trimesh:
     """The model with about so many faces, or as few as the library dares."""
     vertices, faces = model.vertices, model.faces
@@ -78,12 +79,11 @@ def _within(own: trimesh.Trimesh, faces: Faces, mesh: trimesh.Trimesh, tolerance
     """
     few = max(1, (len(mesh.vertices) + len(mesh.faces)) // _FEW)
     there, here = _points(mesh), _points(own)
-    if faces.distances(there[::few]).max() > tolerance or faces.distances(there).max() > tolerance:
+    if faces.farthest(there[::few]) > tolerance or faces.farthest(there) > tolerance:
         return False
     others = Faces.from_mesh(mesh)
     few = max(1, len(here) // _FEW)
-    return (others.distances(here[::few]).max() <= tolerance
-            and others.distances(here).max() <= tolerance)
+    return others.farthest(here[::few]) <= tolerance and others.farthest(here) <= tolerance
 
 
 def _points(mesh: trimesh.Trimesh) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """Simplified meshes: how far they are from the full ones, in space and in the image."""
 
+from time import process_time
+
 import numpy as np
 import pytest
 import trimesh
@@ -24,9 +26,9 @@ def subdivided(mesh, times):
     return mesh
 
 
-def dented_ball():
-    """20,000 faces, nowhere flat."""
-    mesh = trimesh.creation.icosphere(5, 0.04)
+def dented_ball(times=5):
+    """20,000 faces, with each time more four times as many, nowhere flat."""
+    mesh = trimesh.creation.icosphere(times, 0.04)
     mesh.vertices *= 1 + 0.06 * np.sin(60 * mesh.vertices[:, [1]])
     return mesh
 
@@ -85,3 +87,15 @@ def test_a_tolerance_that_allows_nothing_leaves_the_model():
 def test_it_is_done_once():
     model = model_of(MESHES['bracket'])
     assert simplified(model, 2e-4) is simplified(model, 2e-4)
+
+
+def test_a_finer_mesh_goes_on_from_what_was_tried_for_a_coarser_one():
+    once, again = model_of(dented_ball(6)), model_of(dented_ball(6))
+    simplified(again, 5e-5)
+    times, found = [], []
+    for model in (once, again):
+        start = process_time()
+        found.append(simplified(model, 4.5e-5))
+        times.append(process_time() - start)
+    np.testing.assert_array_equal(found[0].vertices, found[1].vertices)
+    assert times[1] < 0.75 * times[0]
