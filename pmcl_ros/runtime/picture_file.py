@@ -8,10 +8,10 @@ import logging
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pmcl_ros.runtime.binary_file import read_bytes
 from pmcl_ros.runtime.errors import FileError, PictureError
 
+_Read = TypeVar('_Read')
 _LOG = logging.getLogger(__name__)
 MOST_PIXELS = 2 ** 26
 _MOST_BYTES = 2 ** 28  # of a file
@@ -36,12 +37,21 @@ _KNOWN = 'PNG, JPEG, TIFF, BMP, WebP, PPM'
 
 def read_picture_file(path: Path, flags: int) -> NDArray[Any]:
     """The pixels of a file, as `decoded`. PictureError, which names it, where there are none."""
+    return _of_file(path, lambda data: decoded(data, flags))
+
+
+def read_picture_size(path: Path) -> tuple[int, int]:
+    """(width, height) [px] by a file's header, all that is looked at; PictureError as above."""
+    return _of_file(path, lambda data: _checked_size(data, whole=False))
+
+
+def _of_file(path: Path, read: Callable[[bytes], _Read]) -> _Read:
     try:
         data = read_bytes(path, _MOST_BYTES)
     except FileError as error:
         raise PictureError(str(error)) from None
     try:
-        return decoded(data, flags)
+        return read(data)
     except PictureError as error:
         raise PictureError(f'{path}: {error}') from None
 
@@ -54,15 +64,7 @@ def decoded(data: bytes, flags: int) -> NDArray[Any]:
     turn pictures either).
     Raises PictureError when it is none, is damaged, or has more than `MOST_PIXELS`.
     """
-    try:
-        width, height = _size(data)
-    except struct.error:
-        raise PictureError('the picture is cut short') from None
-    except (ValueError, zlib.error) as error:
-        raise PictureError(f'the picture is damaged: {error}') from None
-    if not 0 < width * height <= MOST_PIXELS or min(width, height) < 1:
-        raise PictureError(f'the picture says that it has {width}x{height} px; 1 to '
-                           f'{MOST_PIXELS / 1e6:.0f} million are read')
+    _checked_size(data, whole=True)
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags | cv2.IMREAD_IGNORE_ORIENTATION)
     except cv2.error as error:
@@ -99,10 +101,24 @@ def _orientation(data: bytes) -> int:
     return 1
 
 
-def _size(data: bytes) -> tuple[int, int]:
-    """(width, height) by the header, and whether what has checksums is whole."""
+def _checked_size(data: bytes, whole: bool) -> tuple[int, int]:
+    """(width, height) by the header, of no more than is read. whole: a PNG is checked to its end.
+    """
+    try:
+        width, height = _size(data, whole)
+    except struct.error:
+        raise PictureError('the picture is cut short') from None
+    except (ValueError, zlib.error) as error:
+        raise PictureError(f'the picture is damaged: {error}') from None
+    if not 0 < width * height <= MOST_PIXELS or min(width, height) < 1:
+        raise PictureError(f'the picture says that it has {width}x{height} px; 1 to '
+                           f'{MOST_PIXELS / 1e6:.0f} million are read')
+    return width, height
+
+
+def _size(data: bytes, whole: bool) -> tuple[int, int]:
     if data.startswith(_PNG):
-        return _png(data)
+        return _png(data, whole)
     if data.startswith(b'\xff\xd8'):
         return _jpeg(data)
     if data[:4] in (b'II*\0', b'MM\0*'):
@@ -121,13 +137,13 @@ def _size(data: bytes) -> tuple[int, int]:
     raise PictureError(f'it is no picture: {_KNOWN} are read')
 
 
-def _png(data: bytes) -> tuple[int, int]:
+def _png(data: bytes, whole: bool) -> tuple[int, int]:
     chunks = _png_chunks(data)
     name, head = next(chunks)
     if name != b'IHDR':
         raise ValueError('a PNG begins with IHDR')
     width, height, bits, colour, _, _, interlaced = struct.unpack('>IIBBBBB', head)
-    if not 0 < width * height <= MOST_PIXELS:
+    if not whole or not 0 < width * height <= MOST_PIXELS:
         return width, height  # refused, before anything is unpacked
     expected = height * (1 + (width * bits * _CHANNELS.get(colour, 0) + 7) // 8)
     most = 2 * expected + 2 ** 16 if interlaced else expected

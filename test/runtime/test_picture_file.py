@@ -14,6 +14,7 @@ from pmcl_ros.runtime.picture_file import (
     MOST_PIXELS,
     decoded,
     read_picture_file,
+    read_picture_size,
     tell_orientation,
 )
 
@@ -37,12 +38,14 @@ def png(width, height, data, colour=2, interlaced=0):
 @pytest.mark.parametrize('kind', ['.png', '.jpg', '.tif', '.bmp', '.webp', '.ppm'])
 @pytest.mark.parametrize('pixels', [COLOURS, COLOURS[..., 0], COLOURS[:1, :1]],
                          ids=['colours', 'grey', 'one'])
-def test_what_opencv_writes_is_decoded(kind, pixels):
+def test_what_opencv_writes_is_decoded(kind, pixels, tmp_path):
     if kind == '.ppm' and pixels.ndim == 2:
         kind = '.pgm'
     data = encoded(kind, pixels)
     np.testing.assert_array_equal(
         decoded(data, FLAGS), cv2.imdecode(np.frombuffer(data, np.uint8), FLAGS))
+    (tmp_path / 'a').write_bytes(data)
+    assert read_picture_size(tmp_path / 'a') == pixels.shape[1::-1]
 
 
 @pytest.mark.parametrize('orientation', range(1, 9))
@@ -123,6 +126,16 @@ def test_a_large_picture_takes_little_more_than_its_pixels(tmp_path):
     done = subprocess.run([sys.executable, '-c', script, tmp_path / 'a.png'],
                           stdout=subprocess.PIPE, check=True)
     assert int(done.stdout) < 600_000  # kB
+
+
+def test_a_size_is_told_without_the_pixels(tmp_path):
+    (tmp_path / 'a.png').write_bytes(png(40, 30, b'none'))
+    assert read_picture_size(tmp_path / 'a.png') == (40, 30)
+    with pytest.raises(PictureError, match=r'a\.png: the picture is damaged'):
+        read_picture_file(tmp_path / 'a.png', FLAGS)
+    (tmp_path / 'b.png').write_bytes(png(60000, 60000, b''))
+    with pytest.raises(PictureError, match=r'b\.png: .* 60000x60000 px; 1 to 67 million'):
+        read_picture_size(tmp_path / 'b.png')
 
 
 def test_files_are_named(tmp_path):

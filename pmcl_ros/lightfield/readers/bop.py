@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from pmcl_ros.geometry.se3 import inverse, pose_of
 from pmcl_ros.lightfield.posed_view import check_pose
-from pmcl_ros.lightfield.readers.pictures import read_picture
 from pmcl_ros.lightfield.readers.posed_views import ViewsFile
-from pmcl_ros.runtime.errors import FileError, LightFieldError
+from pmcl_ros.runtime.errors import FileError, LightFieldError, PictureError
+from pmcl_ros.runtime.picture_file import read_picture_size
 from pmcl_ros.runtime.text_file import read_json
 
 NAME = 'scene_camera.json'
@@ -48,7 +48,10 @@ def load(scene: Path, picture: Path | None = None, numbers: Collection[int] | No
         if skew != 0:
             raise LightFieldError(f'{path}: picture {number} has skew {skew:g} in cam_K; expected '
                                   'a camera without')
-        height, width = _size(file)
+        try:
+            width, height = read_picture_size(file)
+        except PictureError as error:
+            raise LightFieldError(str(error)) from None
         cameras[str(number)] = {'width': width, 'height': height, 'fx': fx, 'fy': fy, 'cx': cx,
                            'cy': cy}
         view: dict[str, Any] = {'file': str(file.relative_to(scene)), 'camera': str(number)}
@@ -169,9 +172,3 @@ def picture_of(scene: Path, number: int) -> Path:
                 return path
     raise LightFieldError(f'{scene} has no picture {number:06d} in {" or ".join(_FOLDERS)}, as '
                           f'{" or ".join(_ENDINGS)}')
-
-
-def _size(path: Path) -> tuple[int, int]:
-    """(height, width)."""
-    height, width = read_picture(path).shape[:2]
-    return height, width
