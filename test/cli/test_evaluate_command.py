@@ -12,7 +12,10 @@ import cv2
 import pytest
 from command_line import pmcl
 from pmcl_scenes import bracket
+from synthetic_camera import SIDE, SyntheticCamera, waves
 from tiny_capture import QUICK, write_capture
+
+from pmcl_ros.camera.files import write_raw_frame
 
 
 @pytest.fixture(scope='module')
@@ -41,6 +44,10 @@ def rows_of(path):
         return list(csv.DictReader(stream))
 
 
+def without_times(row):
+    return {name: value for name, value in row.items() if not name.endswith('seconds')}
+
+
 def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
     paper = 'row=faithful,faithful_particles=8,faithful_iterations=3'
     arguments = ('evaluate', captures, '--modes', 'centre', '--set', paper, '--sweep',
@@ -65,6 +72,34 @@ def test_all_that_a_run_writes(captures, tmp_path, monkeypatch):
     assert settings['rows']['centre']['volume']['interpolation'] == 'neutral'
     for name in ('success', 'errors', 'coverage', 'time'):
         assert cv2.imread(str(tmp_path / f'{name}.png')) is not None
+
+
+def test_each_raw_picture_takes_the_white_image_that_fits_it(camera_text, tmp_path):
+    captures = tmp_path / 'captures'
+    options = ('--modes', 'centre', '--trials', 1, '--processes', 1, '--calibration',
+               tmp_path / 'c.yaml', '--out')
+    whites = {zoom: captures / 'white' / f'MOD_{zoom:04d}.RAW' for zoom in (100, 600)}
+    whites[600].parent.mkdir(parents=True)
+    for zoom, white in whites.items():  # its vignetting is of the zoom
+        text = json.loads(camera_text(SIDE, SIDE)) | {'devices': {'lens': {'zoomStep': zoom}}}
+        camera = SyntheticCamera(json.dumps(text), tilt=(zoom / 1e4, 0))
+        write_raw_frame(white, camera.white())
+        capture = write_capture(captures / str(zoom))
+        (capture / 'views.npz').unlink()
+        write_raw_frame(capture / 'IMG.RAW', camera.picture(waves, 0.4))
+        camera.calibration.save(tmp_path / 'c.yaml')
+    both = tmp_path / 'both'
+    pmcl('evaluate', captures, *options, both)
+    assert {each.name for each in whites.values()} <= set(
+        json.loads((both / 'settings.json').read_text())['files'])
+    found = {each['capture']: without_times(each) for each in rows_of(both / 'results.csv')}
+    assert set(found) == {'100', '600'}
+    pmcl('evaluate', captures, '--only', 600, '--white', whites[600], *options, tmp_path / 'one')
+    row, = rows_of(tmp_path / 'one' / 'results.csv')
+    assert without_times(row) == found['600']
+    refused = pmcl('evaluate', captures, '--only', 100, '--white', whites[600], *options,
+                   tmp_path / 'wrong', status=1)
+    assert 'zoom step 100, the nearest white image' in refused.stderr
 
 
 def test_a_folder_has_the_results_of_one_run_alone(captures, tmp_path):
