@@ -12,6 +12,7 @@ from pmcl_ros.camera.lytro.address import Address
 from pmcl_ros.camera.lytro.client import LytroClient
 from pmcl_ros.camera.simulated.server import served
 from pmcl_ros.evaluation.bench.decode import camera_text
+from pmcl_ros.nodes.bench.usage import Usage
 from pmcl_ros.runtime.errors import CameraError
 
 _SOURCES = 3  # captures that are served in turn
@@ -70,19 +71,19 @@ def _run(address: Address, pid: int, raws: list[bytes], captures: int, clean: fl
     with LytroClient(address) as client:
         for number in range(captures):
             if number == min(max(2 * _SOURCES, captures // 10), captures - 1):
-                before = {name: _usage(each) for name, each in processes.items()}
+                before = {name: Usage.from_pid(each) for name, each in processes.items()}
             picture = client.capture()
             started = time.perf_counter()
             raw, _ = client.fetch(picture)
             rates.append(len(raw) / 1e6 / (time.perf_counter() - started))
             identities.add(picture.id)
             intact += raw == raws[number % len(raws)]
-        after = {name: _usage(each) for name, each in processes.items()}
+        after = {name: Usage.from_pid(each) for name, each in processes.items()}
     return DriverBench(
         captures, len(identities), intact, time.perf_counter() - began,
         {'clean': clean, 'dropping': float(np.median(rates))},
-        {name: after[name][0] - before[name][0] for name in processes},
-        {name: after[name][1] - before[name][1] for name in processes})
+        {name: after[name].memory - before[name].memory for name in processes},
+        {name: after[name].descriptors - before[name].descriptors for name in processes})
 
 
 def _rate(client: LytroClient, expected: bytes) -> float:
@@ -104,10 +105,3 @@ def _write_captures(folder: Path, side: int, seed: int) -> list[bytes]:
         (folder / f'{number}.RAW').write_bytes(raw)
         (folder / f'{number}.TXT').write_text(camera_text(side))
     return raws
-
-
-def _usage(pid: int) -> tuple[float, int]:
-    """Resident memory, MB, and open descriptors of a process of this machine (Linux)."""
-    process = Path('/proc') / str(pid)
-    pages = int((process / 'statm').read_text().split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6, len(list((process / 'fd').iterdir()))

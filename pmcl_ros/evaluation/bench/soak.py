@@ -31,13 +31,8 @@ from pmcl_ros.evaluation.bench.soak_report import UNDER_WAY, Soak
 from pmcl_ros.geometry.truth import Truth
 from pmcl_ros.messages.bag_captures import extract_captures
 from pmcl_ros.nodes.bench.disturbances import ARGUMENTS, Disturbances
-from pmcl_ros.nodes.bench.running_graph import (
-    Graph,
-    GraphError,
-    Usage,
-    files_shared_without,
-    shared_files,
-)
+from pmcl_ros.nodes.bench.running_graph import Graph, GraphError
+from pmcl_ros.nodes.bench.usage import Usage, files_shared_without, shared_files
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.running import ros
 from pmcl_ros.runtime.errors import PmclError

@@ -1,4 +1,4 @@
-"""A whole graph in processes of its own: triggered, observed, ended; its use of the machine."""
+"""A whole graph in processes of its own: triggered, observed, ended."""
 
 import os
 import signal
@@ -6,9 +6,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +21,13 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from pmcl_ros.messages.pose import pose_from
+from pmcl_ros.nodes.bench.usage import cpu_seconds
 from pmcl_ros.nodes.graph import NODES
 from pmcl_ros.nodes.runtime.base import SMALL
 from pmcl_ros.nodes.runtime.running import pause
 from pmcl_ros.runtime.errors import PmclError
 
 _PATIENCE = 240.0  # s: a machine may have to compile all kernels first
-_SHARED = '/dev/shm/'
 SHOWN = 2000  # characters of a log
 COUNTERS = frozenset({'lost', 'dropped', 'errors'})  # on /diagnostics, of captures
 _MANY = QoSProfile(depth=1000, reliability=SMALL.reliability)
@@ -174,47 +172,3 @@ def _module_of(pid: int) -> str:
     words = Path(f'/proc/{pid}/cmdline').read_bytes().split(b'\0')
     names = [each.rpartition(b'.')[2].decode() for each in words if each.startswith(b'pmcl_ros.')]
     return names[0] if names else str(pid)
-
-
-@dataclass(frozen=True)
-class Usage:
-    """Of one process: resident memory [MB], open descriptors, threads."""
-
-    memory: float
-    descriptors: int
-    threads: int
-
-    @classmethod
-    def from_pid(cls, pid: int) -> 'Usage':
-        """As it is now."""
-        process = Path('/proc') / str(pid)
-        pages = int((process / 'statm').read_text().split()[1])
-        return cls(pages * os.sysconf('SC_PAGE_SIZE') / 1e6, len(list((process / 'fd').iterdir())),
-                   len(list((process / 'task').iterdir())))
-
-
-def cpu_seconds(pid: int) -> float:
-    """The processor's time that a process has used, with its threads."""
-    fields = (Path('/proc') / str(pid) / 'stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
-def shared_files(pid: int) -> set[Path]:
-    """The files in /dev/shm that a process has mapped."""
-    maps = (Path('/proc') / str(pid) / 'maps').read_text().splitlines()
-    return {Path(line[line.index(_SHARED):].removesuffix(' (deleted)'))
-            for line in maps if _SHARED in line}
-
-
-def files_shared_without(pids: Iterable[int]) -> set[Path]:
-    """The files in /dev/shm that other processes have mapped, but this one and those of `pids`.
-
-    Fast DDS opens ports from 7000 on that programs of all domains have in common.
-    """
-    ours, others = {os.getpid(), *pids}, set[Path]()
-    for process in Path('/proc').glob('[0-9]*'):
-        if int(process.name) not in ours:
-            # One that has ended since, or is another user's.
-            with suppress(FileNotFoundError, ProcessLookupError, PermissionError):
-                others |= shared_files(int(process.name))
-    return others
