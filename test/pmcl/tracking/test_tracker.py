@@ -80,18 +80,19 @@ def tracked(frames, of, seed=0, cameras=None):
                 for (each, _), camera in zip(frames, cameras, strict=True)]
 
 
-def branched(frames, endings, of):
+def branched(frames, endings, of, thorough=None):
     """What `tracked` makes of frames, and of those before an ending and that.
 
-    endings: {number of frames before it: frames, of which each is one}.
+    endings: {number of frames before it: frames, of which each is one}. thorough: settings of the
+    searches in these; None: `of`.
     """
     estimates, ends = [], {}
-    with Localizer(CUP, of) as localizer:
+    with Localizer(CUP, of) as localizer, Localizer(CUP, thorough or of) as other:
         tracker, rng = Tracker(localizer, CUP, of), np.random.default_rng(0)
         for number, (each, _) in enumerate(frames, 1):
             estimates.append(tracker.track(each, rng))
             for ending, _ in endings.get(number, []):
-                aside, numbers = deepcopy((tracker, rng), {id(localizer): localizer})
+                aside, numbers = deepcopy((tracker, rng), {id(localizer): other})
                 ends.setdefault(number, []).append(aside.track(ending, numbers))
     return estimates, ends
 
@@ -272,8 +273,11 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     of = settings('constant_pose', track_check=check).model_copy(
         update={'track_candidates': 1024})
     slid = [covered(part, number) for number, part in enumerate(parts)]
-    late = [covered(part, 4000) for part in np.linspace(0.18, 0.22, 5)]
-    estimates, ends = branched(slid, {4: late[::2], len(slid): late} if check else {}, of)
+    late = [covered(part, 4000) for part in (0.22, 0.225, 0.23)]
+    # A search of so few particles misses narrowly every other time; here each is to find it.
+    thorough = of.model_copy(update={'proposals': 128, 'particles': 512, 'moves': 3})
+    estimates, ends = branched(slid, {4: late, len(slid): late} if check else {}, of,
+                               thorough)
     assert not any(each.lost for each in estimates)
     assert all(each.incomplete for each in estimates[-8:])
     assert all(each.translation < (0.015 if check else 0.02) for each in errors(estimates, slid))
@@ -289,11 +293,10 @@ def test_what_often_shows_in_part_is_known_by_its_own_past(context, check):
     if not check:  # the rest does not depend on it
         return
     # Found anew, long after, it is known by how it looked; to others it is lost.
-    # Some may be near misses of the search, which differ from processor to processor.
     unknown, anew = ends.values()
-    assert {(each.mode, each.incomplete) for each in anew} == {('default', True)}
-    assert sum(not each.lost for each in anew) >= 3
-    assert all(each.lost for each in unknown)
+    for ending, lost in ((unknown, True), (anew, False)):
+        assert {(each.mode, each.incomplete, each.lost) for each in ending} == {
+            ('default', True, lost)}
 
 
 def test_something_fainter_elsewhere_is_not_it(context):
