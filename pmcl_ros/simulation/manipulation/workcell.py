@@ -56,7 +56,7 @@ class Workcell:
                  rng: np.random.Generator | None = None,
                  gripper: GripperSettings | None = None) -> None:
         self.task, self._gripper = task, gripper or GripperSettings()
-        self._vertices = model.vertices
+        self._vertices, self._symmetry = model.vertices, model.symmetry
         spec = fetch_arm(self._gripper)
         for box in task.place.boxes:
             add_box(spec.worldbody, box.name, np.array(box.low), np.array(box.high), FIXED, ROBOT)
@@ -183,8 +183,11 @@ class Workcell:
 
     @property
     def standing_on_tray(self) -> bool:
-        """The object touches the tray and nothing of the robot, upright and at rest."""
-        upright = self.thing[2, 2] > _UPRIGHT
+        """The object touches the tray and nothing of the robot, upright and at rest.
+
+        Upright as far as can be seen: one that looks the same upside down may be.
+        """
+        upright = self._symmetry.equivalents(self.thing)[:, 2, 2].max() > _UPRIGHT
         moves = np.linalg.norm(self._data.qvel[-6:-3])
         return bool(upright and moves < _STILL and self._touches('tray')
                     and not self._robot_touches().any())

@@ -1,14 +1,18 @@
 """The simulated arm at its workplaces: physics, feel, and whole tasks with the true pose."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from pmcl_ros.geometry.se3 import pose_of
 from pmcl_ros.grasps.grasp import GraspFile
 from pmcl_ros.grasps.ranking import Ranker
 from pmcl_ros.grasps.settings import GraspSettings
+from pmcl_ros.pmcl.object_model import ObjectModel
 from pmcl_ros.runtime.errors import SimulationError
 from pmcl_ros.simulation.manipulation import physics
 from pmcl_ros.simulation.manipulation.fetch_arm import HOME
@@ -105,6 +109,18 @@ def test_things_rest_where_they_are():
     assert bench.cell.joints == pytest.approx(HOME, abs=1e-4)
     assert bench.cell.time == pytest.approx(1.5)
     assert not bench.cell.standing_on_tray
+
+
+@pytest.mark.parametrize(('angle', 'stands'), [(180, True), (90, False)])
+def test_a_block_stands_on_either_end(angle, stands):
+    model = ObjectModel.load(FOLDER / 'block.yaml')
+    task = draw_task(np.random.default_rng(STANDS), 'sink', model)
+    turn = Rotation.from_euler('x', angle, degrees=True)
+    lowest = (model.vertices @ turn.as_matrix()[2]).min()
+    cell = Workcell(replace(task, pose=pose_of(turn, task.place.tray - np.array(
+        [0, 0, lowest - 1e-4]))), model, 0.2)
+    cell.wait(0.5)
+    assert cell.standing_on_tray == stands
 
 
 def test_a_bottle_floats_upright_and_drifts_slowly():
